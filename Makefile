@@ -65,11 +65,7 @@ environment:
 test-environment:
 	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
-	scripts/install-tshark.sh
-	scripts/install-browser.sh
-	scripts/install-groff.sh
-	scripts/install-sandbox.sh
-	scripts/install-servers.sh
+	scripts/install-tools.sh
 
 lint:
 	$(BIN)/ruff check .
@@ -114,11 +110,12 @@ properties: test-environment
 	done
 
 # Every fuzz target for a while, one after the other (docs/fuzzing.md); only interpreted code shows atheris its branches.
+# FUZZ=--installed runs them on the installed package, compiled, without atheris; FUZZ="--corpus DIR" keeps what was found.
 fuzz:
 	scripts/environment.sh test
 	scripts/environment.sh fuzz
 	@failed=0; for target in container frames segments streams pdus plus blocks tls files inputs; do \
-		PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.fuzz $$target --seconds $(FUZZ_SECONDS) || failed=1; \
+		PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.fuzz $$target --seconds $(FUZZ_SECONDS) $(FUZZ) || failed=1; \
 	done; exit $$failed
 
 # Record captures/ anew with real peers; needs root.

@@ -20,6 +20,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
@@ -123,17 +124,36 @@ BUSY: Final = (
     "dissect/s7/items.py",
     "dissect/s7/message.py",
     "dissect/s7/parameters.py",
+    "dissect/s7/singles.py",
+    "dissect/s7/value_texts.py",
     "dissect/s7/values.py",
+    "dissect/s7plus/assembly.py",
+    "dissect/s7plus/bodies.py",
+    "dissect/s7plus/contents.py",
+    "dissect/s7plus/ending.py",
+    "dissect/s7plus/events.py",
+    "dissect/s7plus/ids.py",
     "dissect/s7plus/message.py",
+    "dissect/s7plus/objects.py",
+    "dissect/s7plus/parameters.py",
+    "dissect/s7plus/pieces.py",
+    "dissect/s7plus/program.py",
+    "dissect/s7plus/session.py",
     "dissect/s7plus/skipping.py",
     "dissect/s7plus/value_reading.py",
+    "dissect/s7plus/values.py",
+    "dissect/s7plus/variables.py",
     "dissect/s7plus/walk.py",
     "dissect/transactions/connection.py",
     "dissect/transactions/dialogue.py",
+    "dissect/transactions/operation.py",
     "dissect/transactions/pairing.py",
+    "dissect/transactions/plus_operations.py",
     "dissect/transactions/results.py",
     "dissect/transactions/table.py",
     "dissect/transactions/transaction.py",
+    "dissect/findings/plus_rules.py",
+    "dissect/findings/plus_sessions.py",
     "dissect/findings/transaction_rules.py",
     "dissect/engine/exchange.py",
     "dissect/engine/iso.py",
@@ -196,6 +216,11 @@ def is_busy(source: str) -> bool:
     """Return whether a C file is to be optimized: that of a module of `BUSY`, or of mypyc's own library."""
     module = Path(source).name.removeprefix("__native_").removesuffix(".c").replace("___", "/") + ".py"
     return not module.startswith("dissect/") or any([Path(module).match(pattern) for pattern in BUSY])
+
+
+def is_shim(source: str) -> bool:
+    """Return whether a C file is what makes one module of the library importable."""
+    return Path(source).parts[:2] == ("build", "dissect")
 
 
 def united(sources: list[str], name: str, count: int) -> list[str]:
@@ -273,10 +298,16 @@ class AllOrNothing(build_ext):
 
 
 class SideBySide:
-    """A compiler's method ``compile`` that starts one process per source; setuptools compiles an extension's in turn."""
+    """A compiler's method ``compile`` that starts one process per source; setuptools compiles an extension's in turn.
+
+    Every module has a small C file that only finds it in the library of all (`is_shim`). What it takes to compile one are
+    Python's headers, so these are read once for all of them.
+    """
 
     def __init__(self, compile_all: Any) -> None:
         self.compile_all = compile_all
+        self._headers: list[str] | None = None
+        self._first = threading.Lock()
 
     def __call__(self, sources: list[str], **options: Any) -> list[str]:
         """Compile; the objects come in the order of the sources, so that the library is the same each time."""
@@ -288,8 +319,29 @@ class SideBySide:
             # Glibc's checks of buffers want an optimizing compiler, and complain of any other.
             last = [*(options.get("extra_postargs") or []), "-U_FORTIFY_SOURCE", "-O0"]
             options = {**options, "extra_postargs": last}
+        elif is_shim(source):
+            with self._first:
+                if self._headers is None:
+                    self._headers = self._precompiled(options)
+            options = {**options, "include_dirs": [*self._headers, *(options.get("include_dirs") or [])]}
         objects: list[str] = self.compile_all([source], **options)
         return objects
+
+    def _precompiled(self, options: dict[str, Any]) -> list[str]:
+        """Return the folder in which gcc finds Python.h as it is after reading, for files that are compiled with ``options``.
+
+        Other compilers read it as always, and so does gcc where this fails.
+        """
+        source = Path("build", "headers.c")
+        source.write_text("#include <Python.h>\n", encoding="ascii")
+        try:
+            (made,) = self.compile_all([str(source)], **{**options, "extra_preargs": ["-x", "c-header"]})
+            folder = Path(made).with_suffix("")
+            folder.mkdir(exist_ok=True)
+            Path(made).replace(folder / "Python.h.gch")
+        except Exception:  # noqa: BLE001 - every compiler class has errors of its own
+            return []
+        return [str(folder)]
 
 
 def man_pages() -> list[str]:

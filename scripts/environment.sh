@@ -99,11 +99,12 @@ wait
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"
-  # The same version is not the same build: pip would leave an earlier one where it is.
+  # The same version is not the same build: pip would leave an earlier one where it is. Python keeps the bytecode of a module
+  # when it is first imported; making that of all modules takes longer than everything else here.
   if [ -e "$venv/bin/s7dissect" ]; then
-    "${pip[@]}" install --force-reinstall --no-deps "$wheel" </dev/null
+    "${pip[@]}" install --no-compile --force-reinstall --no-deps "$wheel" </dev/null
   fi
-  "${pip[@]}" install "$wheel${extra:+[$extra]}" </dev/null
+  "${pip[@]}" install --no-compile "$wheel${extra:+[$extra]}" </dev/null
   touch "$wheels/installed-" "$wheels/installed-$extra"
 fi
 "$venv/bin/s7dissect" --version

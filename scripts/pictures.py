@@ -26,7 +26,7 @@ def report(target: Path) -> None:
 
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
-        sys.exit("pictures: chromium and chromedriver are needed (scripts/install-browser.sh)")
+        sys.exit("pictures: chromium and chromedriver are needed (scripts/install-tools.sh)")
     options = webdriver.ChromeOptions()
     options.binary_location = chromium
     for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):

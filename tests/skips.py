@@ -19,6 +19,8 @@ REASONS: Final = (
     "compiled functions cannot be traced",
     "lines of compiled code cannot be counted",
     "compiled constants cannot be changed",
+    "instructions are counted of the compiled build",
+    "no instructions are recorded for",
     "memory is promised for the compiled build",
     # the rights of the user, and what the kernel gives
     "only root ",

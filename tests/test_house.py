@@ -458,6 +458,7 @@ def test_version_and_help_are_cheap(option: str) -> None:
         "dissect.cli.main",
         "dissect.wire",
         "dissect.wire.build",
+        "dissect.wire.digits",
         "dissect.wire.text",
     }
 

@@ -77,7 +77,8 @@ def environment(folder: Path, dependencies: Path) -> Path:
 
 
 def install(python: Path, *what: str | Path) -> None:
-    pip("--python", python, "install", "--no-deps", *what)
+    """Install wheels; bytecode of all their modules, for the few that are imported, would take most of the time."""
+    pip("--python", python, "install", "--no-deps", "--no-compile", *what)
 
 
 @pytest.fixture(scope="session")
@@ -239,7 +240,7 @@ def test_beside_another_dissect_elsewhere_on_the_path(
     order: tuple[str, str], wheel: Path, theirs: Path, dependencies: Path, tmp_path: Path
 ) -> None:
     for folder, what in (("ours", wheel), ("theirs", theirs)):
-        pip("install", "--no-deps", "--target", tmp_path / folder, what)
+        pip("install", "--no-deps", "--no-compile", "--target", tmp_path / folder, what)
     python = environment(tmp_path / "venv", dependencies)
     path = os.pathsep.join(str(tmp_path / folder) for folder in order)
     assert run(python, "-c", IMPORT_BOTH, PYTHONPATH=path) == f"{dissect.__version__} True {wheel_is_compiled(wheel)}\n"

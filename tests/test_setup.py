@@ -157,7 +157,7 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: Mo
         assert setup.is_busy(f"build/__native_dissect___{name.replace('/', '___')}.c")
     assert setup.is_busy("/lib-rt/str_ops.c")
     assert setup.is_busy("build/__native_s7dissect.c")
-    assert not setup.is_busy("build/__native_dissect___s7plus___variables.c")
+    assert not setup.is_busy("build/__native_dissect___s7plus___alarms.c")
     names = [f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c" for name in compiled]
     assert 0.3 < sum(setup.is_busy(name) for name in names) / len(names) < 0.7
     assert [pattern for pattern in setup.BUSY if not any(Path(name).match(pattern) for name in compiled)] == []
@@ -170,6 +170,37 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: Mo
 
     setup.SideBySide(compile_all)(["part_0.c", "plain_0.c"], extra_postargs=["-O1"])
     assert sorted(asked) == [("part_0.c", ["-O1"]), ("plain_0.c", ["-O1", "-U_FORTIFY_SOURCE", "-O0"])]
+
+
+@pytest.mark.parametrize("takes_headers", [True, False])
+def test_python_s_headers_are_read_once_for_the_files_of_modules(
+    takes_headers: bool, setup: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And a compiler that cannot keep what it read compiles the files as always."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "build").mkdir()
+    asked: list[tuple[str, list[str]]] = []
+    made: list[Path] = []
+
+    def compile_all(sources: list[str], include_dirs: list[str], extra_preargs: list[str] | None = None) -> list[str]:
+        (source,) = sources
+        if extra_preargs is not None:
+            assert extra_preargs == ["-x", "c-header"]
+            assert Path(source).read_text("ascii") == "#include <Python.h>\n"
+            made.append(Path(source))
+            if not takes_headers:
+                raise OSError(source)
+            Path(source).with_suffix(".o").write_bytes(b"headers")
+        else:
+            asked.append((source, include_dirs))
+        return [str(Path(source).with_suffix(".o"))]
+
+    shims = [f"build/dissect/s7/module_{number}.c" for number in range(5)]
+    setup.SideBySide(compile_all)([*shims, "build/part_0.c"], include_dirs=["python"])
+    assert len(made) == 1
+    ours = ["build/headers", "python"] if takes_headers else ["python"]
+    assert sorted(asked) == [*((shim, ours) for shim in shims), ("build/part_0.c", ["python"])]
+    assert (tmp_path / "build" / "headers" / "Python.h.gch").exists() is takes_headers
 
 
 def test_a_compiler_that_fails_is_not_overlooked(setup: ModuleType) -> None:

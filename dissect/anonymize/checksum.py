@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-_ONES: Final = 0xFFFF
+ONES: Final = 0xFFFF
 
 
 def total(octets: bytes) -> int:
@@ -12,7 +12,7 @@ def total(octets: bytes) -> int:
     if len(octets) & 1:
         octets += b"\0"
     number = int.from_bytes(octets, "big")
-    return (number % _ONES or _ONES) if number else 0
+    return (number % ONES or ONES) if number else 0
 
 
 def renewed(stored: int, old: bytes, new: bytes, old_pseudo: bytes, new_pseudo: bytes) -> int:
@@ -23,10 +23,15 @@ def renewed(stored: int, old: bytes, new: bytes, old_pseudo: bytes, new_pseudo: 
     else changes by what the octets changed, so that it is right exactly where it was (RFC 1624); octets that the capture cut
     off count as they were.
     """
-    was = (total(old) + total(old_pseudo)) % _ONES
-    becomes = (total(new) + total(new_pseudo)) % _ONES
+    was = (total(old) + total(old_pseudo)) % ONES
+    becomes = (total(new) + total(new_pseudo)) % ONES
     if stored == 0 and was:
         return 0
-    if old_pseudo and (stored - total(old_pseudo)) % _ONES == 0 and (stored + was) % _ONES:
+    if old_pseudo and (stored - total(old_pseudo)) % ONES == 0 and (stored + was) % ONES:
         return total(new_pseudo)
-    return (stored + was - becomes) % _ONES or _ONES
+    return moved(stored, was, becomes)
+
+
+def moved(stored: int, was: int, becomes: int) -> int:
+    """Return a checksum after octets whose sum ``was`` have become others; what stays in its place may count in both."""
+    return (stored + was - becomes) % ONES or ONES

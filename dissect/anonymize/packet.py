@@ -6,8 +6,8 @@ from typing import Final
 
 from dissect.anonymize import account
 from dissect.anonymize.account import DAMAGED, FRAGMENT, LINK, OTHER, Account, Choices
-from dissect.anonymize.addresses import AddressMap
-from dissect.anonymize.checksum import renewed
+from dissect.anonymize.addresses import MAX_CACHED, AddressMap
+from dissect.anonymize.checksum import ONES, moved, renewed, total
 from dissect.anonymize.fragments import Fragment
 from dissect.anonymize.survey import UDP, Survey
 from dissect.ibh.tables import NETLINK_PORT
@@ -35,6 +35,7 @@ class Packets:
         self._addresses = addresses
         self._others = choices.keep_others
         self._account = told
+        self._sums: dict[bytes, tuple[int, int]] = {}
 
     def renew(self, frame: int, octets: bytes, link_type: int) -> bytes | Fragment | None:
         """Return what is written in the place of packet ``frame``; None when nothing is. Never raises.
@@ -160,10 +161,25 @@ class Packets:
         if end > at + 20:
             new[at + 20 : end] = bytes((_NOP,)) * (end - at - 20)
             self._account.mask(account.OPTIONS, octets[at + 20 : end])
-        new[at + 10 : at + 12] = b"\0\0"
-        old = octets[at : at + 10] + b"\0\0" + octets[at + 12 : end]
-        stored = renewed(u16(octets, at + 10), old, bytes(new[at:end]), b"", b"")
+        stored = int(u16(octets, at + 10))
+        if stored and end == at + 20:
+            stored = moved(stored, *self._totals(octets[at + 12 : end]))
+        else:
+            new[at + 10 : at + 12] = b"\0\0"
+            old = octets[at : at + 10] + b"\0\0" + octets[at + 12 : end]
+            stored = renewed(stored, old, bytes(new[at:end]), b"", b"")
         new[at + 10 : at + 12] = stored.to_bytes(2, "big")
+
+    def _totals(self, addresses: bytes) -> tuple[int, int]:
+        """Return the sums of two addresses and of what stands for them."""
+        known = self._sums.get(addresses)
+        if known is None:
+            if len(self._sums) >= MAX_CACHED:
+                self._sums.clear()
+            half = len(addresses) // 2
+            new = self._addresses.ip(addresses[:half]) + self._addresses.ip(addresses[half:])
+            known = self._sums[addresses] = (total(addresses), total(new))
+        return known
 
     def _extensions(self, octets: bytes, new: bytearray, at: int, end: int, kind: int) -> None:
         """Write the IPv6 extension headers between ``at`` and ``end``: of their contents only padding is left."""
@@ -267,6 +283,13 @@ class Packets:
         """Write the checksum of what the IP packet carries, which stands at ``at``."""
         start, end = int(packet.start), int(packet.end)
         size = end - start + int(packet.missing)
+        stored = int(u16(octets, at))
+        was, becomes = self._totals(packet.addresses)
+        left = stored - was - (size >> 16) - (size & 0xFFFF) - int(packet.protocol)
+        if stored and packet.protocol != 1 and left % ONES:  # neither none, nor one that a network card was to work out
+            value = moved(stored, was + total(octets[start:end]), becomes + total(bytes(new[start:end])))
+            new[at : at + 2] = value.to_bytes(2, "big")
+            return
         behind = size.to_bytes(4, "big") + int(packet.protocol).to_bytes(4, "big")
         old_pseudo = packet.addresses + behind
         addresses = packet.addresses
@@ -276,7 +299,7 @@ class Packets:
             old_pseudo = new_pseudo = b""
         old = octets[start:at] + b"\0\0" + octets[at + 2 : end]
         new[at : at + 2] = b"\0\0"
-        value = renewed(u16(octets, at), old, bytes(new[start:end]), old_pseudo, new_pseudo)
+        value = renewed(stored, old, bytes(new[start:end]), old_pseudo, new_pseudo)
         new[at : at + 2] = value.to_bytes(2, "big")
 
     def _fragment(self, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> Fragment:

@@ -51,4 +51,5 @@ class RewritePlan:
 
     def zero(self, begin: int, end: int, kind: str) -> None:
         """The octets are set to zero, which is what becomes of all that nothing is said of."""
-        self.account.mask(kind, self.octets[begin:end])
+        if begin < end:
+            self.account.mask(kind, self.octets[begin:end])

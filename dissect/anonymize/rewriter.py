@@ -59,6 +59,9 @@ class Rewriter(PacketSink):
         new = self._packets.renew(self._account.packets, buf[start:end], int(link_type))
         if new is None:
             return
+        if not self._waiting and isinstance(new, bytes):
+            self._write(int(time_ns), new, int(wire_length), int(link_type))
+            return
         size = int(end - start) + _COST
         self._waiting.append(_Waiting(new, int(time_ns), int(wire_length), int(link_type), size))
         self._size += size
@@ -92,6 +95,8 @@ class Rewriter(PacketSink):
             if new is None:
                 self._packets.unsettled()
                 continue
-            self._account.written += 1
-            time_ns = min(first.time_ns + self._shift_ns, _LAST_NS)
-            self._writer.packet(time_ns, new, first.wire_length, first.link_type)
+            self._write(first.time_ns, new, first.wire_length, first.link_type)
+
+    def _write(self, time_ns: int, octets: bytes, wire_length: int, link_type: int) -> None:
+        self._account.written += 1
+        self._writer.packet(min(time_ns + self._shift_ns, _LAST_NS), octets, wire_length, link_type)

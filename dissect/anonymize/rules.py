@@ -6,6 +6,7 @@ A field whose content is not stated is set to zero, so that a structure that is 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Final
 
 from dissect.anonymize import account
@@ -15,6 +16,7 @@ from dissect.anonymize.key import Key
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.texts import replace_bit, replace_octets, replace_path, replace_text
+from dissect.s7.data_parts import CONTENT
 from dissect.s7.layouts import DATA_ITEM
 from dissect.s7.services import PI_SERVICES
 from dissect.s7.tables import DATA_BIT
@@ -35,6 +37,7 @@ from dissect.wire.layout import (
     HOLDS_TIME,
     HOLDS_VALUE,
     FieldValue,
+    Layout,
     latin,
 )
 from dissect.wire.part import OCTETS, SURPLUS, Part
@@ -49,6 +52,13 @@ _REPLACED: Final = {
     HOLDS_SERIAL: (replace_text, account.SERIALS),
 }
 _LETTERS: Final = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789 -._/\0")
+
+
+@cache
+def numbers_size(layout: Layout) -> int:
+    """Return the size of a part of which everything stays, -1 for one that holds anything but numbers of the protocol."""
+    plain = [field.size > 0 and field.means is None and field.holds != HOLDS_VALUE for field in layout.fields]
+    return layout.size if all(plain) else -1
 
 
 class Rules:
@@ -70,8 +80,15 @@ class Rules:
             if part.layout is OCTETS or part.layout is SURPLUS:
                 draft.zero(part.offset, part.end, account.UNKNOWN)
                 continue
+            if part.layout is CONTENT:
+                self._value(draft, part.offset, part.end, transport_size == DATA_BIT)
+                transport_size = -1
+                continue
             at = part.offset
-            for value in part.values:
+            if part.end - at == numbers_size(part.layout):
+                draft.keep(at, part.end)
+                at = part.end
+            for value in part.values if at < part.end else ():
                 if value.field.shares:
                     continue
                 at = value.end

@@ -245,6 +245,8 @@ def _messages(envelope: Envelope, octets: bytes) -> list[int]:
     sizes: list[int] = []
     at = 0
     opening = envelope.opening
+    if not octets.startswith(opening):
+        return sizes
     if not opening.strip(b"\0") or not envelope.has_crc or not envelope.framed:
         return sizes
     while octets.startswith(opening, at):

@@ -22,6 +22,7 @@ from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.s7.items import walk_areas
+from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import HEADER_SIZE
 from dissect.s7.parameters import PROTOCOL_ID as S7_PROTOCOL_ID
@@ -446,12 +447,12 @@ def _area_codes(side: Side, octets: bytes) -> list[int]:
     """Return where return codes of areas stand in an answer of ``side``: the answer to a DBREAD item has one for each."""
     if len(octets) < HEADER_SIZE or octets[0] != S7_PROTOCOL_ID or octets[1] != ACK_DATA:
         return []
-    pdu = parse_pdu(octets)
-    asked = side.connection.open_requests[1 - side.index].table.get(key_of(ACK_DATA, pdu.pdu_ref))
+    requests = side.connection.open_requests[1 - side.index].table
+    asked = requests.get(key_of(ACK_DATA, int.from_bytes(octets[PDU_REF], "big")))
     if asked is None or all([item.areas is None for item in asked.parameters.items]):
         return []
     found: list[int] = []
-    for item, answer in zip(asked.parameters.items, pdu.data_items(), strict=False):
+    for item, answer in zip(asked.parameters.items, parse_pdu(octets).data_items(), strict=False):
         if item.areas is not None and answer.return_code == SUCCESS:
             found += [answer.offset + _DATA_HEAD + area.offset for area in walk_areas(item.areas, answer.data)]
     return found

@@ -31,19 +31,20 @@ _JUMP: Final = 1 << 24
 
 
 class Room:
-    """How much may still be remembered; in the second reading, whose segments are."""
+    """How much may still be remembered; in the second reading, whose segments are, of ``recent_octets`` at most."""
 
-    def __init__(self) -> None:
+    def __init__(self, recent_octets: int = MAX_RECENT_OCTETS) -> None:
         self.ranges = MAX_RANGES
         self.octets = MAX_REPLACED
         self.recent = 0  # octets of segments
+        self._most = recent_octets
         self._tracks: OrderedDict[int, Track] = OrderedDict()
 
     def touch(self, track: Track) -> None:
         """A track remembered another segment: those that saw none for the longest time forget theirs."""
         self._tracks[id(track)] = track
         self._tracks.move_to_end(id(track))
-        while self.recent > MAX_RECENT_OCTETS:
+        while self.recent > self._most:
             self._tracks.popitem(last=False)[1].forget(0)
 
     def take(self, octets: int) -> bool:
@@ -68,6 +69,7 @@ class Track:
         "_new_at",
         "_recent",
         "_room",
+        "_top",
         "first_frame",
         "full",
         "start_seq",
@@ -89,6 +91,7 @@ class Track:
         self._expected = array("Q", (0,))
         self._latest = 0
         self._recent: deque[tuple[int, bytes]] | None = None
+        self._top = 0  # no segment that is remembered goes further
         self._forgotten = 0  # of segments before this position the first copy is not known any more
 
     # ---- first reading ----------------------------------------------------------------------------------------------
@@ -212,13 +215,14 @@ class Track:
         recent = self._recent
         if recent is None:
             recent = self._recent = deque()
-        for there, before in recent:
+        for there, before in recent if at < self._top else ():
             begin, stop = max(there, at), min(there + len(before), end)
             if begin < stop and before[begin - there : stop - there] != octets[begin - at : stop - at]:
                 for place in range(begin, stop):
                     if before[place - there] != octets[place - at]:
                         new[place - at] = 0
         recent.append((at, octets))
+        self._top = max(self._top, end)
         self._room.recent += len(octets)
         self.forget(MAX_RECENT)
         self._room.touch(self)

@@ -9,16 +9,14 @@ EXAMPLES: Final = {
     "analyze": (
         "s7dissect analyze trace.pcapng",
         "s7dissect analyze --brief trace.pcapng",
-        "s7dissect analyze --per-file ring_*.pcapng",
-        "s7dissect analyze --fail-on 'security.*' ring_*.pcapng",
+        "s7dissect analyze --fail-on 'security.*' --per-file ring_*.pcapng",
         "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",
     ),
     "transactions": (
         "s7dissect transactions --failed trace.pcapng",
         "s7dissect transactions -Y 'port == 102 and not failed' -c 5 trace.pcapng",
-        "s7dissect transactions -T csv trace.pcapng > trace.csv",
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
-        "s7dissect transactions -j auto -T jsonl trace.pcapng > trace.jsonl",
+        "s7dissect transactions -j auto -T csv trace.pcapng > trace.csv",
     ),
     "values": (
         "s7dissect values press.pcapng DB2.DBD16:REAL MW20",

@@ -38,7 +38,7 @@ from dissect.transactions.naming import Naming
     type=click.IntRange(min=1),
     multiple=True,
     metavar="N",
-    help="Only messages that packet N completes (packet N of each file). May be given several times.",
+    help="Only messages that packet N completes (packet N of each file). Repeatable.",
 )
 @select_options("message", results="messages")
 @click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")

@@ -151,6 +151,8 @@ class Watch:
             self._observer.fact(fact)
 
     def _look_at_block(self, operation: Operation) -> None:
+        if operation.connection.plus is not None:
+            return  # what of a block of S7comm-plus the CPU changes by itself is not known
         if self._blocks is None:
             from dissect.findings.block_rules import BlockWatch  # late: few captures have blocks
 

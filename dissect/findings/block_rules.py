@@ -76,8 +76,6 @@ class BlockWatch:
 
     def take(self, operation: Operation) -> None:
         """Take a transfer that is over."""
-        if operation.connection.plus is not None:
-            return
         for block in carve(operation):
             if block.classic is not None and block.complete:
                 self._take(block, operation)

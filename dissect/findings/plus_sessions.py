@@ -65,8 +65,10 @@ class PlusSessions:
     def _judge_owner(self, number: int, transaction: Transaction) -> None:
         """A session of another connection. Who was there when the capture began, or in a gap, may have got it then."""
         connection = transaction.connection
+        if not self._given or _incomplete(connection):
+            return
         owner = self._given.get((str(connection.server.host), number), 0)
-        if not owner or owner == int(connection.number) or _incomplete(connection):
+        if not owner or owner == int(connection.number):
             return
         if connection.traits.first("security.session_reused"):
             text = f"{transaction.function_name} in session 0x{number:08x}, which connection {owner} got"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import lru_cache
 from typing import Final
 
 from dissect.golden.masking import mask_plus, mask_s7
@@ -31,6 +32,9 @@ SCD: Final = "scd"
 #: Exchanges whose parsed PDUs are kept: a long session is gone through from its beginning to its end, and parsed PDUs take
 #: many times the room of their octets.
 _KEPT: Final = 4096
+#: Octets of a request that is parsed once for all exchanges that it begins, and how many of them are kept.
+SMALL: Final = 256
+PARSED: Final = 2048
 
 
 class ItemRecord:
@@ -92,6 +96,7 @@ class Exchange:
         "_items",
         "_request",
         "_response",
+        "form",
         "fragment",
         "kind",
         "request",
@@ -120,6 +125,7 @@ class Exchange:
         self.response_seen = bool(response) or seen[1]
         self.scd = scd
         self.fragment: tuple[str, ...] = ()  # the writer's cached lines
+        self.form: str | None = None  # and the head that it gives them, empty where they have none of its own
         self._request: Pdu | None = None
         self._response: Pdu | None = None
         self._items: list[ItemRecord] | None = None
@@ -129,7 +135,7 @@ class Exchange:
         """The S7comm request, None when there is none."""
         if self._request is None and self.kind == S7 and self.request:
             self._keep()
-            self._request = parse_pdu(self.request)
+            self._request = _parsed(self.request) if len(self.request) <= SMALL else parse_pdu(self.request)
         return self._request
 
     @property
@@ -252,6 +258,12 @@ class Exchange:
     def tells(self) -> list[str]:
         """What the parts of the answer are about; text from the wire, not escaped."""
         return self.told.body.notes if self.told is not None else []
+
+
+@lru_cache(PARSED)
+def _parsed(request: bytes) -> Pdu:
+    """Return a small request parsed: polling asks for the same again and again, and gets something new each time."""
+    return parse_pdu(request)
 
 
 _kept: Final[deque[Exchange]] = deque()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from dissect.golden.addresses import item_octets, named_item
@@ -73,8 +74,7 @@ def usual_size(item: Item) -> int:
 
 def item_text(line: ItemLine) -> str:
     """Return an item as a line; a comment says what a code or octets mean."""
-    item = parse_item(line.octets, 0)
-    text = named_item(item)
+    item, text = _named(line.octets)
     remark = item.address if text.startswith("item ") else ""
     if line.data is not None:
         value, said = shown_value(int(item.transport_size), line.data, item.fits(len(line.data)))
@@ -88,6 +88,13 @@ def item_text(line: ItemLine) -> str:
         if line.head != _REFUSED:
             text += f" head {hex_text(line.head)}"
     return f"{text}  # {printable(remark)}" if remark else text
+
+
+@lru_cache(4096)
+def _named(octets: bytes) -> tuple[Item, str]:
+    """Return a request item (at most 257 octets) and its name."""
+    item = parse_item(octets, 0)
+    return item, named_item(item)
 
 
 def parse_item_text(text: str) -> ItemLine:

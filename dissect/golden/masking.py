@@ -46,7 +46,7 @@ _UPLOAD: Final = UPLOAD_HEAD.places(HOLDS_REFERENCE)
 _PLUS_REQUEST: Final = REQUEST_HEAD.places(HOLDS_REFERENCE)
 _PLUS_RESPONSE: Final = RESPONSE_HEAD.places(HOLDS_REFERENCE)
 _PLUS_NOTIFICATION: Final = NOTIFICATION_HEAD.places(HOLDS_REFERENCE)
-_PARAM_LENGTH: Final = slice(6, 8)
+_PARAM_LENGTH: Final = 6
 # Of a userdata PDU, header included: function, syntax, type and group, sequence, data unit reference.
 _FUNCTION: Final = HEADER_SIZE
 _SYNTAX: Final = HEADER_SIZE + 4
@@ -94,7 +94,7 @@ def _mask_fills(masked: bytearray, octets: bytes) -> None:
     head = HEADER_SIZE if octets[1] == JOB else ACK_HEADER_SIZE
     count = octets[head + 1] if len(octets) > head + 1 else 0
     if count > 1:
-        at = head + int.from_bytes(octets[_PARAM_LENGTH], "big")
+        at = head + int.from_bytes(octets[_PARAM_LENGTH : _PARAM_LENGTH + 2], "big")
         for item in parse_data_items(octets, at, len(octets), count, octets[1] == ACK_DATA, [])[:-1]:
             end = int(item.offset) + DATA_HEAD + len(item.data)
             if len(item.data) & 1 and end < len(masked):
@@ -102,7 +102,7 @@ def _mask_fills(masked: bytearray, octets: bytes) -> None:
 
 
 def _mask_userdata(masked: bytearray, octets: bytes) -> None:
-    size = int.from_bytes(octets[_PARAM_LENGTH], "big")
+    size = int.from_bytes(octets[_PARAM_LENGTH : _PARAM_LENGTH + 2], "big")
     if size >= USERDATA_SHORT.size and len(octets) > SEQUENCE and octets[_FUNCTION] == CPU_SERVICES:
         syntax = octets[_SYNTAX]
         if syntax in {PARAMETER_SHORT, PARAMETER_EXTENDED}:

@@ -90,6 +90,13 @@ def value_octets(text: str, transport_size: int) -> bytes:
         except UnicodeEncodeError:
             raise ValueError(f"{text} has characters that CHAR cannot hold") from None
     elements = text[1:-1].split(", ") if text.startswith("[") else [text]
+    form = _PACKED.get(transport_size)
+    if form is not None and len(elements) > 1:
+        try:
+            numbers = map(float if transport_size in _FLOATS else int, elements)
+            return struct.pack(f">{len(elements)}{form[1]}", *numbers)
+        except (struct.error, OverflowError):
+            pass  # one by one says which
     return b"".join([_element(element, transport_size) for element in elements])
 
 

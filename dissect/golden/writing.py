@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import Final
 
 from dissect.golden.blocks import cut_blocks
-from dissect.golden.exchange import PLUS, S7, SCD, Exchange
+from dissect.golden.exchange import PARSED, PLUS, S7, SCD, SMALL, Exchange
 from dissect.golden.forms import (
     ItemLine,
     build_answer,
@@ -157,8 +158,10 @@ def _job(transaction: Transaction, number: int, jobs: dict[bytes, int]) -> Itera
         asked = jobs.get(exchange.subscribed)
         if asked is not None:
             yield f"  job of {asked}"
-    elif exchange.kind == S7 and exchange.items and exchange.asked is not None and exchange.asked.rosctr == USERDATA:
-        jobs[exchange.request] = number
+    elif exchange.kind == S7:
+        asked_by = exchange.asked
+        if asked_by is not None and asked_by.rosctr == USERDATA and exchange.items:
+            jobs[exchange.request] = number
 
 
 def _extra_lines(transaction: Transaction, wanted: frozenset[str], clock: Clock) -> Iterator[str]:
@@ -181,8 +184,10 @@ def _exchange_lines(exchange: Exchange) -> Iterator[str]:
         elif exchange.response:
             yield from _half("answer", exchange)
     elif form:
-        plain = _plain_answer(exchange)
-        lines = item_lines(exchange, plain)
+        lines = item_lines(exchange, True)
+        plain = bool(exchange.response) and build_answer(exchange.function, lines) == exchange.response
+        if not plain:
+            lines = item_lines(exchange, False)
         for line in lines:
             yield f"  {item_text(line)}"
         if not lines:
@@ -267,14 +272,29 @@ def _note(note: str) -> str:
 
 def _form(exchange: Exchange) -> str:
     """Return the head of a transaction whose request a form says to the octet, empty for any other."""
-    asked = exchange.asked
-    if exchange.kind != S7 or asked is None or asked.rosctr != JOB or asked.function not in FORMS:
+    if exchange.form is None:
+        asked = exchange.asked
+        if asked is None:
+            exchange.form = ""
+        else:
+            exchange.form = _small_form(asked) if len(asked.octets) <= SMALL else _form_of(asked)
+    return exchange.form
+
+
+@lru_cache(PARSED)
+def _small_form(asked: Pdu) -> str:
+    """Return `_form_of` a request that all exchanges share which begin with it."""
+    return _form_of(asked)
+
+
+def _form_of(asked: Pdu) -> str:
+    if asked.rosctr != JOB or asked.function not in FORMS:
         return ""
     if asked.function == SETUP_COMMUNICATION:
         setup = asked.parameters.setup
-        good = setup is not None and build_setup(JOB, setup) == exchange.request
+        good = setup is not None and build_setup(JOB, setup) == asked.octets
     else:
-        good = build_request(asked.function, item_lines(exchange, False)) == exchange.request
+        good = build_request(asked.function, _lines_of(asked, None)) == asked.octets
     return FORMS[asked.function] if good else ""
 
 
@@ -283,21 +303,17 @@ def _plain_setup(exchange: Exchange) -> bool:
     return told is not None and build_setup(ACK_DATA, told) == exchange.response
 
 
-def _plain_answer(exchange: Exchange) -> bool:
-    """Tell whether the lines of the items say all of the answer."""
-    lines = item_lines(exchange, True)
-    return bool(exchange.response) and build_answer(exchange.function, lines) == exchange.response
-
-
 def item_lines(exchange: Exchange, answered: bool) -> list[ItemLine]:
     """Return the items of a read or write, with what became of them when they are ``answered``."""
-    asked, told = exchange.asked, exchange.told
-    if asked is None:
-        return []
+    asked = exchange.asked
+    return _lines_of(asked, exchange.told if answered else None) if asked is not None else []
+
+
+def _lines_of(asked: Pdu, told: Pdu | None) -> list[ItemLine]:
     writes = asked.function == WRITE_VAR
     written = asked.data_items() if writes else []
-    codes = told.return_codes() if answered and told is not None else []
-    contents: Sequence[DataItem] = written if writes else told.data_items() if answered and told is not None else []
+    codes = told.return_codes() if told is not None else []
+    contents: Sequence[DataItem] = written if writes else told.data_items() if told is not None else []
     lines = []
     for index, item in enumerate(asked.parameters.items):
         code = codes[index] if index < len(codes) else -1

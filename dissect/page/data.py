@@ -286,7 +286,7 @@ class Data:
                 "connections",
                 "Connections",
                 [
-                    ("number", NUMBER), ("time", SECONDS), ("client", TEXT), ("server", TEXT), ("protocol", TEXT),
+                    ("number", NUMBER), ("time", SECONDS), ("client", SHORT), ("server", SHORT), ("protocol", TEXT),
                     ("TSAPs", TEXT),
                     ("PDUs", NUMBER), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER), ("bytes", SIZE),
                     ("end", TEXT),
@@ -324,7 +324,7 @@ class Data:
     def _table(
         self, name: str, title: str, columns: list[tuple[str, str]], rows: list[dict[str, Any]], total: int
     ) -> dict[str, Any]:
-        """Return a table; absolute times become seconds after the start."""
+        """Return a table; absolute times become seconds after the start. A column of texts that no row has is left out."""
         times = [number for number, (_, kind) in enumerate(columns) if kind == SECONDS]
         made = []
         for row in rows:
@@ -332,7 +332,15 @@ class Data:
             for number in times:
                 cells[number] = self._seconds(cells[number])
             made.append({**row, "cells": cells})
-        return {"name": name, "title": title, "columns": columns, "rows": made, "total": max(total, len(rows))}
+        empty = {
+            number
+            for number, (_, kind) in enumerate(columns)
+            if kind == TEXT and made and not any([row["cells"][number] for row in made])
+        }
+        for row in made:
+            row["cells"] = [cell for number, cell in enumerate(row["cells"]) if number not in empty]
+        shown = [column for number, column in enumerate(columns) if number not in empty]
+        return {"name": name, "title": title, "columns": shown, "rows": made, "total": max(total, len(rows))}
 
     def _devices(self) -> dict[str, Any]:
         inventory = self._of.inventory

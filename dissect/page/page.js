@@ -31,6 +31,7 @@
   function duration(ns) {
     if (ns === null || ns === undefined) return "–";
     const size = Math.abs(ns);
+    if (size === 0) return "0 s";
     if (size < 1e3) return `${Math.round(ns)} ns`;
     for (const [limit, factor, unit] of [[1e6, 1e3, "µs"], [1e9, 1e6, "ms"], [120e9, 1e9, "s"], [7200e9, 60e9, "min"], [172800e9, 3600e9, "h"], [Infinity, 86400e9, "d"]]) {
       if (size < limit) {
@@ -534,7 +535,7 @@
       const found = matching();
       body.replaceChildren(...found.slice(0, state.most).map(line));
       const kept = table.total > table.rows.length ? ` The report holds ${integer(table.rows.length)} of ${integer(table.total)}.` : "";
-      count.textContent = `${state.words.length ? `${integer(found.length)} of ${integer(table.rows.length)} rows match.` : `${integer(table.rows.length)} rows.`}${kept}`;
+      count.textContent = `${state.words.length ? `${integer(found.length)} of ${integer(table.rows.length)} rows match.` : `${integer(table.rows.length)} row${table.rows.length === 1 ? "" : "s"}.`}${kept}`;
       more.hidden = found.length <= state.most;
       more.textContent = `Show ${integer(Math.min(MORE, found.length - state.most))} more`;
     }

@@ -10,7 +10,7 @@ from dissect.s7plus.ids import BLOCK_KINDS
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, every_object, objects_of, read_elements
 from dissect.s7plus.program_tables import LANGUAGES
-from dissect.s7plus.summary import NAME
+from dissect.s7plus.session import NAME
 from dissect.s7plus.value_showing import iso_time
 from dissect.s7plus.values import Blob, Value
 from dissect.s7plus.walk import FormatError, Walk

@@ -31,6 +31,13 @@ class S7Facet(Facet):
 
     def items(self, transaction: Transaction) -> list[str]:
         """Return every item with what became of it; those that a push says are unchanged are counted."""
+        good = transaction.good_octets()
+        if good is not None:  # nearly always; each item meets its own octets without an object in between
+            asked = transaction.parameters.items
+            return [
+                f"{words.address(asked[index])} = {words.content(asked[index], good[index])}"
+                for index in range(len(good))
+            ]
         results = list(enumerate(transaction.results(), 1))
         unsure = transaction.flags & UNCONFIRMED != 0
         naming = transaction.connection.naming

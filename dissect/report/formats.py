@@ -100,7 +100,7 @@ FORMATS: Final[dict[str, Format]] = {
         ),
         _row(
             "csv",
-            "a row for each item",
+            "rows for a spreadsheet",
             ("dissect.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
             ("dissect.variables.writers:ValueCsv", (VALUES,)),
             ("dissect.export.result_lines:csv_lines", (ROWS,)),

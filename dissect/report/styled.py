@@ -17,7 +17,10 @@ TREE_HANG: Final = 33
 
 
 class Line(NamedTuple):
-    """One line of the report: its text, what it weighs, and where its continuation begins if a terminal is too narrow."""
+    """One line of the report: its text, what it weighs, and where its continuation begins if a terminal is too narrow.
+
+    Several lines that look alike, such as those of a field tree, may stand in one text with line feeds between them.
+    """
 
     text: str
     style: str = PLAIN
@@ -29,6 +32,8 @@ class Line(NamedTuple):
         It is broken between words, or between fields (which stand two blanks apart) where a whole field fits on the next line.
         """
         text = self.text
+        if "\n" in text:
+            return [piece for line in text.split("\n") for piece in Line(line, self.style, self.hang).wrapped(width)]
         indent = self.hang if self.hang <= width // 2 else len(text) - len(text.lstrip()) + 4
         lines: list[str] = []
         margin = ""

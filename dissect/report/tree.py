@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, TypeVar
 
 from dissect.ibh import layouts as ibh
 from dissect.ibh.packet import IbhPacket, parse_packet
@@ -25,7 +25,7 @@ from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.message import PlusPdu, fixed_part
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.wire.hexdump import hexdump
-from dissect.wire.layout import REST, FieldValue, Layout
+from dissect.wire.layout import REST, Field, FieldValue, Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import FILL, OCTETS
 from dissect.wire.text import printable, shortened
@@ -34,36 +34,56 @@ from dissect.wire.text import printable, shortened
 _MEANING: Final = 100
 _NOTE: Final = 120
 _TPKT_SIZE: Final = 4
+#: The head of a TPKT and of the everyday DT in it.
+_DT_HEAD: Final = 7
+_LI_AT: Final = 4
+_DT: Final = b"\x02\xf0"
+#: Octets of a PDU whose lines are kept, and of how many of each kind they are: traffic repeats itself.
+_SMALL: Final = 256
+_MOST: Final = 4096
+_ACK_SIZE: Final = s7.ACK_HEADER.size
+#: Which field of a header is the reference.
+_REF_NUMBER: Final = [field.name for field in s7.HEADER.fields].index("pdu_ref")
+_Key = TypeVar("_Key")
+_Shown = TypeVar("_Shown")
 
 
-def tree_lines(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> Iterator[str]:
-    """Yield the tree of ``pdu`` and the hex view below it.
+def tree_lines(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> list[str]:
+    """Return the lines of `tree_text`."""
+    return tree_text(pdu, packet, through_gateway).split("\n")
+
+
+def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
+    """Return the tree of ``pdu`` and the hex view below it, lines with line feeds between them.
 
     ``packet`` is the TPKT, or ``through_gateway`` the IBH-NetLink packet, that carried the PDU whole, so that offsets count
     from its first octet; empty when the PDU came in several fragments or was cut, then offsets count from the first octet
     of the S7 PDU.
     """
-    whole = packet or pdu.octets
-    base = len(whole) - len(pdu.octets)
+    octets = pdu.octets
+    whole = packet or octets
+    base = len(whole) - len(octets)
     if packet:
-        yield from _netlink(parse_packet(packet)) if through_gateway else _packet(packet)
+        top = "\n".join(_netlink(parse_packet(packet))) if through_gateway else _packet(packet)
     else:
         parts = "MPI packets" if through_gateway else "COTP fragments"
         why = "truncated by the capture" if pdu.cut else f"reassembled from several {parts}"
-        yield f"    {why}; offsets count from the start of the S7 PDU"
-    yield from _layout(s7.ACK_HEADER if pdu.header_size == 12 else s7.HEADER, whole, base)
+        top = f"    {why}; offsets count from the start of the S7 PDU"
+    texts = [top, _header(pdu, base)]
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
-        yield _field("", "error", f"0x{code:04x} {ERROR_CODES.name(code)}. {ERROR_CODES.text(code)}".rstrip())
-    hidden = secret_spans(pdu.octets)
-    yield from _body(pdu, base, hidden)
-    yield from _malformed(pdu.malformed, base)
-    yield from _octets(whole, [(begin + base, end + base) for begin, end in hidden])
+        texts.append(_field("", "error", f"0x{code:04x} {ERROR_CODES.name(code)}. {ERROR_CODES.text(code)}".rstrip()))
+    hidden = secret_spans(octets)
+    body = _body_text(pdu, base, hidden)
+    if body:
+        texts.append(body)
+    texts += _octets(whole, [(begin + base, end + base) for begin, end in hidden])
+    return "\n".join(texts)
 
 
 def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
     """Yield the tree of a TPKT whose TPDU carries no S7 PDU, and the hex view below it."""
-    yield from _packet(packet)
+    yield from _packet(packet).split("\n")
     data = parse_tpdu(packet[_TPKT_SIZE:]).data
     hidden = secret_spans_within(packet)
     if data:
@@ -97,7 +117,7 @@ def plus_tree_lines(
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:
-        yield from _packet(packet)
+        yield from _packet(packet).split("\n")
     else:
         why = "decrypted" if decrypted else "reassembled from several frames or fragments"
         why = "the end is missing" if pdu.cut else why
@@ -166,14 +186,22 @@ def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
         yield f"    MALFORMED  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
 
 
-def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> Iterator[str]:
-    yield ""
-    for line in hexdump(whole, 0, hidden):
-        yield f"    {line}"
-    yield ""
+def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
+    return ["", *[f"    {line}" for line in hexdump(whole, 0, hidden)], ""]
 
 
-def _packet(packet: bytes) -> Iterator[str]:
+def _packet(packet: bytes) -> str:
+    """Return the lines of a TPKT and the head of the TPDU in it."""
+    head = packet[:_DT_HEAD]
+    if packet[_LI_AT : _LI_AT + 2] != _DT or len(head) < _DT_HEAD:
+        return "\n".join(_tpkt(packet))
+    text = _heads.get(head)  # nothing behind the head of a DT without parameters is shown
+    if text is None:
+        text = _kept(_heads, head, "\n".join(_tpkt(packet)))
+    return text
+
+
+def _tpkt(packet: bytes) -> Iterator[str]:
     yield from _layout(iso.TPKT, packet, 0)
     tpdu = parse_tpdu(packet[_TPKT_SIZE:])
     yield f"    COTP {tpdu.name}"
@@ -193,16 +221,24 @@ def _parameter(parameter: Parameter) -> str:
     return _field(_range(start, start + 2 + len(parameter.value)), parameter.name.partition(" (CR")[0], said)
 
 
-def _layout(layout: Layout, octets: bytes, at: int, title: str = "") -> Iterator[str]:
-    yield f"    {title or layout.name}"
-    for value in layout.read(octets, at):
-        yield _line(value, 0)
+def _layout(layout: Layout, octets: bytes, at: int, title: str = "") -> list[str]:
+    return [f"    {title or layout.name}", *[_line(value, 0) for value in layout.read(octets, at)]]
 
 
 def _line(value: FieldValue, shift: int, name: str = "") -> str:
-    field = value.field
+    """Return the line of a field, its offsets moved by ``shift``; that of a number is kept for the next equal one."""
+    if value.octets is not None:
+        return _line_of(value, shift, name)
+    key = (value.field, shift, value.offset, value.end, value.value, name)
+    line = _lines.get(key)
+    if line is None:
+        line = _kept(_lines, key, _line_of(value, shift, name))
+    return line
+
+
+def _line_of(value: FieldValue, shift: int, name: str) -> str:
     said = f"{_meaning(value)} {name}".rstrip()
-    return _field(_range(value.offset + shift, value.end + shift), field.name.rstrip("_"), said)
+    return _field(_range(value.offset + shift, value.end + shift), value.field.name.rstrip("_"), said)
 
 
 def _field(where: str, name: str, said: str) -> str:
@@ -230,6 +266,34 @@ def _meaning(value: FieldValue) -> str:
     return str(value.value) if field.decimal else number
 
 
+def _header(pdu: Pdu, base: int) -> str:
+    """Return the lines of the header of S7; kept is what stands around that of the reference, which counts."""
+    octets = pdu.octets
+    size = int(pdu.header_size)
+    key = (octets[: s7.PDU_REF.start], octets[s7.PDU_REF.stop : size], base)
+    around = _headers_kept.get(key)
+    if around is None:
+        lines = _layout(s7.ACK_HEADER if size == _ACK_SIZE else s7.HEADER, bytes(base) + octets[:size], base)
+        if len(octets) < size:
+            return "\n".join(lines)
+        at = 1 + _REF_NUMBER
+        around = _kept(_headers_kept, key, ("\n".join(lines[:at]), "\n".join(lines[at + 1 :])))
+    reference = FieldValue(s7.HEADER.fields[_REF_NUMBER], s7.PDU_REF.start, s7.PDU_REF.stop, pdu.pdu_ref)
+    return f"{around[0]}\n{_line_of(reference, base, '')}\n{around[1]}"
+
+
+def _body_text(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> str:
+    """Return what stands below the header; of a small PDU it is kept for the next one that differs in its reference at most."""
+    octets = pdu.octets
+    if len(octets) > _SMALL or hidden:
+        return "\n".join([*_body(pdu, base, hidden), *_malformed(pdu.malformed, base)])
+    key = (octets[: s7.PDU_REF.start], octets[s7.PDU_REF.stop :], base, pdu.cut)
+    text = _bodies.get(key)
+    if text is None:
+        text = _kept(_bodies, key, "\n".join([*_body(pdu, base, hidden), *_malformed(pdu.malformed, base)]))
+    return text
+
+
 def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:
     """Yield the parts behind the header. A part that there are several of is numbered; octets alone continue the part above.
 
@@ -237,7 +301,7 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[st
     """
     body = parse_body(pdu)
     head = pdu.parameters.userdata
-    counts = Counter(part.layout for part in body.parts)
+    counts = Counter([part.layout for part in body.parts])
     numbers: Counter[Layout] = Counter()
     for part in body.parts:
         layout = part.layout
@@ -252,15 +316,19 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[st
             numbers[layout] += 1
             number = f" {numbers[layout]}" if counts[layout] > 1 or layout in _NUMBERED else ""
             name = f"{pdu.function_name} parameters" if layout is s7.VARIABLES_HEAD else _NAMES.get(layout, layout.name)
-            secret = any([begin < part.end and part.offset < end for begin, end in hidden])
-            yield f"    {name}{number}{f': {shortened(part.note, _NOTE)}' if part.note and not secret else ''}"
+            note = part.note if not _overlap(part.offset, part.end, hidden) else ""
+            yield f"    {name}{number}{f': {shortened(note, _NOTE)}' if note else ''}"
         for value in part.values:
             said = head.subfunction_name if head is not None and value.field.name == "subfunction" else ""
-            if any([begin < value.end and value.offset < end for begin, end in hidden]):
+            if hidden and _overlap(value.offset, value.end, hidden):
                 yield _field(_range(value.offset + base, value.end + base), value.field.name.rstrip("_"), "not shown")
             else:
                 yield _line(value, base, said)
     yield from _malformed(body.malformed, base)
+
+
+def _overlap(begin: int, end: int, spans: Sequence[tuple[int, int]]) -> bool:
+    return any([low < end and begin < high for low, high in spans])
 
 
 #: Octets that belong to the part above them.
@@ -268,3 +336,16 @@ _WITHOUT_HEADING: Final = frozenset((CONTENT, FILL, OCTETS))
 #: Parts of which there may be several, numbered even where there is one.
 _NUMBERED: Final = frozenset((s7.ITEM_HEAD, s7.S7ANY_ITEM, s7.DATA_ITEM))
 _NAMES: Final = {s7.S7ANY_ITEM: "item"}
+#: What was shown before: heads of DTs by their bytes, S7 headers and what follows them by theirs but the reference, numbers.
+_heads: Final[dict[bytes, str]] = {}
+_headers_kept: Final[dict[tuple[bytes, bytes, int], tuple[str, str]]] = {}
+_bodies: Final[dict[tuple[bytes, bytes, int, bool], str]] = {}
+_lines: Final[dict[tuple[Field, int, int, int, int, str], str]] = {}
+
+
+def _kept(known: dict[_Key, _Shown], key: _Key, shown: _Shown) -> _Shown:
+    """Keep what is shown of ``key``, and return it; when there is too much, all is forgotten."""
+    if len(known) >= _MOST:
+        known.clear()
+    known[key] = shown
+    return shown

@@ -11,6 +11,8 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
@@ -18,8 +20,9 @@ from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify
 from dissect.s7.blocks import BLOCK_COUNT
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
-from dissect.s7.tables import BYTE, RETURN_CODES
-from dissect.s7.values import Value, spelled
+from dissect.s7.tables import BIT, BYTE, ELEMENT_OCTETS, RETURN_CODES
+from dissect.s7.value_texts import number_texts
+from dissect.s7.values import Value, decode_value, spelled
 from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
@@ -41,6 +44,7 @@ from dissect.transactions.transaction import (
     Transaction,
     TransactionError,
 )
+from dissect.wire.digits import decimal
 from dissect.wire.text import duration_text, encodable, printable, shortened
 
 
@@ -98,7 +102,9 @@ class Places:
             answered = self.mark(response_frame)
             name, colon, number = answered.rpartition(":")
             return f"{name}{colon}?→{number}"
-        same = not self.several or self.locate(request_frame)[0] == self.locate(response_frame)[0]
+        if not self.several:
+            return f"{decimal(request_frame)}→{decimal(response_frame)}"
+        same = self.locate(request_frame)[0] == self.locate(response_frame)[0]
         return f"{asked}→{self.number(response_frame) if same else self.mark(response_frame)}"
 
     def phrase(self, frames: Sequence[int]) -> str:
@@ -206,22 +212,23 @@ def value(shown: Value) -> str:
 
 def octets(data: bytes) -> str:
     """Return octets as hexadecimal on one line, cut after 16 with a note of how many there are, and the text in them if any."""
-    text = _text_in(data)
-    said = f" '{text}'" if text else ""
+    text = spelled(data)
+    said = f" '{_cut(text)}'" if text else ""
     if len(data) <= _SHOWN_OCTETS:
         return (data.hex(" ") or "(empty)") + said
     return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} bytes{said}"
 
 
-def _text_in(data: bytes) -> str:
-    """Return the text that octets spell, cut to a line."""
-    text = spelled(data)
+def _cut(text: str) -> str:
+    """Return a text cut to a line."""
     return printable(text if len(text) <= _SHOWN_TEXT else f"{text[:_SHOWN_TEXT]}…")
 
 
 def address(item: Item) -> str:
     """Return the address of an item with its count where that is not one, for example ``DB10.DBW4 x3``."""
-    return shortened(item.label, 100)
+    if not item.shown:
+        item.shown = shortened(item.label, 100)
+    return item.shown
 
 
 def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
@@ -235,7 +242,7 @@ def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
     if known:
         name = _with_names(name, known)
     elif result.data is not None:
-        name += f" = {_content(result)}"
+        name += f" = {content(asked, result.data) if asked is not None else octets(result.data)}"
     if result.unchanged:
         return f"{name}: unchanged"
     return f"{name}: {RETURN_CODES.name(result.return_code)}" if result.refused else name
@@ -266,15 +273,23 @@ def named_value(known: NamedValue) -> str:
     return f"{name} = {value(known.value)}{unit}"
 
 
-def _content(result: ItemResult) -> str:
+def content(asked: Item, data: bytes) -> str:
     """Return what was read or written: the value, and octets as such, with the text they spell where they spell one."""
-    assert result.data is not None
-    decoded = result.value
-    if decoded is None or (
-        isinstance(decoded, list) and result.item is not None and result.item.transport_size == BYTE
-    ):
-        return octets(result.data)
-    return value(decoded)
+    size: i64 = len(data)
+    kind: i64 = asked.transport_size
+    if (kind == BYTE and size != 1) or (asked.size != size and not asked.fits(size)):
+        return octets(data)
+    if kind == BIT and size == 1:
+        return "true" if data[0] & 1 else "false"
+    texts = number_texts(kind, data, False, _SHOWN)
+    if not texts:
+        decoded = decode_value(kind, data)
+        return octets(data) if decoded is None else value(decoded)
+    if len(texts) == 1:
+        return texts[0]
+    body = ", ".join(texts)
+    count: i64 = size // ELEMENT_OCTETS[kind]
+    return f"[{body}]" if count <= _SHOWN else f"[{body}, … {count} in all]"
 
 
 def body_notes(pdu: Pdu) -> str:

@@ -46,11 +46,13 @@ class Item:
         "address",
         "area",
         "areas",
+        "cell",
         "count",
         "db",
         "fragment",
         "octets",
         "offset",
+        "shown",
         "size",
         "start_bit",
         "syntax_id",
@@ -69,7 +71,10 @@ class Item:
         self.size: i64 = -1
         self.areas: list[Item] | None = None
         self.address: str = ""
-        self.fragment: str = ""  # a report's cached text of the fields above; polling repeats the same items for hours
+        # Cached texts of reports, of the fields above; polling repeats the same items for hours.
+        self.fragment: str = ""  # of JSON
+        self.cell: str = ""  # of CSV
+        self.shown: str = ""  # for a person
 
     def fits(self, size: i64) -> bool:
         """Tell whether ``size`` octets are as many as the item asks for, so that their value can be told.

@@ -321,29 +321,40 @@ def _bad_head(parameters: Parameters, reason: str, field: str, offset: i64, need
 
 
 class ParameterCache:
-    """Distinct parameter blocks, each parsed once. Bounded in blocks and octets: when it is full it starts anew."""
+    """Distinct parameter blocks, each parsed once while it keeps coming.
 
-    #: Blocks with one ROSCTR, and octets of all of them; an item takes some thirty times its octets in memory.
-    CAPACITY: Final = 4096
-    OCTETS: Final = 1024 * 1024
+    Two generations, each bounded in blocks and octets: when the younger is full, it becomes the elder and the elder is
+    forgotten; what is found in the elder moves to the younger. So blocks that come once (numbers of userdata requests count up)
+    push out no block that is polled.
+    """
+
+    #: Blocks of a generation, and octets of all of them; an item takes some thirty times its octets in memory.
+    CAPACITY: Final = 8192
+    OCTETS: Final = 512 * 1024
 
     def __init__(self) -> None:
-        self._by_octets: list[dict[bytes, Parameters]] = [{}, {}, {}, {}, {}, {}, {}, {}]
+        self._young: list[dict[bytes, Parameters]] = [{} for _ in range(8)]
+        self._old: list[dict[bytes, Parameters]] = [{} for _ in range(8)]
+        self._blocks: i64 = 0
         self._octets: i64 = 0
 
     def get(self, octets: bytes, rosctr: i64) -> Parameters:
         """Return the parsed block for ``octets`` of a PDU with ROSCTR 0 to 7."""
-        parameters = self._by_octets[rosctr].get(octets)
+        parameters = self._young[rosctr].get(octets)
         if parameters is None:
-            parameters = parse_parameters(octets, rosctr)
+            parameters = self._old[rosctr].pop(octets, None)
+            if parameters is None:
+                parameters = parse_parameters(octets, rosctr)
             self._keep(parameters, rosctr)
         return parameters
 
     def _keep(self, parameters: Parameters, rosctr: i64) -> None:
         size: i64 = len(parameters.octets)
-        if len(self._by_octets[rosctr]) >= self.CAPACITY or self._octets + size > self.OCTETS:
-            for known in self._by_octets:
-                known.clear()
+        if self._blocks >= self.CAPACITY or self._octets + size > self.OCTETS:
+            self._old = self._young
+            self._young = [{} for _ in range(8)]
+            self._blocks = 0
             self._octets = 0
-        self._by_octets[rosctr][parameters.octets] = parameters
+        self._young[rosctr][parameters.octets] = parameters
+        self._blocks += 1
         self._octets += size

@@ -297,6 +297,11 @@ ELEMENT_OCTETS: Final[dict[int, int]] = {
 BIT: Final = 0x01
 BYTE: Final = 0x02
 CHAR: Final = 0x03
+WORD: Final = 0x04
+INT: Final = 0x05
+DWORD: Final = 0x06
+DINT: Final = 0x07
+REAL: Final = 0x08
 WCHAR: Final = 0x13
 
 DATA_TRANSPORT_SIZES: Final = CodeTable(

@@ -6,12 +6,12 @@ BCD, a transport size without a known type) gives None: the octets stand beside 
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.s7.singles import real
 from dissect.s7.tables import BIT, CHAR, ELEMENT_OCTETS, WCHAR
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import civil
@@ -19,18 +19,7 @@ from dissect.wire.text import civil
 #: Decoded value of one item.
 Value = bool | int | float | str | list["bool | int | float | str | None"] | None
 
-_FLOAT: Final = struct.Struct(">f")
 _DOUBLE: Final = struct.Struct(">d")
-#: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
-_HALF_STEP: Final = [2.0 ** (max(exponent, 1) - 127 - 24) for exponent in range(256)]
-#: Digits to begin with, by exponent field. Seven print what people write, except where the steps are wider than the seventh
-#: digit (just above a power of two that begins with nine, such as 2**-10 = 0.000976…) and among the subnormal numbers.
-_FIRST_DIGITS: Final = bytes(
-    [
-        1 if exponent == 0 else 6 if 2 * step > 10.0 ** (math.floor(math.log10(2.0 ** (exponent - 127))) - 6) else 7
-        for exponent, step in enumerate(_HALF_STEP)
-    ]
-)
 _MS_PER_DAY: Final = 86_400_000
 #: Fewer characters than these may be a chance.
 LEAST_TEXT: Final = 4
@@ -103,8 +92,11 @@ def spelled(octets: bytes) -> str:
     size: i64 = len(octets)
     if size < LEAST_TEXT:
         return ""
+    first: i64 = octets[0]
     present: i64 = octets[1]
-    said: bool = present <= octets[0] and LEAST_TEXT <= present <= size - 2
+    said: bool = present <= first and LEAST_TEXT <= present <= size - 2
+    if not said and (first < 0x20 or first >= 0x7F):
+        return ""  # most octets are no text, and show it at once
     content = octets[2 : 2 + present] if said else octets.rstrip(b"\0 ")
     if len(content) < LEAST_TEXT:
         return ""
@@ -112,39 +104,6 @@ def spelled(octets: bytes) -> str:
         if octet < 0x20 or octet >= 0x7F:
             return ""
     return content.decode("ascii")
-
-
-def real(octets: bytes) -> float:
-    """Return an IEEE 754 single as the shortest decimal that reads back to the same four octets."""
-    return float(real_text(octets))
-
-
-def real_text(octets: bytes) -> str:
-    """Return an IEEE 754 single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
-
-    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded; %g
-    drops the zeros of numbers with fewer digits than asked for, and nine digits always do.
-    """
-    exact: float = _FLOAT.unpack(octets)[0]
-    exponent: i64 = (u16(octets, 0) >> 7) & 0xFF
-    if exponent == 255:
-        return repr(exact)
-    half_step: float = _HALF_STEP[exponent]
-    if exponent > 1 and octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
-        half_step *= 0.5  # below a power of two the steps are half as wide
-    digits: i64 = _FIRST_DIGITS[exponent]
-    while digits < 7:
-        text = f"{exact:.{digits}g}"
-        if abs(float(text) - exact) < half_step:
-            return text
-        digits += 1
-    text = f"{exact:.7g}"
-    if abs(float(text) - exact) < half_step:
-        return text
-    text = f"{exact:.8g}"
-    if abs(float(text) - exact) < half_step:
-        return text
-    return f"{exact:.9g}"
 
 
 def bcd(*octets: int) -> int | None:

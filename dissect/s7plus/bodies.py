@@ -56,7 +56,7 @@ from dissect.s7plus.tables import (
     VERSIONS,
 )
 from dissect.s7plus.value_reading import read_members, read_value
-from dissect.s7plus.walk import EXHAUSTED, FormatError, Walk
+from dissect.s7plus.walk import EXHAUSTED, FormatError, Walk, Wanted
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: Reads the body of a function; what it leaves is the end of the PDU.
@@ -65,11 +65,11 @@ Reader = Callable[[Walk, Contents], None]
 _DETAILS: Final = 62  # bit of the return value: an object with details follows
 
 
-def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0) -> Contents:
+def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Wanted | None = None) -> Contents:
     """Read what a PDU carries behind its head. Never raises.
 
     Offsets are within ``pdu.data``; ``shown`` false leaves the parts out. ``most`` bounds the work (`Walk`): what a PDU that
-    takes more holds is not known (`Contents.exhausted`).
+    takes more holds is not known (`Contents.exhausted`). With ``wanted`` what nobody will ask for is left out.
     """
     found = Contents(pdu)
     if pdu.version == KEEP_ALIVE or pdu.version not in VERSIONS:
@@ -78,7 +78,7 @@ def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0) -> Contents:
     size = head.size if head is not None else 1
     if len(pdu.data) < size:
         return found
-    walk = Walk(pdu.data, size, len(pdu.data), shown, most)
+    walk = Walk(pdu.data, size, len(pdu.data), shown, most, wanted)
     try:
         _read(walk, found, pdu)
         walk.rest(found.malformed)

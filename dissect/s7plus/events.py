@@ -10,15 +10,17 @@ from typing import Final
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
-from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.program import TYPE_INFO
 from dissect.s7plus.program_tables import LANGUAGES, OPERATING_STATES, STATE_REQUESTS
 from dissect.s7plus.session import (
+    ASKED_OF_OBJECTS,
     CPU_EXEC_UNIT,
     CPU_PROXY,
     IDENTIFICATION,
     IN_VARIABLE,
+    NAME,
     OPERATING_MODE,
     OPERATING_STATE,
     REFERENCE_LIST,
@@ -28,7 +30,8 @@ from dissect.s7plus.session import (
     PlusSession,
     reference_list_of,
 )
-from dissect.s7plus.summary import NAME, single_address
+from dissect.s7plus.skipping import table
+from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
     BEGIN_SEQUENCE,
@@ -46,7 +49,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_showing import value_text
 from dissect.s7plus.values import Value
-from dissect.s7plus.walk import MAX_WORK
+from dissect.s7plus.walk import MAX_WORK, Wanted
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
@@ -82,6 +85,8 @@ _NUMBER: Final = 2521
 _LANGUAGE: Final = 2523
 #: Attributes that hold the code of a block.
 _CODE: Final = frozenset((2533, 2580))
+#: Attributes of objects that are read, those that are only sought included.
+_WANTED: Final = table(ASKED_OF_OBJECTS | _CODE | {NAME, _NUMBER, _LANGUAGE, _CYCLE})
 _OUTPUTS: Final = frozenset((81,))
 #: Blocks that are named.
 _NAMED: Final = 5
@@ -162,7 +167,7 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
     facts = Facts()
     asked = _read(request, facts)
     _judge_integrity(session, facts, *asked)
-    told = _read(response, facts) if response else None
+    told = _read(response, facts, _state_items(function, asked[1])) if response else None
     answer = told[1] if told is not None and told[0].function == function else None
     good = answer is None or (told is not None and told[0].return_code < 0x8000)
     _judge(session, facts, function, asked[1], answer, good)
@@ -210,9 +215,20 @@ def _replayed(function: str, id_: int) -> str:
     return f"{function} has integrity id {id_} again, or a lower one than before"
 
 
-def _read(octets: bytes, facts: Facts) -> tuple[PlusPdu, Contents]:
-    pdu = parse_plus(octets)
-    found = parse_contents(pdu, False, MAX_WORK)
+def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
+    """Return the numbers of the items by which a request asks for the operating state; None for all, where there are others."""
+    if function != GET_MULTI_VARIABLES:
+        return None
+    return frozenset([number for number, address in enumerate(asked.addresses, 1) if _is_state(address)])
+
+
+def _is_state(address: Address) -> bool:
+    return address.area == CPU_EXEC_UNIT and address.lids[-1:] == [OPERATING_STATE]
+
+
+def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> tuple[PlusPdu, Contents]:
+    pdu = parsed(octets)
+    found = parse_contents(pdu, False, MAX_WORK, Wanted(_WANTED, items))
     facts.exhausted = facts.exhausted or found.exhausted
     if pdu.whole and not pdu.malformed:
         for fact in found.malformed:
@@ -319,7 +335,7 @@ def _subscription(session: PlusSession, one: PlusObject, id_: int) -> Event:
 
 def _explored(session: PlusSession, facts: Facts, told: Contents) -> None:
     session.program.learn(told.objects)
-    found = [one for one in every_object(told.objects) if any([one.find(id_) is not None for id_ in _CODE])]
+    found = [one for one in every_object(told.objects) if any([one.holds(id_) for id_ in _CODE])]
     if found:
         facts.events.append(Event(READ_OUT, _blocks(found)))
 
@@ -400,7 +416,7 @@ def _states(session: PlusSession, facts: Facts, asked: Contents, told: Contents 
     values = dict(told.items) if told is not None else {}
     for number, address in enumerate(asked.addresses, 1):
         value = values.get(number)
-        if value is not None and address.lids[-1:] == [OPERATING_STATE] and address.area == CPU_EXEC_UNIT:
+        if value is not None and _is_state(address):
             _state(session, facts, value)
 
 

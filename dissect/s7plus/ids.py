@@ -27,6 +27,9 @@ AREAS: Final[dict[int, str]] = {80: "I", 81: "Q", 82: "M", 83: "C", 84: "T"}
 SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
 #: Those of them by which a client logs in.
 PASSWORDS: Final = frozenset((304, 1846))
+#: How the names of objects and of classes begin or end.
+_OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class")
+_CLASS: Final = ".Class_Rid"
 #: Stands in the place of a value that is hidden.
 HIDDEN: Final = "not shown"
 
@@ -57,7 +60,13 @@ def short_name(number: int) -> str:
 
 
 def member_name(number: int) -> str:
-    """Return what an attribute or a member is called, without its class: ``OperatingState``, ``1845``."""
+    """Return what an attribute or a member is called, without its class: ``OperatingState``, ``1845``.
+
+    An element of an array stands there by its index, which is no member even where an object or a class has the same number.
+    """
+    row = IDS.get(number)
+    if row is not None and (row.name.startswith(_OBJECTS) or row.name.endswith(_CLASS)):
+        return str(number)
     return short_name(number).rpartition(".")[2]
 
 

@@ -176,7 +176,32 @@ def parse_plus(
         _read_head(pdu)
         if not pdu.whole and not cut and not pdu.malformed:
             pdu.tell("too_short", "trailer", size, size + _HEADER, size)
+    if size <= _SMALL and not cut:
+        _LATEST.pdu = pdu
     return pdu
+
+
+class _Latest:
+    """The PDU that was parsed last, while it is small."""
+
+    __slots__ = ("pdu",)
+
+    def __init__(self) -> None:
+        self.pdu: PlusPdu | None = None
+
+
+_LATEST: Final = _Latest()
+#: Octets of the largest PDU that is remembered.
+_SMALL: Final = 4096
+
+
+def parsed(octets: bytes) -> PlusPdu:
+    """Return the PDU of these octets, which are whole; the one that was parsed last where it has the same.
+
+    Its frame, time and connection mean nothing. Never raises.
+    """
+    latest = _LATEST.pdu
+    return latest if latest is not None and latest.octets == octets else parse_plus(octets)
 
 
 def _read_event(pdu: PlusPdu, octets: bytes) -> None:

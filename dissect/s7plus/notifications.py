@@ -75,15 +75,15 @@ def _items(walk: Walk, found: Contents) -> None:
         if kind == VALUE_ITEM:
             reference = walk.fixed(4, "reference")
             layout = layouts.NOTIFIED_VALUE
-            found.items.append((reference, read_value(walk, layout, at, f"{reference}: ")))
+            found.items.append((reference, read_value(walk, layout, at, f"{reference}: " if walk.shown else "")))
         elif kind == VALUE_ITEM_VLQ:
             reference = walk.number(VLQ, "reference")
             layout = layouts.NOTIFIED_VALUE_VLQ
-            found.items.append((reference, read_value(walk, layout, at, f"{reference}: ")))
+            found.items.append((reference, read_value(walk, layout, at, f"{reference}: " if walk.shown else "")))
         elif kind in {REFUSED_ITEM, REFUSED_ITEM_3}:
             reference = walk.fixed(4, "reference")
             found.refusals.append((reference, kind))
-            walk.part(layouts.NOTIFIED_REFUSAL, at, f"{reference}: refused")
+            walk.part(layouts.NOTIFIED_REFUSAL, at, f"{reference}: refused" if walk.shown else "")
         elif kind == OBJECTS_ITEM:
             walk.part(layouts.NOTIFIED_KIND, at)
             found.objects.extend(objects_of(read_elements(walk)))

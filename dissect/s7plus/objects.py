@@ -5,7 +5,7 @@ from __future__ import annotations
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import ATTRIBUTE, OBJECT, OBJECT_END, OBJECT_HELD, RELATION
-from dissect.s7plus.skipping import Skipper
+from dissect.s7plus.skipping import Skipper, passed
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
     NAMES_TAG,
@@ -89,6 +89,10 @@ class PlusObject:
                 return element.value
         return None
 
+    def holds(self, id_: int) -> bool:
+        """Tell whether there is an attribute, without reading it."""
+        return any([isinstance(element, Attribute) and element.id == id_ for element in self.elements])
+
     def relation(self, id_: int) -> int:
         """Return the id of the object that a relation leads to, 0 when there is no such relation."""
         for element in self.elements:
@@ -139,9 +143,18 @@ Element = Attribute | Relation | PlusObject | VariableList | NameList | TagDescr
 
 
 def read_elements(walk: Walk) -> list[Element]:
-    """Read elements one behind the other, up to an octet that is no tag of one. Raises `FormatError`."""
+    """Read elements one behind the other, up to an octet that is no tag of one. Raises `FormatError`.
+
+    Of a walk that wants some attributes only, relations and the other attributes are left out, as far as they are sound.
+    """
     elements: list[Element] = []
     while True:
+        wanted = walk.wanted
+        if wanted is not None:
+            skipper = Skipper(walk.octets, walk.at, walk.end)
+            skipper.attributes(wanted.attributes, walk.depth)
+            walk.at = skipper.at
+            walk.spend(skipper.spent, "value")
         tag = walk.peek()
         start = walk.at
         if tag == ATTRIBUTE_TAG:
@@ -173,12 +186,8 @@ def _read_attribute(walk: Walk, start: int, id_: int) -> Attribute:
     if walk.shown:
         return Attribute(id_, read_value(walk, ATTRIBUTE, start, f"{id_name(id_)} = ", id_))
     at = walk.at
-    if id_ not in COMPRESSED:
-        skipper = Skipper(walk.octets, at, walk.end)
-        if skipper.value(walk.depth):
-            walk.at = skipper.at
-            walk.spend(skipper.spent, "value")
-            return Attribute(id_, None, walk.octets, at, walk.at)
+    if id_ not in COMPRESSED and passed(walk):
+        return Attribute(id_, None, walk.octets, at, walk.at)
     return Attribute(id_, read_value(walk, ATTRIBUTE, start, "", id_))
 
 

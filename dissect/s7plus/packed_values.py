@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from dissect.s7.values import date_and_time, date_text, duration, real_text, s5time, time_of_day
+from dissect.s7.singles import real_text
+from dissect.s7.values import date_and_time, date_text, duration, s5time, time_of_day
 from dissect.s7plus.program import Program
 from dissect.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
 from dissect.s7plus.program_values import DATE_AND_TIME, DTL, DTL_SIZE, DTL_STRUCT, STRING, WSTRING

@@ -6,14 +6,18 @@ from typing import Final
 
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.ids import id_name
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, id_name
 from dissect.s7plus.objects import objects_of, read_elements
 from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS, RETURN_CODES
+from dissect.s7plus.skipping import is_wanted, passed
 from dissect.s7plus.value_reading import read_members, read_value
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.s7plus.walk import STEP, FormatError, Walk, Wanted
 from dissect.wire.varint import VLQ, VLQ64
 
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
+#: The qualifier of every capture, with its three members, and what reading those costs.
+_USUAL_QUALIFIER: Final = _QUALIFIER + bytes.fromhex("896900120000000089 6a001300 896b000400 00")
+_COST: Final = 3 * STEP
 
 
 def take_return_value(walk: Walk) -> int:
@@ -60,6 +64,10 @@ def take_reserved(walk: Walk, size: int) -> None:
 def take_qualifier(walk: Walk) -> None:
     """Read the qualifier, which was the same in every capture. Raises `FormatError`."""
     at = walk.at
+    if not walk.shown and walk.octets.startswith(_USUAL_QUALIFIER, at, walk.end):
+        walk.at = at + len(_USUAL_QUALIFIER)
+        walk.spend(_COST, "qualifier")
+        return
     if walk.take(4, "qualifier") != _QUALIFIER:
         raise FormatError("bad_value", "qualifier", at, 1256, int.from_bytes(walk.octets[at : at + 4], "big"))
     walk.part(layouts.QUALIFIER, at)
@@ -122,7 +130,19 @@ def take_values(walk: Walk, found: Contents, count: int) -> None:
     for _ in range(count):
         at = walk.at
         number = walk.number(VLQ, "item")
+        if walk.wanted is not None and not _is_asked_for(walk.wanted, found, number) and passed(walk):
+            continue
         found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
+
+
+def _is_asked_for(wanted: Wanted, found: Contents, number: int) -> bool:
+    """Tell whether an item is a variable of the program, or an attribute that somebody will ask for."""
+    if not 0 < number <= len(found.addresses):
+        return True
+    address = found.addresses[number - 1]
+    if address.area in AREAS or address.area >> 16 in BLOCK_KINDS:
+        return True
+    return is_wanted(wanted.attributes, address.lids[-1] if address.lids else address.sub_area)
 
 
 def _item_number(walk: Walk) -> int:
@@ -137,7 +157,10 @@ def _item_number(walk: Walk) -> int:
 def take_values_to_end(walk: Walk, found: Contents) -> None:
     """Read numbers with values up to the number 0."""
     at = walk.at
+    items = walk.wanted.items if walk.wanted is not None else None
     while number := _item_number(walk):
+        if items is not None and number not in items and passed(walk):
+            continue
         found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
         at = walk.at
 

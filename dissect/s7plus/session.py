@@ -17,6 +17,8 @@ from dissect.s7plus.values import Blob, Struct, Value
 SUBSCRIPTION: Final = 1001
 SERVER_SESSION: Final = 287
 REFERENCE_LIST: Final = 1048
+#: Attribute that holds the name of an object.
+NAME: Final = 233
 _APPLICATION: Final = 297
 _HOST: Final = 298
 _ROLE: Final = 299
@@ -32,6 +34,10 @@ SESSION_KEY: Final = 1830
 IDENTIFICATION: Final = 3753
 CPU_PROXY: Final = 49
 CPU_EXEC_UNIT: Final = 52
+#: Attributes of objects that are asked for here.
+ASKED_OF_OBJECTS: Final = frozenset((
+    REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _CLIENT_ID, _SESSION_VERSION, _CHALLENGE,
+))  # fmt: skip
 OPERATING_STATE: Final = 3486
 
 _NEW_LIST: Final = 0x80000000
@@ -151,7 +157,7 @@ class PlusSession:
         """Take the request that opens a session: its object says who the client is."""
         for one in asked.objects:
             if one.class_id == SERVER_SESSION:
-                self.session_name = one.text(233)
+                self.session_name = one.text(NAME)
                 self.application = one.text(_APPLICATION)
                 self.client_id = one.text(_CLIENT_ID)
                 self.host = one.text(_HOST)
@@ -170,7 +176,7 @@ class PlusSession:
             version = one.find(_SESSION_VERSION)
             if version is not None:
                 self._identify(version)
-            if one.find(_CHALLENGE) is not None:
+            if one.holds(_CHALLENGE):
                 self.challenged = True
 
     def _identify(self, version: Value) -> None:

@@ -10,8 +10,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.blobs import COMPRESSED
-from dissect.s7plus.tables import VARIABLE_NUMBERS
+from dissect.s7plus.blobs import COMPRESSED, may_swell
+from dissect.s7plus.tables import ATTRIBUTE_TAG, RELATION_TAG, VARIABLE_NUMBERS
 from dissect.s7plus.value_tables import (
     ADDRESS_ARRAY,
     ARRAY,
@@ -24,7 +24,7 @@ from dissect.s7plus.value_tables import (
     WSTRING,
     is_packed,
 )
-from dissect.s7plus.walk import MAX_DEPTH, STEP
+from dissect.s7plus.walk import MAX_DEPTH, STEP, Walk
 from dissect.wire.octets import u16
 from dissect.wire.varint import VLQ, read_varint
 
@@ -33,12 +33,34 @@ _OTHER: Final = 0x80
 _SIZES: Final = bytes([FIXED_SIZES.get(type_, _OTHER) for type_ in range(256)])
 #: Structures inside each other that are passed over; deeper ones are read.
 _MAX_NESTED: Final = 8
+#: Octets of the id of an object.
+_RID: Final = 4
 #: Of a list of variables (`dissect.s7plus.variables`): its id, a variable without its numbers, its attributes within that, and
 #: by their highest four bits how many numbers of four octets there are.
 _LIST_ID: Final = 4
 _VARIABLE: Final = 16
 _ATTRIBUTES: Final = 9
 _NUMBERS: Final = bytes(VARIABLE_NUMBERS)
+#: What a table of attributes says of one: it may hold compressed blobs, or somebody wants it.
+_CAREFUL: Final = 1
+_WANTED: Final = 2
+#: Ids that such a table knows; attributes have at most two octets of seven bits.
+_IDS: Final = 1 << 14
+
+
+def table(wanted: frozenset[int]) -> bytes:
+    """Return for each id of an attribute whether it is among those that are wanted, for `Skipper.attributes`."""
+    said = bytearray(_IDS)
+    for id_ in COMPRESSED:
+        said[id_] = _CAREFUL
+    for id_ in wanted:
+        said[id_] = _WANTED
+    return bytes(said)
+
+
+def is_wanted(wanted: bytes, id_: int) -> bool:
+    """Tell whether a table wants an attribute; it does not know ids beyond its own, and so wants them."""
+    return id_ >= len(wanted) or wanted[id_] == _WANTED
 
 
 def _is_passed(type_: i64) -> bool:
@@ -52,11 +74,12 @@ class Skipper:
     ``spent`` is the work that reading them would cost.
     """
 
-    __slots__ = ("_end", "_octets", "at", "spent")
+    __slots__ = ("_careful", "_end", "_octets", "at", "spent")
 
     def __init__(self, octets: bytes, at: i64, end: i64) -> None:
         self._octets: bytes = octets
         self._end: i64 = end
+        self._careful = False
         self.at: i64 = at
         self.spent: i64 = 0
 
@@ -95,6 +118,36 @@ class Skipper:
             count -= 1
         return True
 
+    def attributes(self, wanted: bytes, depth: i64) -> None:
+        """Pass over attributes that nobody wants, and relations, up to something else, whose tag is then at ``at``.
+
+        ``wanted`` is made by `table`. Blobs that may become large are left to be read.
+        """
+        octets = self._octets
+        while True:
+            start: i64 = self.at
+            if start + 2 > self._end:
+                return
+            tag: i64 = octets[start]
+            if tag != ATTRIBUTE_TAG and tag != RELATION_TAG:
+                return
+            spent: i64 = self.spent
+            self.at = start + 1
+            id_ = self._number()
+            if tag == RELATION_TAG:
+                passed: bool = id_ >= 0 and self.at + _RID <= self._end
+                self.at += _RID
+            elif id_ < 0 or id_ >= _IDS or wanted[id_] == _WANTED:
+                passed = False
+            else:
+                self._careful = wanted[id_] == _CAREFUL
+                passed = self.value(depth)
+                self._careful = False
+            if not passed:
+                self.at = start
+                self.spent = spent
+                return
+
     def _number(self) -> i64:
         """Return a number of at most 32 bits without sign, -1 for none."""
         at: i64 = self.at
@@ -120,8 +173,11 @@ class Skipper:
             size = self._number()
             if size < 0:
                 return False
-            self.at += size
-            return self.at <= self._end
+            begin: i64 = self.at
+            self.at = begin + size
+            if self.at > self._end:
+                return False
+            return not (self._careful and type_ == BLOB and may_swell(self._octets[begin : self.at]))
         kind = VARIABLE_SIZES.get(type_, 0)
         if kind == 0:
             return False  # a Variant, or no type at all
@@ -161,6 +217,16 @@ class Skipper:
                 return id_ == 0
             if id_ in COMPRESSED or not self.value(depth, nested + 1):
                 return False
+
+
+def passed(walk: Walk) -> bool:
+    """Pass over the value at which a walk is; False, and nothing is done, where it must be read."""
+    skipper = Skipper(walk.octets, walk.at, walk.end)
+    if not skipper.value(walk.depth):
+        return False
+    walk.at = skipper.at
+    walk.spend(skipper.spent, "value")
+    return True
 
 
 def pass_variables(octets: bytes, at: i64, limit: i64) -> tuple[i64, i64]:

@@ -13,6 +13,7 @@ from dissect.s7plus.ids import short_name
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.pieces import return_note
+from dissect.s7plus.session import NAME
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
@@ -26,8 +27,6 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_showing import value_said, value_text
 
-#: Attribute that holds the name of an object.
-NAME: Final = 233
 #: Things that are named; of more of them the number is told.
 _NAMED: Final = 8
 

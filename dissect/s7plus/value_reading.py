@@ -19,14 +19,14 @@ from dissect.s7plus.value_tables import (
     SIGNED_TYPES,
     SPARSE_ARRAY,
     STRUCT,
-    VALUE_TYPES,
+    TYPE_NAMES,
     VARIABLE_SIZES,
     VARIANT,
     WSTRING,
     is_packed,
 )
 from dissect.s7plus.values import DOUBLE, FLOAT, Blob, Member, Packed, Rows, Struct, Value
-from dissect.s7plus.walk import STEP, FormatError, Walk
+from dissect.s7plus.walk import STEP, FormatError, Walk, big_endian
 from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ
 
@@ -52,7 +52,7 @@ def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int
 
 
 def _read_content(walk: Walk, flags: int, type_: int) -> object:
-    if type_ not in VALUE_TYPES:
+    if not TYPE_NAMES[type_]:
         raise FormatError("unknown_type", "type", walk.at - 1, 0, type_)
     if flags & SPARSE_ARRAY:
         pairs: list[tuple[int, object]] = []
@@ -73,7 +73,8 @@ def _read_one(walk: Walk, type_: int) -> object:
     """Read one element without its flags and type."""
     size = FIXED_SIZES.get(type_, 0)
     if size:
-        octets = walk.take(size, VALUE_TYPES.name(type_))
+        at = walk.at
+        octets = walk.take(size, TYPE_NAMES[type_])
         if type_ == REAL:
             single: float = FLOAT.unpack(octets)[0]
             # A signalling NaN does not survive the way through a double, so its octets are kept.
@@ -81,13 +82,15 @@ def _read_one(walk: Walk, type_: int) -> object:
         if type_ == LREAL:
             double: float = DOUBLE.unpack(octets)[0]
             return double
-        number = int.from_bytes(octets, "big", signed=type_ in SIGNED_TYPES)
+        number = big_endian(walk.octets, at, size)
+        if number >> 8 * size - 1 and type_ in SIGNED_TYPES:
+            number -= 1 << 8 * size
         if type_ == BOOL and number < 2:
             return number != 0  # not as a conditional expression: compiled, that is a number
         return number
     kind = VARIABLE_SIZES.get(type_, 0)
     if kind:
-        return walk.number(kind, VALUE_TYPES.name(type_))
+        return walk.number(kind, TYPE_NAMES[type_])
     if type_ == WSTRING:
         octets = walk.take(walk.counted(VLQ, "length"), "text")
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from dissect.s7.values import real_text
+from dissect.s7.singles import real_text
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.program_tables import MEANINGS
 from dissect.s7plus.value_tables import AID, BIT_TYPES, FIXED_SIZES, NULL, REAL, RID, TIMESPAN, TIMESTAMP, WSTRING

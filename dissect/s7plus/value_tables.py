@@ -75,6 +75,9 @@ VALUE_TYPES: Final = CodeTable("S7comm-plus value type", 2, [
     (STRUCT, "Struct", "An id, then members with ids, or packed bytes."),
 ])  # fmt: skip
 
+#: Their names by number, empty for what is no type: a look into a tuple where every value passes.
+TYPE_NAMES: Final = tuple([VALUE_TYPES.name(type_) if type_ in VALUE_TYPES else "" for type_ in range(256)])
+
 #: Octets of the types that have a fixed size.
 FIXED_SIZES: Final[dict[int, int]] = {
     BOOL: 1, USINT: 1, SINT: 1, BYTE: 1, UINT: 2, INT: 2, WORD: 2, DWORD: 4, REAL: 4, RID: 4, LWORD: 8, LREAL: 8, TIMESTAMP: 8,

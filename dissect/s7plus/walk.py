@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.blobs import MAX_INFLATED
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
+from dissect.wire.octets import u16, u32
 from dissect.wire.part import OCTETS, SURPLUS, Part
 from dissect.wire.varint import VLQ64, read_varint
 
@@ -34,12 +37,38 @@ class FormatError(Exception):
         self.available = available
 
 
+def big_endian(octets: bytes, at: int, size: int) -> int:
+    """Return the ``size`` octets at ``at``, which must be there, as a number."""
+    if size == 1:
+        return octets[at]
+    if size == 2:
+        return int(u16(octets, at))
+    if size == 4:
+        return int(u32(octets, at))
+    return int.from_bytes(octets[at : at + size], "big")
+
+
+class Wanted:
+    """What somebody will ask for, so that the rest may be passed over.
+
+    ``attributes`` are those of objects (`dissect.s7plus.skipping.table`), and those whose written values are; ``items`` the
+    numbers of the values in an answer, None for all.
+    """
+
+    __slots__ = ("attributes", "items")
+
+    def __init__(self, attributes: bytes, items: frozenset[int] | None = None) -> None:
+        self.attributes = attributes
+        self.items = items
+
+
 class Walk:
     """Walks over ``octets[at:end]`` and raises `FormatError` where they end too soon.
 
     ``parts`` are cut only with ``shown``. Values, objects and elements of arrays count against a ``budget``: by default more
     than the octets can hold, so that only elements without octets are stopped; with ``most`` the walk ends there, which is no
     fault of its sender; such a walk is ``hurried``, and compressed blobs are inflated only where they may swell (`may_swell`).
+    ``wanted`` is what somebody will ask for, None for everything.
     ``blobs`` are (offset, end) of these blobs, ``faults`` what does not stop the walk.
     """
 
@@ -57,10 +86,14 @@ class Walk:
         "parts",
         "parts_end",
         "shown",
+        "wanted",
     )
 
-    def __init__(self, octets: bytes, at: int, end: int, shown: bool, most: int = 0) -> None:
+    def __init__(
+        self, octets: bytes, at: int, end: int, shown: bool, most: int = 0, wanted: Wanted | None = None
+    ) -> None:
         self.octets = octets
+        self.wanted = wanted
         self.at = at
         self.end = min(end, len(octets))
         self.shown = shown
@@ -94,7 +127,10 @@ class Walk:
 
     def fixed(self, size: int, field: str) -> int:
         """Read a number of ``size`` octets."""
-        return int.from_bytes(self.take(size, field), "big")
+        at = self.at
+        self.need(size, field)
+        self.at = at + size
+        return big_endian(self.octets, at, size)
 
     def take(self, size: int, field: str) -> bytes:
         """Read ``size`` octets."""
@@ -106,9 +142,16 @@ class Walk:
     def number(self, kind: int, field: str) -> int:
         """Read a number of variable size (dissect.wire.varint)."""
         at = self.at
-        if kind >= VLQ64 and at < self.end and self.octets[at] < 0x80:
-            self.at = at + 1  # unsigned, of one octet, as most are
-            return self.octets[at]
+        octets = self.octets
+        if kind >= VLQ64 and at + 1 < self.end:  # unsigned; most have one octet or two
+            first: i64 = octets[at]
+            if first < 0x80:
+                self.at = at + 1
+                return int(first)
+            second: i64 = octets[at + 1]
+            if second < 0x80:
+                self.at = at + 2
+                return int((first & 0x7F) << 7 | second)
         value, end = read_varint(self.octets, at, self.end, kind)
         if end < 0:
             raise FormatError("too_short", field, self.at, max(1, self.left + 1), self.left)

@@ -166,6 +166,8 @@ class Station:
             last.value = fact.value
             last.source = fact.source
             last.again(frame, fact.time_ns)
+        elif fact.value == last.value:
+            last.again(frame, fact.time_ns)
         elif agree(fact.key, last.value, fact.value):
             last.value = max(last.value, fact.value, key=len)
             last.again(frame, fact.time_ns)

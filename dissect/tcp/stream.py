@@ -20,6 +20,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.wire.digits import SHORT
 from dissect.wire.octets import u16
 
 MASK: Final = 0xFFFFFFFF
@@ -337,7 +338,7 @@ _RESET_WINDOW: Final = 65536
 def address_text(address: bytes) -> str:
     """Return an IPv4 or IPv6 address (4 or 16 octets) as text; IPv6 in the RFC 5952 form."""
     if len(address) == 4:
-        return ".".join([str(octet) for octet in address])
+        return f"{SHORT[address[0]]}.{SHORT[address[1]]}.{SHORT[address[2]]}.{SHORT[address[3]]}"
     groups = [u16(address, i * 2) for i in range(8)]
     best_at: i64 = -1
     best_size: i64 = 1
@@ -358,11 +359,12 @@ def address_text(address: bytes) -> str:
 class Endpoint:
     """An address and a TCP port."""
 
-    __slots__ = ("address", "port")
+    __slots__ = ("_text", "address", "port")
 
     def __init__(self, address: bytes, port: int) -> None:
         self.address = address
         self.port = port
+        self._text: str = ""  # made when somebody first asks
 
     @property
     def host(self) -> str:
@@ -373,8 +375,10 @@ class Endpoint:
         return f"Endpoint({str(self)!r})"
 
     def __str__(self) -> str:
-        text = address_text(self.address)
-        return f"[{text}]:{self.port}" if len(self.address) == 16 else f"{text}:{self.port}"
+        if not self._text:
+            text = address_text(self.address)
+            self._text = f"[{text}]:{self.port}" if len(self.address) == 16 else f"{text}:{self.port}"
+        return self._text
 
 
 class TcpConnection:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from mypy_extensions import i64
+
 from dissect.s7.block_names import FILE_SYSTEMS
 from dissect.s7.parameters import UserdataHead
 from dissect.wire.part import Part
@@ -208,13 +210,17 @@ class Operation:
         self.parts += 1
         if len(self.transactions) < _KEPT:
             self.transactions.append(int(transaction.number))
-        for frame, time_ns in (
-            (transaction.request_frame, transaction.request_ns),
-            (transaction.response_frame, transaction.response_ns),
-        ):
-            if frame:
-                self.last_frame = max(self.last_frame, int(frame))
-                self.end_ns = max(self.end_ns, int(time_ns))
+        self._reach(transaction.request_frame, transaction.request_ns)
+        self._reach(transaction.response_frame, transaction.response_ns)
+
+    def _reach(self, frame: i64, time_ns: i64) -> None:
+        """Go on up to a packet and its time; frame 0 is none."""
+        if frame == 0:
+            return
+        if frame > self.last_frame:
+            self.last_frame = int(frame)
+        if time_ns > self.end_ns:
+            self.end_ns = int(time_ns)
 
     def odd(self, name: str, detail: str, frame: int) -> None:
         """Note that something contradicts itself."""

@@ -32,7 +32,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7.values import Value, decode_value
 from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
-from dissect.s7plus.message import parse_plus
+from dissect.s7plus.message import parsed
 from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.refusals import refuses_items
 from dissect.s7plus.tables import ERRORS, refuses
@@ -104,7 +104,7 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.error_code = told.err
         transaction.has_errors = told.refused
         return
-    pdu = parse_plus(transaction.response_octets)
+    pdu = parsed(transaction.response_octets)
     code: i64 = pdu.return_code
     if refuses(code):
         transaction.error_code = code

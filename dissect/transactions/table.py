@@ -63,16 +63,22 @@ class IdleSearch:
         if count == 0:
             return
         stop: i64 = min(self._at + LOOK_AT_ONCE, count)
+        full = len(self._longest) == MAX_FOUND
+        last_ns: i64 = -self._longest[0][0] if full else 0  # of the least idle one found
         for at in range(self._at, stop):
             side = self._sides[at]
             self.looks += 1
             if side.peer is None:
                 continue  # over
+            if full and side.tcp.last_ns > last_ns:
+                continue  # less idle than all of those: most are, and no entry has to be made for them
             entry = (-int(side.tcp.last_ns), -int(side.tcp.first_frame), int(at))
-            if len(self._longest) < MAX_FOUND:
-                heapq.heappush(self._longest, entry)
-            else:
+            if full:
                 heapq.heappushpop(self._longest, entry)
+            else:
+                heapq.heappush(self._longest, entry)
+                full = len(self._longest) == MAX_FOUND
+            last_ns = -self._longest[0][0]
         self._at = stop
         if stop == count:
             self._before = self._sides

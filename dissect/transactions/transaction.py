@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem, parse_data_items
+from dissect.s7.items import DATA_HEAD, DataItem, data_size_within, item_fill, parse_data_items
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, USERDATA, WRITE_VAR
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, USERDATA, WRITE_VAR
 from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -29,6 +29,7 @@ from dissect.transactions.results import (
     userdata_results,
     write_results,
 )
+from dissect.wire.octets import u16
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -358,6 +359,43 @@ class Transaction:
         if self.error_code and at >= end:
             return []  # refused as a whole: no items come back
         return parse_data_items(self.response_buf, at, end, answer.item_count, True, [])
+
+    def good_octets(self) -> list[bytes] | None:
+        """Return the octets of each item of a read in which all is well, so that no results need to be made; None for others.
+
+        Others are those with tags, and with items that ask for several areas.
+        """
+        answer = self.response_parameters
+        if (
+            answer is None
+            or self.has_errors
+            or self.outcome != ANSWERED
+            or self.parameters.function != READ_VAR
+            or answer.function != READ_VAR
+            or self.response_rosctr != ACK_DATA
+            or self.rosctr != JOB
+            or not self.request_size
+            or self.connection.naming is not None
+        ):
+            return None
+        items = self.parameters.items
+        count: i64 = len(items)
+        if answer.item_count != count:
+            return None
+        found: list[bytes] = []
+        buf = self.response_buf
+        at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        end: i64 = self.response_offset + self.response_size
+        for index in range(count):
+            if at + DATA_HEAD > end or buf[at] != SUCCESS or items[index].areas is not None:
+                return None
+            body: i64 = at + DATA_HEAD
+            size: i64 = data_size_within(buf[at + 1], u16(buf, at + 2), end - body)
+            if body + size > end:
+                return None
+            found.append(buf[body : body + size])
+            at = body + size + item_fill(size, index + 1 == count)
+        return found
 
     def written_items(self) -> list[DataItem]:
         """Return the data items of a write request; their offsets are within the buffer."""

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
+
+#: What each octet prints as.
+_PRINTED: Final = bytes([octet if 0x20 <= octet < 0x7F else ord(".") for octet in range(256)])
 
 
 def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
@@ -12,11 +16,13 @@ def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = (
     of octets that show as stars.
     """
     lines: list[str] = []
+    printed = octets.translate(_PRINTED).decode("ascii")
     for at in range(0, len(octets), 16):
         row = octets[at : at + 16]
-        left = row[:8].hex(" ")
-        right = row[8:].hex(" ")
-        text = "".join([chr(octet) if 0x20 <= octet < 0x7F else "." for octet in row])
+        pairs = row.hex(" ")
+        left = pairs[:23]
+        right = pairs[24:]
+        text = printed[at : at + 16]
         for begin, end in hidden:
             left, right, text = _starred(left, right, text, max(begin - at, 0), min(end - at, 16))
         lines.append(f"{start + at:>5}  {left:<23}  {right:<23}  {text}")

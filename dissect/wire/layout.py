@@ -119,7 +119,13 @@ class Field:
 
     def read(self, octets: bytes, offset: int) -> int:
         """Return the field's value in ``octets``, its octets starting at ``offset`` (big-endian)."""
-        value = int.from_bytes(octets[offset : offset + self.size], "big")
+        size = self.size
+        if size == 1:
+            value = octets[offset]
+        elif size == 2:
+            value = (octets[offset] << 8) | octets[offset + 1]
+        else:
+            value = int.from_bytes(octets[offset : offset + size], "big")
         if self.bits is not None:
             mask, shift = self.bits
             return (value & mask) >> shift

@@ -15,6 +15,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.wire.digits import SHORT, THREE
+
 #: Categories that are not shown as they are: control, format (bidi overrides, zero widths), surrogate, private, unassigned,
 #: line and paragraph separators.
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
@@ -87,6 +89,10 @@ _NS_PER_S: Final = 1_000_000_000
 
 def duration_text(ns: int) -> str:
     """Return nanoseconds in the unit that suits them, for example ``412 µs``, ``3.21 ms``, ``1.54 s``, ``2 h 5 min 0 s``."""
+    if 10_000 <= ns < 99_995_000:
+        short = _short_duration(ns)
+        if short:
+            return short
     size = abs(ns)
     if 0 < size < 10_000:
         return f"{ns / 1e3:.1f} µs"
@@ -105,6 +111,21 @@ def duration_text(ns: int) -> str:
     first = next(index for index, (number, _) in enumerate(units) if number)
     sign = "-" if ns < 0 else ""
     return sign + " ".join([f"{number} {unit}" for number, unit in units[first:]])
+
+
+def _short_duration(ns: i64) -> str:
+    """Return what `duration_text` says of most answer times, from 10 µs to 99.99 ms; empty where rounding meets a tie."""
+    rest: i64
+    if ns < 999_500:
+        rest = ns % 1000
+        if rest == 500:
+            return ""
+        return f"{SHORT[(ns + 500) // 1000]} µs"
+    rest = ns % 10_000
+    if rest == 5000:
+        return ""
+    hundredths: i64 = (ns + 5000) // 10_000
+    return f"{SHORT[hundredths // 100]}.{THREE[hundredths % 100][1:]} ms"
 
 
 def distance_text(ns: int) -> str:
@@ -133,7 +154,7 @@ class Clock:
     With ``local`` `moment` is in the time zone of this machine (``TZ``), else in UTC; `iso` is always in UTC.
     """
 
-    __slots__ = ("_local_second", "_local_text", "_second", "_text", "_zone", "local")
+    __slots__ = ("_local_second", "_local_text", "_moment", "_second", "_text", "_zone", "local")
 
     def __init__(self, local: bool = False) -> None:
         self.local: bool = local
@@ -142,26 +163,34 @@ class Clock:
         self._zone: str = "UTC"
         self._second: i64 = 0
         self._text: str = "1970-01-01T00:00:00."
+        self._moment: str = "1970-01-01 00:00:00."  # the same for a person
 
     def iso(self, time_ns: i64) -> str:
         """Return ISO 8601 in UTC with nanoseconds, for example ``2016-02-08T14:51:37.916123000Z``."""
         second: i64 = time_ns // _NS_PER_S
         if second != self._second:
-            day: i64 = second // _S_PER_DAY
-            rest: i64 = second % _S_PER_DAY
-            year, month, of_month = civil(day)
-            self._text = (
-                f"{year:04d}-{month:02d}-{of_month:02d}T{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}."
-            )
-            self._second = second
-        digits = str(_NS_PER_S + time_ns % _NS_PER_S)  # a leading 1 keeps the zeros
-        return f"{self._text}{digits[1:]}Z"
+            self._turn(second)
+        rest: i64 = time_ns % _NS_PER_S
+        return f"{self._text}{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z"
+
+    def _turn(self, second: i64) -> None:
+        """Write another second."""
+        day: i64 = second // _S_PER_DAY
+        rest: i64 = second % _S_PER_DAY
+        year, month, of_month = civil(day)
+        of_day = f"{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}."
+        self._text = f"{year:04d}-{month:02d}-{of_month:02d}T{of_day}"
+        self._moment = f"{year:04d}-{month:02d}-{of_month:02d} {of_day}"
+        self._second = second
 
     def moment(self, time_ns: i64) -> str:
         """Return a time for a person, with its zone: ``2016-02-08 14:51:37.916123 UTC``, local ``… +01:00``."""
         if not self.local:
-            day, _, of_day = self.iso(time_ns).partition("T")
-            return f"{day} {of_day[:15]} UTC"
+            second: i64 = time_ns // _NS_PER_S
+            if second != self._second:
+                self._turn(second)
+            rest: i64 = time_ns % _NS_PER_S
+            return f"{self._moment}{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]} UTC"
         self._localise(time_ns)
         digits = str(_NS_PER_S + time_ns % _NS_PER_S)
         return f"{self._local_text}.{digits[1:7]} {self._zone}"

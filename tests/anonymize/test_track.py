@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,9 +66,8 @@ def test_a_copy_shows_only_what_the_first_one_had() -> None:
     assert rendered(track, 2, b"cdXfgh") == b"cd\0fgh"
 
 
-def test_a_copy_of_what_is_forgotten_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "MAX_RECENT_OCTETS", 4)
-    room = Room()
+def test_a_copy_of_what_is_forgotten_shows_nothing() -> None:
+    room = Room(4)
     one, other = made(room), made(room)
     for track in (one, other):
         track.keep(0, 8)

@@ -14,12 +14,15 @@ from typing import Any
 
 import pytest
 
-from benchmarks.growth import MOST_GROWTH, MOST_MB, MOST_REPORT_MB, feed, packets_of
+from benchmarks.growth import MOST_MB, MOST_REPORT_MB, feed, packets_of
 from benchmarks.profiles import Extent, write_profile
 from benchmarks.streams import ENDLESS, FLOOD_FAULTS, NAMES, SMALL, flood_packets
 from dissect.wire.build import COMPILED
 
-GIB = 0.05
+#: As steep as what `benchmarks.growth` allows, 5 % in the last three quarters of 0.05 GiB. At the half of 0.03 GiB every
+#: bound of the engine was reached.
+GIB = 0.03
+MOST_GROWTH = 1.02
 
 
 @pytest.mark.measured
@@ -29,13 +32,13 @@ def test_memory_stays_flat(name: str, tmp_path: Path, record_property: Callable[
     """Time is for `benchmarks.growth`: no test may depend on how fast the machine is."""
     packets = packets_of(name, GIB, SMALL)
     told = feed([sys.executable], dict(os.environ), name, packets, SMALL, tmp_path)
-    first, *_, last = told["resident_kb"]
-    figures = f"memory {first} -> {last} KiB"
+    _, half, _, last = told["resident_kb"]
+    figures = f"memory {half} -> {last} KiB"
     record_property("figures", figures)
     assert told["build"] == "compiled"
     assert told["accounted"] == told["packets"] == packets
     if name in ENDLESS:  # the flood is promised to be counted in a short report
-        assert last <= MOST_GROWTH * first, figures
+        assert last <= MOST_GROWTH * half, figures
     assert told["peak_kb"] * 1024 <= MOST_MB * 1e6, figures
 
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import pytest
 
+from benchmarks import soak
 from benchmarks.generate import generate
 from benchmarks.soak_sender import Load
 from benchmarks.soak_trials import Trial, delays_ms
@@ -212,3 +213,25 @@ def test_memory_is_bounded(tmp_path: Path) -> None:
     assert told["connections"] == 24 * 4000 + 24
     assert last <= _MOST_GROWTH * second, told["resident_kb"]
     assert told["peak_kb"] * 1024 <= _MOST_MB * 1e6, told["peak_kb"]
+
+
+def test_busy_loops_run_beside_and_end_with_what_they_run_beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    class Loop(subprocess.Popen[bytes]):
+        def __init__(self, arguments: list[str]) -> None:
+            super().__init__(arguments)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Loop)
+    with soak.beside(2):
+        assert [loop.poll() for loop in started] == [None, None]
+    assert all(loop.returncode for loop in started)
+
+
+def test_the_rates_to_hold_can_be_chosen(capsys: pytest.CaptureFixture[str]) -> None:
+    assert soak.hold_rate("ring=250k") == ("ring", 250_000)
+    for wrong in ("scapy=1k", "ring", "ring=fast"):
+        with pytest.raises(SystemExit):
+            soak.main(["--hold-rate", wrong])
+        assert "packets" in capsys.readouterr().err

@@ -24,10 +24,10 @@ import click
 import pytest
 
 from dissect.cli.look import write_lines
-from dissect.cli.main import COMMANDS as ALL_COMMANDS
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE, group
 from dissect.report.styled import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
+from tests.cli.test_outputs import commands
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Packet, Talk
@@ -580,8 +580,8 @@ def test_the_options_of_several_commands_are_in_the_document() -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     there = [
         [*option.opts, *([option.metavar] if option.metavar else [])]
-        for name in ALL_COMMANDS
-        for option in equipped(name).params
+        for command in commands().values()
+        for option in command.params
         if isinstance(option, click.Option)
     ]
     for words in option_rows(text, COMMON):

@@ -146,6 +146,16 @@ def test_blocks_are_loaded_and_deleted() -> None:
     ]
 
 
+def test_their_blocks_do_not_load_the_rules_about_blocks_of_s7comm() -> None:
+    talk = begun()
+    made = bodies.create_object(3, NOTHING, block(0x8A320001, 2647, "Main", 4), integrity_id=1)
+    do(talk, 1, CREATE_OBJECT, made, b"\0\1" + bodies.number(0x8A320001))
+    assert ("security.program_change", "load OB1 'Main' (SCL)") in [
+        (slug, text.partition(",")[0]) for slug, text in said(talk)
+    ]
+    assert talk.pipeline.exchange.watch._blocks is None
+
+
 def explore(talk: Talk, number: int, answer: bytes = b"") -> None:
     body = bodies.rid(3) + b"\0\1\1\0\0\0" + bodies.end(4) + b"\0"
     talk.ask(framed(asked(number, EXPLORE, body=body), 3))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import os
 import pkgutil
 import re
 import subprocess
@@ -144,6 +145,16 @@ def fuzz(options: argparse.Namespace) -> int:
     return 1 if account.failed or process.returncode else 0
 
 
+def dice(options: argparse.Namespace) -> int:
+    """Run the target on the installed package, without a fuzzer; 1 when anything failed."""
+    # The folder of the tests last: what is installed must be found before the package of the tree.
+    begin = "import sys; sys.path.append('.'); from tests.fuzz.dice import main; sys.exit(main(sys.argv[1:]))"
+    arguments = [sys.executable, "-P", "-c", begin, options.target, str(options.seconds), str(options.seed)]
+    arguments += [str(options.artifacts.absolute()), *([str(options.corpus.absolute())] if options.corpus else [])]
+    others = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return subprocess.run(arguments, cwd=Path(__file__).parents[2], env=others, check=False).returncode
+
+
 def again(options: argparse.Namespace) -> int:
     """Run single inputs without a fuzzer, or make one of them smaller; 1 when any fails."""
     target = targets()[options.target][0]
@@ -169,10 +180,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
                         help="folder for inputs that fail (default: in the folder for temporary files)")  # fmt: skip
     parser.add_argument("--run", type=Path, nargs="+", help="run these inputs instead, without atheris")
     parser.add_argument("--minimise", action="store_true", help="with --run: make those that fail smaller")
+    parser.add_argument("--installed", action="store_true", help="the installed package, compiled: damaged seeds and inputs "
+                        "of --corpus without atheris, for --seconds of CPU time")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=0, help="with --installed: which damage is done (default 0)")
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.run:
         return again(options)
+    if options.installed:
+        return dice(options)
     if importlib.util.find_spec("atheris") is None:
         print(_HINT, file=sys.stderr)
         return 2

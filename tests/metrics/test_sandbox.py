@@ -35,7 +35,7 @@ def missing() -> str:
     if not privileges.is_root():
         return "only root enters the sandbox of a unit"
     if shutil.which("systemd-analyze") is None or sandbox.library() is None:
-        return "no systemd-analyze or no libseccomp (scripts/install-sandbox.sh)"
+        return "no systemd-analyze or no libseccomp (scripts/install-tools.sh)"
     return ""
 
 

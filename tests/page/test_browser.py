@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import pytest
 
-from tests.page.support import NAUGHTY, data_of, naughty_packets, page_of
+from dissect.page.rendering import Side, render
+from tests.page.support import NAUGHTY, data_of, gathered_of, naughty_packets, page_of
+from tests.promises import hostile
 from tests.properties.packets import EPOCH_NS, MS, Flow
 from tests.report.schemas import ROOT
-from tests.report.support import WORD, begun, read, saved
+from tests.report.support import UNSAFE, WORD, begun, read, saved
 
 if TYPE_CHECKING:
     from selenium.webdriver.chrome.webdriver import WebDriver
@@ -86,7 +88,7 @@ def browser() -> Iterator[Browser]:
     """One browser for all of these tests."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
-        pytest.skip("chromium or its driver is not installed (scripts/install-browser.sh)")
+        pytest.skip("chromium or its driver is not installed (scripts/install-tools.sh)")
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
@@ -277,22 +279,29 @@ def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str
 
 
 def test_text_from_the_wire_neither_runs_nor_breaks_the_layout(browser: Browser, folder: Path) -> None:
+    """What breaks pages, and the 200 strings that every output is given, in every place for a name."""
     name = "<img src=x onerror=window.hacked=1>.pcapng"
-    page = page_of(saved(folder / name, naughty_packets()))
+    captures = [saved(folder / name, naughty_packets()), hostile.write(folder / "\u202egnp.hostile.pcapng")]
+    gathered = gathered_of(captures)
+    page = render([Side(gathered, [path.name for path in captures])], "0", None)
     path = written(folder, "hostile", page)
+    assert UNSAFE.search(page.replace("\n", "")) is None
     for width in WIDTHS:
         browser.open(path, width)
         assert browser.run("return window.hacked") is None
         assert browser.overflow() <= 0, width
         shot(browser, f"hostile-{width}")
+    while browser.count("#table-connections .scroll + button:not([hidden])"):
+        browser.click("#table-connections .scroll + button")
     assert browser.console() == []
     assert browser.requests() == [path.as_uri()]
     assert browser.count("script") == 2
-    assert browser.count("iframe, base, img, meta[http-equiv=refresh]") == 0
-    assert browser.count("#table-connections tbody tr:not(.how)") == len(NAUGHTY)
+    assert browser.count("iframe, base, img, meta[http-equiv=refresh], [onclick], [onload], [onerror]") == 0
+    assert browser.count("#table-connections tbody tr:not(.how)") == len(NAUGHTY) + len(hostile.strings())
     shown = " ".join(browser.texts("#table-connections td"))
     assert "<script>window.hacked=1</script>" in shown
-    assert "\u202e" not in browser.run("return document.documentElement.textContent")
+    assert "{{7*7}}" in shown
+    assert UNSAFE.search(browser.run("return document.documentElement.textContent").replace("\n", "")) is None
 
 
 def test_two_sessions_are_overlaid(browser: Browser, folder: Path) -> None:

@@ -10,7 +10,7 @@ import re
 from importlib.resources import files
 
 from dissect.page.rendering import embedded
-from tests.page.support import NAUGHTY, data_of, page_of
+from tests.page.support import NAUGHTY, data_of, page_of, session_of
 from tests.report.schemas import ROOT
 
 STYLE = files("dissect.page").joinpath("page.css").read_text(encoding="utf-8")
@@ -59,6 +59,19 @@ def test_nothing_points_outside_or_stands_in_an_attribute_that_runs() -> None:
     ):
         assert word not in SCRIPT, word
     assert re.findall(r"https?://(?!www\.w3\.org/2000/svg)", SCRIPT) == []
+
+
+def test_a_column_of_texts_that_no_row_has_is_left_out() -> None:
+    columns = {}
+    for name in ("nodes7-poll", "szl"):
+        tables = session_of(page_of(ROOT / "captures" / f"{name}.pcapng"))["tables"]
+        assert all([len(row["cells"]) == len(table["columns"]) for table in tables for row in table["rows"]])
+        (devices,) = [table for table in tables if table["name"] == "devices"]
+        columns[name] = [column for column, _ in devices["columns"]]
+    assert {"order number", "firmware"} <= set(columns["szl"])
+    assert columns["nodes7-poll"] == [
+        "device", "role", "asks", "connections", "transactions", "median answer", "first seen",
+    ]  # fmt: skip
 
 
 def test_data_cannot_end_their_element() -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter, quoted
-from dissect.s7.values import real
+from dissect.s7.singles import real
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
 from tests.properties import messages

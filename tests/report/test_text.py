@@ -410,6 +410,11 @@ def test_a_narrow_terminal_wraps_between_words(width: int) -> None:
             assert pieces == [line.text]
 
 
+def test_lines_in_one_text_are_wrapped_one_by_one() -> None:
+    line = Line("  #5  Read Var  one two three\n\n  #6  Read", hang=16)
+    assert line.wrapped(24) == ["  #5  Read Var", "      one two three", "", "  #6  Read"]
+
+
 def test_wrapped_rows_hang_below_their_last_column() -> None:
     line = Line("  #5  Read Var  one two three", hang=16)
     assert line.wrapped(24) == ["  #5  Read Var", "      one two three"]  # too narrow to hang

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.report import tree as tree_module
 from dissect.report.tree import tpdu_tree_lines, tree_lines
 from dissect.s7 import layouts
 from dissect.s7.message import parse_pdu
@@ -19,6 +20,12 @@ ROW = re.compile(r" {6} *(?:(\d+)(?:-(\d+))?)? {2}(\S.{15,}?) (.*)")
 def tree(pdu: bytes, cut: bool = False) -> list[str]:
     """Return the tree of a PDU that one DT carries."""
     return list(tree_lines(parse_pdu(pdu, cut=cut), b"" if cut else dt(pdu)))
+
+
+def forget() -> None:
+    """Forget what the trees before have left to those that come."""
+    for kept in (tree_module._heads, tree_module._headers_kept, tree_module._bodies, tree_module._lines):
+        kept.clear()
 
 
 def rows(lines: list[str]) -> list[tuple[range, str, str]]:
@@ -227,6 +234,20 @@ def test_any_octets_have_a_tree(octets: bytes, cut: bool, begin: bytes, kept: in
     assert view(lines) == (pdu if cut else dt(pdu))
     assert not [line for line in lines if UNSAFE.search(line)]
     assert all(octet < len(dt(pdu)) for octet in covered(lines))
+
+
+def test_what_is_kept_of_a_tree_is_not_taken_for_another_one() -> None:
+    """A PDU that differs in one octet from the one before has the tree that it has alone."""
+    pdu = PDUS["read answer"]
+    before = tree(pdu)
+    for at in range(len(pdu)):
+        other = pdu[:at] + bytes((pdu[at] ^ 1,)) + pdu[at + 1 :]
+        for cut in (False, True):
+            forget()
+            alone = tree(other, cut)
+            forget()
+            assert tree(pdu) == before
+            assert tree(other, cut) == alone == tree(other, cut)
 
 
 @given(st.binary(max_size=60))

@@ -17,8 +17,6 @@ from dissect.s7.values import (
     date_text,
     decode_value,
     duration,
-    real,
-    real_text,
     s5time,
     time_of_day,
 )
@@ -150,91 +148,6 @@ def test_characters_are_kept_one_for_one(octets: bytes) -> None:
     text = decode_value(CHAR, octets)
     assert isinstance(text, str)
     assert text.encode("latin-1") == octets
-
-
-# ---- REAL -----------------------------------------------------------------------------------------------------------
-
-
-def digits_of(text: str) -> int:
-    """Significant digits of a number as it is written."""
-    mantissa = text.lower().partition("e")[0].lstrip("-").replace(".", "").strip("0")
-    return len(mantissa) or 1
-
-
-def is_well_inside(octets: bytes, number: float) -> bool:
-    """Tell whether a number lies nearer to a single than halfway to the nearer of its neighbours."""
-    bits = int.from_bytes(octets, "big") & 0x7FFFFFFF
-    exact = struct.unpack(">f", bits.to_bytes(4, "big"))[0]
-    below = struct.unpack(">f", (bits - 1).to_bytes(4, "big"))[0] if bits else -(2.0**-149)
-    above = struct.unpack(">f", (bits + 1).to_bytes(4, "big"))[0] if bits < 0x7F7FFFFF else 2.0**128
-    return bool(abs(abs(number) - exact) < min(above - exact, exact - below) / 2) or abs(number) == exact
-
-
-#: Singles: any, subnormal, near powers of two (which begin with nine at 2**-10), and what people write.
-SINGLES = st.one_of(
-    st.integers(0, 0xFFFFFFFF).map(lambda bits: bits.to_bytes(4, "big")),
-    st.integers(0, 0x7FFFFF).map(lambda bits: bits.to_bytes(4, "big")),
-    st.tuples(st.integers(1, 254), st.integers(-40, 40)).map(lambda at: ((at[0] << 23) + at[1]).to_bytes(4, "big")),
-    st.integers(9766, 9999).map(lambda number: struct.pack(">f", number * 1e-7)),
-    st.decimals(-100_000, 100_000, places=2).map(lambda number: struct.pack(">f", float(number))),
-)
-
-
-@given(SINGLES)
-def test_a_real_reads_back_to_the_same_octets(octets: bytes) -> None:
-    number = real(octets)
-    assert float(real_text(octets)) == number or math.isnan(number)
-    if math.isnan(number):
-        assert octets[0] & 0x7F == 0x7F
-        assert real_text(octets) == "nan"
-    else:
-        assert struct.pack(">f", number) == octets
-
-
-def test_powers_of_two_read_back() -> None:
-    """Below them the singles lie twice as close as above."""
-    for exponent in range(1, 255):
-        octets = (exponent << 23).to_bytes(4, "big")
-        assert struct.pack(">f", real(octets)) == octets
-
-
-@given(SINGLES)
-def test_a_real_is_written_as_short_as_can_be(octets: bytes) -> None:
-    exact = struct.unpack(">f", octets)[0]
-    if not math.isfinite(exact):
-        return
-    text = real_text(octets)
-    shorter = (f"{exact:.{digits}g}" for digits in range(1, digits_of(text)))
-    assert not any(is_well_inside(octets, float(candidate)) for candidate in shorter)
-
-
-@given(st.decimals(-9999, 9999, places=2))
-def test_what_people_write_is_what_they_see(number: object) -> None:
-    octets = struct.pack(">f", float(str(number)))
-    assert real(octets) == float(str(number))
-
-
-@pytest.mark.parametrize(
-    ("octets", "text"),
-    [
-        ("00000000", "0"),
-        ("80000000", "-0"),
-        ("3dcccccd", "0.1"),
-        ("3a80049d", "0.0009767"),
-        ("7f7fffff", "3.4028235e+38"),
-        ("ff7fffff", "-3.4028235e+38"),
-        ("00800000", "1.1754944e-38"),
-        ("00000001", "1e-45"),
-        ("80000001", "-1e-45"),
-        ("7f800000", "inf"),
-        ("ff800000", "-inf"),
-        ("7fc00000", "nan"),
-        ("ffffffff", "nan"),
-    ],
-)
-def test_single_reals(octets: str, text: str) -> None:
-    assert real_text(bytes.fromhex(octets)) == text
-    assert repr(real(bytes.fromhex(octets))) == repr(float(text))
 
 
 # ---- times ----------------------------------------------------------------------------------------------------------

@@ -87,6 +87,11 @@ def test_reading_attributes_of_an_object() -> None:
     ]
 
 
+def test_an_index_is_not_named_as_an_object_or_a_class_of_its_number() -> None:
+    labels = [Address(0, 201, 1081, [1]).label, Address(0, 201, 1037, [1001]).label, Address(0, 52, 2237, [3486]).label]
+    assert labels == ["ObjectRoot.1081.1", "ObjectRoot.1037.1001", "CPUexecUnit.DIS.OperatingState"]
+
+
 def test_writing_variables() -> None:
     found = whole(SET_MULTI_VARIABLES, bodies.set_multi([(LEVEL, FIVE), (WORD, Value(0, USINT, 1))]))
     assert [value.content for _, value in found.items] == [5, 1]

@@ -6,14 +6,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.layouts import VALUE
-from dissect.s7plus.objects import build_elements, read_elements
-from dissect.s7plus.skipping import Skipper, pass_names, pass_variables
+from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_elements, every_object, read_elements
+from dissect.s7plus.skipping import Skipper, is_wanted, pass_names, pass_variables, table
 from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.s7plus.values import build_value
 from dissect.s7plus.variables import NameList, Variable, VariableList, build_names, build_variables
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.s7plus.walk import MAX_WORK, FormatError, Walk, Wanted
 from tests.s7plus.strategies import OBJECTS, VALUES
 
 _VARIABLES = VariableList(
@@ -74,6 +75,61 @@ def test_objects_are_the_same_read_at_once_and_later(found: object) -> None:
     later = read_elements(Walk(octets, 0, len(octets), False))
     assert build_elements(later) == octets
     assert build_elements(read_elements(Walk(octets, 0, len(octets), True))) == octets
+
+
+def wanted_of(objects: list[PlusObject], ids: frozenset[int]) -> list[tuple[int, list[tuple[int, bytes]]]]:
+    """Give of each object its class and the attributes of these ids, with their octets."""
+    return [
+        (
+            one.class_id,
+            [(a.id, build_value(a.value)) for a in one.elements if isinstance(a, Attribute) and a.id in ids],
+        )
+        for one in every_object(objects)
+    ]
+
+
+@given(OBJECTS, st.data())
+def test_what_nobody_wants_is_left_out_and_nothing_else(found: object, data: st.DataObject) -> None:
+    assert isinstance(found, PlusObject)
+    there = sorted({a.id for one in every_object([found]) for a in one.elements if isinstance(a, Attribute)})
+    ids = frozenset(data.draw(st.lists(st.sampled_from(there))) if there else [])
+    ids = frozenset([id_ for id_ in ids if id_ < 1 << 14])
+    octets = build_elements([found])
+    everything, some = (Walk(octets, 0, len(octets), False, MAX_WORK, wanted) for wanted in (None, Wanted(table(ids))))
+    (whole,), (part,) = read_elements(everything), read_elements(some)
+    assert isinstance(whole, PlusObject)
+    assert isinstance(part, PlusObject)
+    assert wanted_of([part], ids) == wanted_of([whole], ids)
+    assert (some.at, some.budget) == (everything.at, everything.budget)
+    assert not [one for one in every_object([part]) for r in one.elements if isinstance(r, Relation)]
+    left = {a.id for one in every_object([part]) for a in one.elements if isinstance(a, Attribute)}
+    assert all(id_ in ids or id_ >= 1 << 14 or not is_plain(whole, id_) for id_ in left)
+
+
+def is_plain(found: PlusObject, id_: int) -> bool:
+    """Say whether every value of an attribute is one that can be passed over."""
+    values = [one.find(id_) for one in every_object([found]) if one.holds(id_)]
+    octets = [build_value(value) for value in values if value is not None]
+    return all(Skipper(one, 0, len(one)).value(0) for one in octets)
+
+
+@given(OBJECTS, st.data())
+def test_a_fault_is_found_though_nobody_wants_the_attribute(found: object, data: st.DataObject) -> None:
+    octets = build_elements([found])  # type: ignore[list-item]
+    octets = octets[: data.draw(st.integers(1, len(octets) - 1))]
+    faults = []
+    for wanted in (None, Wanted(table(frozenset()))):
+        walk = Walk(octets, 0, len(octets), False, MAX_WORK, wanted)
+        with pytest.raises(FormatError) as fault:
+            read_elements(walk)
+        faults.append((fault.value.reason, fault.value.field, fault.value.at))
+    assert faults[0] == faults[1]
+
+
+def test_a_table_knows_ids_of_two_octets_and_leaves_the_others_to_be_read() -> None:
+    made = table(frozenset((233, 16383)))
+    assert [is_wanted(made, id_) for id_ in (232, 233, 16383, 16384, 1 << 31)] == [False, True, True, True, True]
+    assert not any(is_wanted(made, id_) for id_ in COMPRESSED)
 
 
 @pytest.mark.parametrize("built", [build_variables(_VARIABLES), build_names(_NAMES)])

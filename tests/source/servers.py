@@ -32,7 +32,7 @@ def free_port() -> int:
 def _program(name: str) -> str:
     found = shutil.which(name) or shutil.which(name, path="/usr/sbin:/usr/local/sbin")
     if found is None:
-        pytest.skip(f"no {name}: scripts/install-servers.sh installs it")
+        pytest.skip(f"no {name}: scripts/install-tools.sh installs it")
     return found
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.wire.text import cell, encodable, printable, shortened, titled
+from dissect.wire.text import cell, duration_text, encodable, printable, shortened, titled
 
 ANY = st.text(st.characters())  # surrogates included
 
@@ -112,3 +112,27 @@ def test_a_cell_is_safe_in_any_row(text: str) -> None:
 )  # fmt: skip
 def test_a_word_that_ends_the_name_and_begins_what_it_is_about_stands_once(name: str, about: str, text: str) -> None:
     assert titled(name, about) == text
+
+
+@given(st.integers(0, 2_000_000_000))
+@example(9_999)
+@example(10_000)
+@example(999_499)
+@example(999_500)
+@example(99_994_999)
+@example(99_995_000)
+@example(2_500)  # ties, which format() rounds to even where they are exact
+@example(12_500)
+@example(13_500)
+@example(1_005_000)
+@example(1_015_000)
+def test_durations_are_rounded_as_format_does(ns: int) -> None:
+    if ns < 10_000:
+        expected = f"{ns / 1e3:.1f} µs" if ns else "0 µs"
+    elif ns < 999_500:
+        expected = f"{ns / 1e3:.0f} µs"
+    elif ns < 999_500_000:
+        expected = f"{ns / 1e6:.{2 if ns < 99_995_000 else 0}f} ms"
+    else:
+        expected = f"{ns / 1e9:.2f} s"
+    assert duration_text(ns) == expected

@@ -311,7 +311,7 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         "export",
         callback=_export_folder,
         metavar="FORM:FOLDER",
-        help="Write tables as they come, as parquet:FOLDER (see `s7dissect help export`).",
+        help="Also write tables while watching, as parquet:FOLDER (see `s7dissect help export`).",
     )
     @click.option(
         "--export-every",
@@ -320,7 +320,7 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         default="5min",
         show_default=True,
         metavar="TIME",
-        help="With --export: how long a file is; until then its rows cannot be read.",
+        help="With --export: begin new files after this time. The rows of a file can be read once it is complete.",
     )
     @click.option(
         "--report",

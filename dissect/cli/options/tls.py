@@ -21,7 +21,7 @@ def tls_option(command: Callable[..., int]) -> Callable[..., int]:
         type=click.Path(dir_okay=False),
         multiple=True,
         metavar="FILE",
-        help="Decrypt TLS with the session keys in FILE (SSLKEYLOGFILE form). May be given several times.",
+        help="Decrypt TLS with the session keys in FILE (SSLKEYLOGFILE form). Repeatable.",
     )
     @functools.wraps(command)
     def with_keys(*arguments: Any, tls_keys: tuple[str, ...], **options: Any) -> int:

@@ -12,13 +12,15 @@ from dissect.report import words
 from dissect.report.facets import facet_of
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.report.writers.jsonl import SMALL
-from dissect.s7.tables import BYTE, RETURN_CODES, USERDATA
-from dissect.s7.values import Value, real_text, spelled
+from dissect.s7.items import Item
+from dissect.s7.tables import BYTE, REAL, RETURN_CODES, SUCCESS, USERDATA
+from dissect.s7.value_texts import number_texts
+from dissect.s7.values import Value, decode_value, spelled
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import ItemResult
-from dissect.transactions.transaction import Transaction, TransactionError
+from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction, TransactionError
+from dissect.wire.digits import SHORT, decimal, hexadecimal
 from dissect.wire.text import Clock, cell
 
 #: Of the transaction, the same in all of its rows; with several files `FILE_COLUMNS` stand behind ``response_frame``.
@@ -61,9 +63,10 @@ CSV_COLUMNS: Final[list[str]] = _COLUMNS + _ITEM_COLUMNS
 _ITEM: Final = "item"
 #: Cached cells are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
-_REAL: Final = 0x08
 #: One encoder for all values: to make one takes longer than to use it.
 _JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)
+#: What `json` makes of the numbers that JSON does not have.
+_NO_NUMBERS: Final[dict[str, str]] = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
 #: A row's end where a transaction has no items: the cells between its own and those of errors and subject.
 _NO_ITEM: Final = "," * 9
 
@@ -87,6 +90,7 @@ class CsvRows:
         self._clock: Clock = Clock()
         self._ends: dict[int, str] = {}
         self._cells: dict[str, str] = {}
+        self._good: str = self._code(SUCCESS)
 
     def columns(self) -> list[str]:
         """Return the names of the columns."""
@@ -102,6 +106,13 @@ class CsvRows:
         """
         own = self._own(transaction)
         lines: list[str] = []
+        good = transaction.good_octets() if transaction.carried is None else None
+        if good:  # nearly always; each item meets its own octets without an object in between
+            items = transaction.parameters.items
+            return [
+                f"{own},{SHORT[index + 1]},{self._item(items[index], self._good, good[index])},,"
+                for index in range(len(good))
+            ]
         naming = transaction.connection.naming
         errors = transaction.errors if transaction.has_errors else []
         whole = "; ".join([_error(error) for error in errors if not error.where.startswith(_ITEM)]) if errors else ""
@@ -127,23 +138,24 @@ class CsvRows:
         facet = facet_of(transaction)
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
-        rosctr = str(transaction.rosctr) if transaction.rosctr <= USERDATA else ""
-        latency = transaction.latency_ns
+        asked_ns: i64 = transaction.request_ns
+        told_ns: i64 = transaction.response_ns
+        rosctr = SHORT[transaction.rosctr] if transaction.rosctr <= USERDATA else ""
+        latency = decimal(told_ns - asked_ns) if transaction.outcome == ANSWERED else ""
         frames = (
             f"{self._places.number(int(asked)) if asked else ''},{self._places.number(int(told)) if told else ''}"
             if self._places.several
-            else f"{asked or ''},{told or ''}"
+            else f"{decimal(asked) if asked else ''},{decimal(told) if told else ''}"
         )
         if self._places.several:
             names = [self._cell(self._places.locate(int(frame))[0]) if frame else "" for frame in (asked, told)]
             frames += f",{names[0]},{names[1]}"
         return (
-            f"{transaction.number},{self._both(transaction.connection, transaction.asked_by)}"
+            f"{decimal(transaction.number)},{self._both(transaction.connection, transaction.asked_by)}"
             f",{facet.reference(transaction)},{rosctr},{facet.function_number(transaction)}"
             f",{self._cell(transaction.function_name)},{frames}"
-            f",{self._clock.iso(transaction.request_ns) if asked else ''}"
-            f",{self._clock.iso(transaction.response_ns) if told else ''}"
-            f",{'' if latency is None else latency},{transaction.outcome_name},{transaction.reason}"
+            f",{self._clock.iso(asked_ns) if asked else ''},{self._clock.iso(told_ns) if told else ''}"
+            f",{latency},{OUTCOMES[transaction.outcome]},{transaction.reason}"
         )
 
     def _both(self, connection: Connection, asked_by: i64) -> str:
@@ -172,25 +184,35 @@ class CsvRows:
 
     def _code(self, code: i64) -> str:
         """Return the cells of a return code, -1 for none."""
-        return f"{SMALL[code]},{self._cell(RETURN_CODES.name(int(code)))}" if code >= 0 else ","
+        return f"{SHORT[code]},{self._cell(RETURN_CODES.name(int(code)))}" if code >= 0 else ","
 
     def _result(self, result: ItemResult) -> str:
         """Return the cells of an item of a read or write, from its address to its octets."""
         item = result.item
         data = result.data
-        label = self._cell(item.label) if item is not None else ""
         code = self._code(result.return_code)
         if data is None:
-            return f"{label},,{code},,,,"
-        if item is None or not result.decodable:
+            return f"{_label(item) if item is not None else ''},,{code},,,,"
+        return self._item(item, code, data) if item is not None else f",,{code},,,,{data.hex()}"
+
+    def _item(self, item: Item, code: str, data: bytes) -> str:
+        """Return the cells of an item with octets, from its address to these; ``code`` are those of its return code."""
+        label = item.cell or _label(item)
+        size: i64 = len(data)
+        if item.size != size and not item.fits(size):
             return f"{label},,{code},,,,{data.hex()}"
         if item.transport_size == BYTE:
-            value = SMALL[data[0]] if len(data) == 1 else data.hex(" ")
-            return f"{label},,{code},{value},{quoted(cell(spelled(data)))},,{data.hex()}"
-        size: i64 = len(data)
-        singles: bool = item.transport_size == _REAL and size > 0 and size % 4 == 0
-        value = _reals(data) if singles else quoted(plain_cell(result.value))
-        return f"{label},,{code},{value},,,{data.hex()}"
+            value = SHORT[data[0]] if size == 1 else data.hex(" ")
+            text = spelled(data)
+            return f"{label},,{code},{value},{quoted(cell(text)) if text else ''},,{hexadecimal(data)}"
+        texts = number_texts(item.transport_size, data, False, size)
+        if not texts:
+            value = quoted(plain_cell(decode_value(item.transport_size, data)))
+        else:
+            if item.transport_size == REAL:
+                texts = [_NO_NUMBERS.get(text, text) for text in texts]
+            value = texts[0] if len(texts) == 1 else f'"[{", ".join(texts)}]"'
+        return f"{label},,{code},{value},,,{hexadecimal(data)}"
 
     def _named(self, result: ItemResult, known: NamedValue) -> str:
         """Return the cells of a tag in an item, or of octets without one, from its address to its octets."""
@@ -211,19 +233,11 @@ def _error(error: TransactionError) -> str:
     return f"{error.where}: {words.error_text(error)}"
 
 
-def _reals(octets: bytes) -> str:
-    """Return the cell of singles: a number, or several in the brackets of JSON; ``octets`` hold one at least."""
-    if len(octets) == 4:
-        return _real(octets)
-    return f'"[{", ".join([_real(octets[at : at + 4]) for at in range(0, len(octets), 4)])}]"'
-
-
-def _real(octets: bytes) -> str:
-    """Return a single as `_number` writes it."""
-    text = real_text(octets)
-    if "e" in text or "n" in text:
-        return _JSON.encode(float(text))
-    return text if "." in text else f"{text}.0"
+def _label(item: Item) -> str:
+    """Return the cell of an item's address."""
+    if not item.cell:
+        item.cell = quoted(cell(item.label))
+    return item.cell
 
 
 def plain_cell(value: Value) -> str:

@@ -29,16 +29,27 @@ from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DataItem, Item
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import Parameters, UserdataHead
-from dissect.s7.tables import BYTE, FUNCTIONS, READ_VAR, ROSCTR, SETUP_COMMUNICATION, SUCCESS, USERDATA_TYPES, WRITE_VAR
-from dissect.s7.values import Value, decode_value, real_text, spelled
+from dissect.s7.tables import (
+    BIT,
+    BYTE,
+    FUNCTIONS,
+    READ_VAR,
+    ROSCTR,
+    SETUP_COMMUNICATION,
+    SUCCESS,
+    USERDATA_TYPES,
+    WRITE_VAR,
+)
+from dissect.s7.value_texts import number_texts
+from dissect.s7.values import Value, decode_value, spelled
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import area_results
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transaction
+from dissect.wire.digits import SHORT, decimal, hexadecimal
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
@@ -48,9 +59,6 @@ if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu
     from dissect.report.words import Places
     from dissect.transactions.connection import Connection
-
-#: Octets as numbers.
-SMALL: Final = [str(number) for number in range(256)]
 
 
 def json_text(value: str) -> str:
@@ -79,23 +87,12 @@ def value_text(value: Value) -> str:
 def octets_value(transport_size: i64, octets: bytes) -> str:
     """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
     size: i64 = len(octets)
-    if transport_size == 0x01 and size == 1:
+    if transport_size == BIT and size == 1:
         return "true" if octets[0] & 1 else "false"
-    if transport_size == 0x02:
-        if size == 1:
-            return SMALL[octets[0]]
-        return f"[{','.join([SMALL[octet] for octet in octets])}]" if size else "null"
-    if transport_size == 0x08 and size and size % 4 == 0:
-        texts = [_real(octets[at : at + 4]) for at in range(0, size, 4)]
-        return texts[0] if size == 4 else f"[{','.join(texts)}]"
+    texts = number_texts(transport_size, octets, True, size)
+    if texts:
+        return texts[0] if len(texts) == 1 else f"[{','.join(texts)}]"
     return value_text(decode_value(transport_size, octets))
-
-
-def _real(octets: bytes) -> str:
-    text = real_text(octets)
-    if "." in text or "e" in text:
-        return text
-    return f'"{text}"' if "n" in text else text + ".0"
 
 
 TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
@@ -192,7 +189,7 @@ class TransactionLines(Observer):
         if self.locate is not None:
             frames = self._places(asked, told, self.locate)
         elif asked and told:
-            frames = f'{asked},"response_frame":{told}'
+            frames = f'{decimal(asked)},"response_frame":{decimal(told)}'
         else:
             frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
         # Where there is no request, nothing else tells when it was.
@@ -201,12 +198,12 @@ class TransactionLines(Observer):
             if asked
             else f'null,"response_time":"{self._clock.iso(transaction.response_ns)}"'
         )
-        latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
+        latency = decimal(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         facet = FACETS.get(transaction.rosctr)
         if facet is None:
-            reference = str(transaction.pdu_ref)
-            rosctr = SMALL[transaction.rosctr]
+            reference = decimal(transaction.pdu_ref)
+            rosctr = SHORT[transaction.rosctr]
             body = f'{self._setup(transaction)}{self._notes(transaction)},"items":[{self._items(transaction)}]'
             tail = scd_json(transaction, self.locate) if transaction.carried is not None else ""
             function = function_text(transaction.parameters)
@@ -220,11 +217,11 @@ class TransactionLines(Observer):
                 function = facet.function_json(transaction.parameters)
                 transaction.parameters.fragment = function
         return (
-            f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
+            f"{_HEAD}{decimal(transaction.number)}{self._connection(transaction.connection, transaction.asked_by)}"
             f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function}'
             f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{body}'
-            f',"errors":[{_errors(transaction)}]{tail}}}'
+            f',"errors":[{_errors(transaction) if transaction.has_errors else ""}]{tail}}}'
         )
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
@@ -295,36 +292,23 @@ class TransactionLines(Observer):
                     for result in transaction.results()
                 ]
             )
-        if (
-            transaction.outcome == ANSWERED
-            and not transaction.has_errors
-            and transaction.parameters.function == READ_VAR
-        ):
+        good = transaction.good_octets()
+        if good is not None:  # nearly always; each item meets its own octets without an object in between
             items = transaction.parameters.items
-            answers = transaction.answered_items()
-            if len(items) == len(answers):  # nearly always; each meets its own answer without an object in between
-                parts: list[str] = []
-                for index, answer in enumerate(answers):
-                    if items[index].areas is not None:
-                        parts += [
-                            _item(one.item, one.return_code, one.data) for one in area_results(items[index], answer)
-                        ]
-                        continue
-                    good: bool = answer.return_code == SUCCESS
-                    parts.append(_item(items[index], answer.return_code, answer.data if good else None))
-                return ",".join(parts)
+            return ",".join([_item(items[index], SUCCESS, good[index]) for index in range(len(good))])
         return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
 
 
 def _item(item: Item | None, code: i64, data: bytes | None) -> str:
     """Return one item of a transaction joined with its return code (-1 for none) and octets."""
     head = item_text(item) if item is not None else _NO_ITEM
-    told = SMALL[code] if code >= 0 else "null"
+    told = SHORT[code] if code >= 0 else "null"
     if data is None:
         return f'{head}{told},"data":null,"value":null}}'
     known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))
     value = octets_value(item.transport_size, data) if item is not None and known else "null"
-    return f'{head}{told},"data":"{data.hex()}","value":{value}{_text_of(item, data) if known else ""}}}'
+    text = _text_of(item, data) if known else ""
+    return f'{head}{told},"data":"{hexadecimal(data)}","value":{value}{text}}}'
 
 
 def _text_of(item: Item | None, data: bytes) -> str:
@@ -361,8 +345,6 @@ def _tag(known: NamedValue) -> str:
 
 
 def _errors(transaction: Transaction) -> str:
-    if not transaction.has_errors:
-        return ""
     return ",".join(
         [
             f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Final
 
 from mypy_extensions import i64
@@ -34,10 +33,12 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import ItemResult
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.digits import decimal
 from dissect.wire.text import Clock, shortened
 
 #: Characters of a packet comment that are shown.
 _COMMENT: Final = 1000
+_BLANKS: Final[list[str]] = [" " * count for count in range(13)]
 _KINDS: Final = ("push", "request", "response", "type 3")
 
 
@@ -50,12 +51,23 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     if transaction.outcome == PUSH and facet.pushes_both_ways():
         asked, answered = answered, asked  # shown as it went
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
-    parts = [part for part in (words.outcome(transaction), facet.subject(transaction)) if part]
-    said = f"  {'  '.join(parts)}" if parts else ""
+    ending = words.outcome(transaction)
+    subject = facet.subject(transaction)
+    said = f"  {ending}" if ending else ""
+    if subject:
+        said += f"  {subject}"
+    number = decimal(transaction.number)
+    latency = words.duration(transaction.latency_ns)
     return (
-        f"{clock.moment(begun)}  #{transaction.number:<5} {frames:<12} {places.end(asked)} → {places.end(answered)}"
-        f"  {words.duration(transaction.latency_ns):>8}  {transaction.function_name}{said}"
+        f"{clock.moment(begun)}  #{number}{_blanks(5 - len(number))} {frames}{_blanks(12 - len(frames))}"
+        f" {places.end(asked)} → {places.end(answered)}"
+        f"  {_blanks(8 - len(latency))}{latency}  {transaction.function_name}{said}"
     )
+
+
+def _blanks(count: i64) -> str:
+    """Return what fills a column that has room for so many characters more, which may be less than none."""
+    return _BLANKS[count] if count > 0 else ""
 
 
 def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -> Line:
@@ -231,7 +243,7 @@ class TextWriter(Writer):
         if self.verbose:
             from dissect.report.tree import tpdu_tree_lines  # late: only -V shows trees
 
-            self._tree(tpdu_tree_lines(octets))
+            self._tree("\n".join(tpdu_tree_lines(octets)))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of an IBH-NetLink packet that carries no part of a PDU."""
@@ -242,7 +254,7 @@ class TextWriter(Writer):
         if self.verbose:
             from dissect.report.tree import netlink_tree_lines
 
-            self._tree(netlink_tree_lines(octets))
+            self._tree("\n".join(netlink_tree_lines(octets)))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
@@ -250,9 +262,9 @@ class TextWriter(Writer):
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
         self._add(pdu_line(pdu, connection, self.clock, self.places), _says_no(pdu))
         if self.verbose:
-            from dissect.report.tree import tree_lines
+            from dissect.report.tree import tree_text
 
-            self._tree(tree_lines(pdu, self._whole(octets, cut), connection.protocol == IBH_NETLINK))
+            self._tree(tree_text(pdu, self._whole(octets, cut), connection.protocol == IBH_NETLINK))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7comm-plus PDU."""
@@ -264,7 +276,7 @@ class TextWriter(Writer):
             from dissect.report.tree import plus_tree_lines
 
             decrypted = connection.tls is not None and connection.tls.is_open
-            self._tree(plus_tree_lines(pdu, self._whole(octets, cut), decrypted, contents))
+            self._tree("\n".join(plus_tree_lines(pdu, self._whole(octets, cut), decrypted, contents)))
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
@@ -272,7 +284,7 @@ class TextWriter(Writer):
         if self.verbose:
             from dissect.report.scd_tree import scd_tree_lines
 
-            self._tree(scd_tree_lines(found))
+            self._tree("\n".join(scd_tree_lines(found)))
 
     def _whole(self, octets: bytes, cut: bool) -> bytes:
         """Return the packet at hand where it carries a PDU whole, else nothing."""
@@ -281,9 +293,8 @@ class TextWriter(Writer):
     def _add(self, text: str, failed: bool = False) -> None:
         self.lines.append(Line(text, FAILED if failed else PLAIN, HANG))
 
-    def _tree(self, lines: Iterable[str]) -> None:
-        for text in lines:
-            self.lines.append(Line(text, PLAIN, TREE_HANG))
+    def _tree(self, text: str) -> None:
+        self.lines.append(Line(text, PLAIN, TREE_HANG))
 
 
 def _says_no(pdu: Pdu) -> bool:

@@ -1,0 +1,142 @@
+"""Did a change make the engine slower? ``python -m benchmarks.instructions`` counts what the processor runs.
+
+Instructions are counted by valgrind, with fixed hashes: a busy machine counts the same as an idle one, and the same again.
+What compilers make of the source differs from one to the next, so that numbers are recorded (``--record``) for each
+combination of Python, compiler of the engine, and build. Whether Python itself is the one that was recorded shows when it is
+counted while it does nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from benchmarks.generate import generate
+from benchmarks.tables import columns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+RECORDED: Final = Path(__file__).with_name("instructions.json")
+#: More than this over the recorded number is too much: for a packet, and for a start, on which other packages have a say.
+MOST: Final = {"analyze": 1.05, "transactions": 1.05, "start": 1.10}
+#: Python itself may differ by so much from the one that was recorded.
+SAME: Final = 0.02
+#: Packets of the capture that is read, and of the one that stands for a start.
+PACKETS: Final = 6000
+FEW: Final = 20
+
+_COUNTED: Final = re.compile(rb"I\s+refs:\s+([\d,]+)")
+_COMPILER: Final = re.compile(rb"GCC: \([^)]*\) (\d+)")
+
+
+def instructions(arguments: Sequence[str | Path]) -> int:
+    """Return the instructions of a process of this Python. Raises RuntimeError when it fails or cannot be counted."""
+    command = ["valgrind", "--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null", sys.executable]
+    done = _ran([*command, *map(str, arguments)])
+    found = _COUNTED.search(done.stderr)
+    if done.returncode or found is None:
+        message = f"{arguments[0]} … ended with code {done.returncode}: {done.stderr[-500:].decode(errors='replace')}"
+        raise RuntimeError(message)
+    return int(found[1].replace(b",", b""))
+
+
+def _ran(command: Sequence[str]) -> subprocess.CompletedProcess[bytes]:
+    """Run the package that is installed, not the tree that may be the current folder."""
+    environment = {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONHASHSEED": "0", "TZ": "UTC", "LC_ALL": "C.UTF-8"}
+    return subprocess.run(command, env=environment, capture_output=True, check=False)
+
+
+def combination() -> str:
+    """Return what the numbers depend on, as they are recorded by it; empty where the engine is not compiled by gcc."""
+    told = _ran([sys.executable, "-c", "import dissect; print(dissect.__file__)"]).stdout.decode().strip()
+    library = next(Path(told).parents[1].glob("s7dissect__mypyc.*"), None) if told else None
+    found = _COMPILER.search(library.read_bytes()) if library is not None else None
+    if found is None:
+        return ""
+    build = "release" if os.environ.get("S7DISSECT_RELEASE") == "1" else "checkout"
+    python = f"{platform.python_implementation()} {sys.version_info[0]}.{sys.version_info[1]}"
+    return f"{python}, gcc {found[1].decode()}, {sysconfig.get_platform()}, {build}"
+
+
+def interpreter() -> int:
+    """Return the instructions of a Python that does nothing."""
+    return instructions(["-I", "-S", "-c", "pass"])
+
+
+def measure(folder: Path) -> dict[str, int]:
+    """Return the instructions for a packet of each command, and of a start less Python; captures go to ``folder``."""
+    capture, short = folder / "capture.pcap", folder / "short.pcap"
+    generate(capture, PACKETS)
+    generate(short, FEW)
+    analyze: list[str | Path] = ["-m", "dissect", "analyze", short]
+    # Once uncounted, so that the bytecode of all modules is there.
+    for arguments in (["analyze", short], ["transactions", "-T", "jsonl", short]):
+        _ran([sys.executable, "-m", "dissect", *map(str, arguments)])
+    start = instructions(analyze)
+    whole = {
+        "analyze": instructions(["-m", "dissect", "analyze", capture]),
+        "transactions": instructions(["-m", "dissect", "transactions", "-T", "jsonl", capture]),
+    }
+    told = {name: (count - start) // (PACKETS - FEW) for name, count in whole.items()}
+    return {**told, "start": start - instructions(["-c", "pass"])}
+
+
+def recorded() -> dict[str, int]:
+    """Return the numbers for this combination, ``interpreter`` among them; empty where none are recorded."""
+    found: dict[str, dict[str, int]] = json.loads(RECORDED.read_text(encoding="ascii"))
+    return found.get(combination(), {})
+
+
+def too_many(now: dict[str, int], before: dict[str, int]) -> list[str]:
+    """Return what counts more than it may, as sentences."""
+    return [
+        f"{name}: {now[name]} instructions, recorded are {before[name]}, at most {most:.2f} times that is allowed"
+        for name, most in MOST.items()
+        if now[name] > before[name] * most
+    ]
+
+
+def _record(now: dict[str, int]) -> None:
+    known = json.loads(RECORDED.read_text(encoding="ascii")) if RECORDED.exists() else {}
+    known[combination()] = now
+    RECORDED.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="ascii")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.instructions", description=__doc__)
+    parser.add_argument("--record", action="store_true", help="keep the numbers as those to compare with")
+    options = parser.parse_args(arguments)
+    if shutil.which("valgrind") is None:
+        print("valgrind is not installed (scripts/install-tools.sh)", file=sys.stderr)
+        return 2
+    if not combination():
+        print("the engine is not compiled by gcc here, its instructions are not recorded", file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory() as folder:
+        now = {**measure(Path(folder)), "interpreter": interpreter()}
+    before = recorded()
+    rows = [(name, str(count), str(before.get(name, "-"))) for name, count in now.items()]
+    print(combination())
+    print(columns(["", "instructions", "recorded"], rows))
+    if options.record:
+        _record(now)
+        return 0
+    complaints = too_many(now, before) if before else []
+    print("\n".join(complaints))
+    return 1 if complaints else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,169 @@
+"""Singles (IEEE 754, REAL) as text: the shortest decimal that reads back to the same four octets.
+
+Compiled, the digits come from native arithmetic with doubles. A single has 24 bits, so that scaling it by a power of ten is
+off by less than 2**-51 of its size; where that could decide between two texts, the exact road of `real_text` is taken.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.wire.build import COMPILED
+from dissect.wire.digits import THREE, decimal
+from dissect.wire.octets import u32
+
+_FLOAT: Final = struct.Struct(">f")
+#: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
+_HALF_STEP: Final[list[float]] = [2.0 ** (max(exponent, 1) - 127 - 24) for exponent in range(256)]
+#: Digits to begin with, by exponent field. Seven print what people write, except where the steps are wider than the seventh
+#: digit (just above a power of two that begins with nine, such as 2**-10 = 0.000976…) and among the subnormal numbers.
+_FIRST_DIGITS: Final = bytes(
+    [
+        1 if exponent == 0 else 6 if 2 * step > 10.0 ** (math.floor(math.log10(2.0 ** (exponent - 127))) - 6) else 7
+        for exponent, step in enumerate(_HALF_STEP)
+    ]
+)
+#: What the last of the 24 bits counts, by exponent field.
+_LAST_BIT: Final[list[float]] = [2.0 ** (max(exponent, 1) - 127 - 23) for exponent in range(255)]
+#: The decimal exponent of the power of two of an exponent field, plus `_BIAS`. The number itself may have one more.
+_DECADE: Final = bytes([math.floor(math.log10(2.0 ** (exponent - 127))) + 64 for exponent in range(255)])
+_BIAS: Final = 64
+_TENS: Final[list[float]] = [10.0**power for power in range(64)]
+#: As `_shortest` packs what it found: exponent plus `_BIAS` in the lowest bits, the count of digits above it, then the digits.
+_EXPONENT_BITS: Final = 8
+_COUNT_BITS: Final = 4
+_UNDECIDED: Final = -1
+
+#: Exponents from which `repr` of a float writes 1e+16, and what it writes in front of small numbers.
+_REPR_EXPONENT: Final = 16
+_LEAST_EXPONENT: Final = -4
+_ZEROS: Final[list[str]] = ["0.", "0.0", "0.00", "0.000"]
+
+
+def real(octets: bytes) -> float:
+    """Return a single as the shortest decimal that reads back to the same four octets."""
+    return float(real_text(octets))
+
+
+def real_text(octets: bytes) -> str:
+    """Return a single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
+
+    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded; %g
+    drops the zeros of numbers with fewer digits than asked for, and nine digits always do.
+    """
+    if COMPILED:
+        word: i64 = u32(octets, 0)
+        found = _shortest(word)
+        if found != _UNDECIDED:
+            return _written(word, found, False)
+    exact: float = _FLOAT.unpack(octets)[0]
+    exponent: i64 = ((octets[0] & 0x7F) << 1) | (octets[1] >> 7)
+    if exponent == 255:
+        return repr(exact)
+    half_step: float = _HALF_STEP[exponent]
+    if exponent > 1 and octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
+        half_step *= 0.5  # below a power of two the steps are half as wide
+    digits: i64 = _FIRST_DIGITS[exponent]
+    while digits < 7:
+        text = f"{exact:.{digits}g}"
+        if abs(float(text) - exact) < half_step:
+            return text
+        digits += 1
+    text = f"{exact:.7g}"
+    if abs(float(text) - exact) < half_step:
+        return text
+    text = f"{exact:.8g}"
+    if abs(float(text) - exact) < half_step:
+        return text
+    return f"{exact:.9g}"
+
+
+def real_json(octets: bytes) -> str:
+    """Return `real_text` as JSON: whole numbers with ``.0``, and what it has no numbers for (NaN, infinities) as text."""
+    text = real_text(octets)
+    if "." in text or "e" in text:
+        return text
+    return f'"{text}"' if "n" in text else text + ".0"
+
+
+def real_repr(octets: bytes) -> str:
+    """Return ``repr(real(octets))``."""
+    if COMPILED:
+        word: i64 = u32(octets, 0)
+        if word & 0x7FFFFFFF == 0:
+            return "-0.0" if word else "0.0"
+        found = _shortest(word)
+        if found != _UNDECIDED:
+            return _written(word, found, True)
+    text = real_text(octets)
+    return text if "." in text and "e" not in text else repr(float(text))
+
+
+def _shortest(word: i64) -> i64:
+    """Return the digits of the shortest decimal of a single and its exponent, packed; `_UNDECIDED` where doubles do not."""
+    exponent: i64 = (word >> 23) & 0xFF
+    if exponent == 0 or exponent == 255:
+        return _UNDECIDED
+    mantissa: i64 = (word & 0x7FFFFF) | 0x800000
+    size: float = float(mantissa) * _LAST_BIT[exponent]
+    half_step: float = _HALF_STEP[exponent]
+    if mantissa == 0x800000 and exponent > 1:
+        half_step *= 0.5
+    decade: i64 = _DECADE[exponent] - _BIAS
+    if decade >= -1:
+        if size >= _TENS[decade + 1]:
+            decade += 1
+    elif size * _TENS[-1 - decade] >= 1.0:
+        decade += 1
+    digits: i64 = _FIRST_DIGITS[exponent]
+    number: i64 = 0
+    while True:
+        power: i64 = digits - 1 - decade
+        scaled: float = size * _TENS[power] if power >= 0 else size / _TENS[-power]
+        number = int(scaled)
+        over: float = scaled - float(number)
+        if over > 0.50001:
+            number += 1
+        elif over > 0.49999:
+            return _UNDECIDED
+        if digits == 9:
+            break
+        told: float = float(number) / _TENS[power] if power >= 0 else float(number) * _TENS[-power]
+        away: float = (told - size) / half_step
+        if away < 0.0:
+            away = -away
+        if away < 0.99999:
+            break
+        if away < 1.00001:
+            return _UNDECIDED
+        digits += 1
+    if float(number) >= _TENS[digits]:
+        decade += 1  # rounded up to the next power of ten
+    while number % 10 == 0:
+        number //= 10
+    return (((number << _COUNT_BITS) | digits) << _EXPONENT_BITS) | (decade + _BIAS)
+
+
+def _written(word: i64, found: i64, as_repr: bool) -> str:
+    """Return what `_shortest` found as %g writes it, or as `repr` writes the float that this is."""
+    exponent: i64 = (found & 0xFF) - _BIAS
+    text = decimal(found >> (_EXPONENT_BITS + _COUNT_BITS))
+    count: i64 = len(text)
+    most: i64 = (found >> _EXPONENT_BITS) & 0x0F
+    if as_repr:
+        most = _REPR_EXPONENT
+    sign = "-" if word >> 31 else ""
+    if exponent < _LEAST_EXPONENT or exponent >= most:
+        if count > 1:
+            text = f"{text[0]}.{text[1:]}"
+        power = THREE[exponent if exponent >= 0 else -exponent][1:]
+        return f"{sign}{text}e{'-' if exponent < 0 else '+'}{power}"
+    if exponent < 0:
+        return f"{sign}{_ZEROS[-1 - exponent]}{text}"
+    if count > exponent + 1:
+        return f"{sign}{text[: exponent + 1]}.{text[exponent + 1 :]}"
+    return f"{sign}{text}{'0' * (exponent + 1 - count)}{'.0' if as_repr else ''}"
