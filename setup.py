@@ -160,11 +160,17 @@ BUSY: Final = (
     "dissect/engine/pipeline.py",
     "dissect/engine/plus.py",
     "dissect/engine/s7.py",
+    "dissect/export/transaction_rows.py",
     "dissect/report/facet.py",
     "dissect/report/facets.py",
     "dissect/report/words.py",
     "dissect/report/writer.py",
     "dissect/report/writers/*.py",
+    "dissect/variables/collector.py",
+    "dissect/variables/model.py",
+    "dissect/variables/statistics.py",
+    "dissect/variables/tracker.py",
+    "dissect/variables/writers.py",
 )
 
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).

@@ -137,9 +137,17 @@ def _own(kind: str, call: list[str], environment: dict[str, str] | None) -> list
     def transactions(file: Path) -> list[str]:
         return [*call, "transactions", "-T", "jsonl", str(file)]
 
+    def values(file: Path) -> list[str]:
+        return [*call, "values", "-T", "jsonl", str(file)]
+
+    def summary(file: Path) -> list[str]:
+        return [*call, "values", "--summary", str(file)]
+
     return [
         Engine(f"analyze-{kind}", f"s7dissect analyze, {kind}", analyze, 0, environment),
         Engine(f"transactions-{kind}", f"s7dissect transactions -T jsonl, {kind}", transactions, 0, environment),
+        Engine(f"values-{kind}", f"s7dissect values -T jsonl, {kind}", values, 0, environment),
+        Engine(f"summary-{kind}", f"s7dissect values --summary, {kind}", summary, 0, environment),
     ]
 
 
@@ -168,8 +176,12 @@ NAMES: Final = (
     "plain",
     "analyze-compiled",
     "transactions-compiled",
+    "values-compiled",
+    "summary-compiled",
     "analyze-interpreted",
     "transactions-interpreted",
+    "values-interpreted",
+    "summary-interpreted",
     "tshark-fields",
     "tshark-ek",
     "dpkt",

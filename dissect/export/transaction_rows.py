@@ -28,7 +28,7 @@ from dissect.s7.tables import (
     TRANSPORT_SIZES,
     WRITE_VAR,
 )
-from dissect.s7.values import Value, spelled
+from dissect.s7.values import Value, decode_value, spelled
 from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PlusParameters
 from dissect.source.packet import SourceFile
@@ -184,26 +184,20 @@ class TransactionRows:
 
     def items(self, transaction: Transaction) -> list[Row]:
         """Return a row for each item of S7comm, in wire order."""
+        answers = transaction.good_octets()
+        if answers is not None:
+            return self._read(transaction, answers)
+        naming = transaction.connection.naming
         rows: list[Row] = []
         results = transaction.results()
         if not results:
             return rows
         number = int(transaction.number)
         begin = self.begin(transaction)
-        naming = transaction.connection.naming
         plain: Row = (*begin, None)
-        known = self._items
         for index, result in enumerate(results, 1):
             item = result.item
-            asked = _NO_ITEM
-            if item is not None:
-                found = known.get(item)
-                if found is None:
-                    if len(known) >= _MOST_KNOWN:
-                        known.clear()
-                    found = _asked(item)
-                    known[item] = found
-                asked = found
+            asked = self._asked(item) if item is not None else _NO_ITEM
             code: i64 = result.return_code
             told = _CODES[code] if 0 <= code < 256 else _NO_CODE
             if result.unchanged:
@@ -215,6 +209,33 @@ class TransactionRows:
                 name, value = _named(naming, result)
                 rows.append(row + begin + name + asked + told + value)
         return rows
+
+    def _read(self, transaction: Transaction, answers: list[bytes]) -> list[Row]:
+        """Return the rows of a read that was answered as asked: most rows of an export."""
+        rows: list[Row] = []
+        number = int(transaction.number)
+        begin = self.begin(transaction)
+        code = _CODES[SUCCESS]
+        for index, item in enumerate(transaction.parameters.items):
+            asked = self._asked(item)
+            value = _decoded(item, answers[index])
+            rows.append((
+                number, index + 1, begin[0], begin[1], begin[2], begin[3], begin[4], None,
+                asked[0], asked[1], asked[2], asked[3], asked[4], asked[5], asked[6],
+                code[0], code[1], code[2], value[0], value[1], value[2],
+            ))  # fmt: skip
+        return rows
+
+    def _asked(self, item: Item) -> Row:
+        """Return the columns of a request item, from its area to its count."""
+        known = self._items
+        found = known.get(item)
+        if found is None:
+            if len(known) >= _MOST_KNOWN:
+                known.clear()
+            found = _asked(item)
+            known[item] = found
+        return found
 
 
 def _error(error: TransactionError) -> str:
@@ -278,11 +299,17 @@ def _value(result: ItemResult) -> Row:
     item = result.item
     if data is None or item is None:
         return (None, None, data)
+    return _decoded(item, data)
+
+
+def _decoded(item: Item, data: bytes) -> Row:
+    """Return the value of an item as a number, else as text, and its bytes."""
+    fits: bool = item.size == len(data) or item.fits(len(data))
     if item.transport_size == BYTE:
         if len(data) == 1:
             return (float(data[0]), None, data)
-        return (None, (spelled(data) or None) if result.decodable else None, data)
-    return _shown(result.value, data)
+        return (None, (spelled(data) or None) if fits else None, data)
+    return _shown(decode_value(item.transport_size, data) if fits else None, data)
 
 
 def _shown(value: Value, data: bytes | None) -> Row:

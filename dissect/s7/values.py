@@ -12,7 +12,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7.singles import real
-from dissect.s7.tables import BIT, CHAR, ELEMENT_OCTETS, WCHAR
+from dissect.s7.tables import BIT, BYTE, CHAR, ELEMENT_OCTETS, WCHAR
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import civil
 
@@ -38,6 +38,8 @@ def decode_value(transport_size: i64, octets: bytes) -> Value:
         return None
     if total == size:
         return _element(transport_size, octets)
+    if transport_size == BYTE:
+        return list(octets)
     values: list[bool | int | float | str | None] = []
     at: i64 = 0
     while at < total:

@@ -154,24 +154,26 @@ class Collector(Observer):
         if transaction.outcome != ANSWERED:
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
-        items = transaction.parameters.items
-        if not transaction.has_errors and transaction.connection.naming is None:
-            answers = transaction.answered_items()
-            if len(items) == len(answers):  # nearly always; each meets its own answer without an object in between
-                simple: bool = True
-                for item in items:
-                    if item.areas is not None:
-                        simple = False
-                if simple:
-                    for index, answer in enumerate(answers):
-                        self._item(transaction, plc, items[index], answer.return_code, answer.data, READ, False)
-                    return
+        answers = transaction.good_octets()
+        if answers is not None:  # nearly always; each item meets its own answer without an object in between
+            self._answers(transaction, plc, answers)
+            return
         whole: bool = transaction.error_code != 0
         for result in transaction.results():
             code: i64 = result.return_code
             if code == NO_ANSWER and whole:
                 code = 0
             self._result(transaction, plc, result, code, READ, False)
+
+    def _answers(self, transaction: Transaction, plc: Plc, answers: list[bytes]) -> None:
+        """Take what the items of a read were answered with."""
+        store = self._store
+        for index, plan in enumerate(self._planned(transaction, plc)):
+            variable = plan.variable
+            if variable is not None:
+                store.item(transaction, variable, plan.item, READ, False, answers[index])
+            elif plan.wanted:
+                self._places(transaction, plc, plan.item, plan, SUCCESS, answers[index], READ, False)
 
     def _written(self, transaction: Transaction) -> None:
         if not transaction.request_size:
@@ -269,23 +271,34 @@ class Collector(Observer):
         if code != SUCCESS:
             self._store.refuse(variable, code, writes)
             return
-        row = self._store.row(transaction, variable, how, writes, data)
-        if row is not None:
-            if row.changed or variable.value is None:
-                row.value = (
-                    decode_value(item.transport_size, data) if item.size == len(data) or item.fits(len(data)) else None
-                )
-            else:
-                row.value = variable.value
-            self._store.finish(row)
+        self._store.item(transaction, variable, item, how, writes, data)
+
+    def _planned(self, transaction: Transaction, plc: Plc) -> list[Plan]:
+        """Return what the items of a read request are about."""
+        parameters = transaction.parameters
+        plans = plc.reads.get(parameters)
+        if plans is None:
+            plans = []
+            for item in parameters.items:
+                plan = plc.plans.get(item)
+                plans.append(plan if plan is not None else self._plan(transaction, plc, item))
+            self._make_room()
+            self._plans += len(plans) + 1
+            plc.reads[parameters] = plans
+        return plans
+
+    def _make_room(self) -> None:
+        """Forget all plans where there are too many."""
+        if self._plans >= MAX_PLANS:
+            self._plans = 0
+            for plc in self._store.plcs.values():
+                plc.plans.clear()
+                plc.reads.clear()
 
     def _plan(self, transaction: Transaction, plc: Plc, item: Item) -> Plan:
         """Find out what an item is about, and remember it."""
-        if self._plans >= MAX_PLANS:
-            self._plans = 0
-            for each in self._store.plcs.values():
-                each.plans.clear()
-        plan = Plan()
+        self._make_room()
+        plan = Plan(item)
         wanted = self._wanted
         if wanted is None:
             plan.variable = self._own(plc, item)
@@ -369,10 +382,7 @@ class Collector(Observer):
                 self._store.finish(row)
         if alone:
             own = self._own(plc, item)
-            row = self._store.row(transaction, own, how, writes, data)
-            if row is not None:
-                row.value = decode_value(item.transport_size, data) if item.fits(len(data)) else None
-                self._store.finish(row)
+            self._store.item(transaction, own, item, how, writes, data)
 
     # ---- S7comm-plus and SCD ----------------------------------------------------------------------------------------
 

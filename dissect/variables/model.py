@@ -37,7 +37,6 @@ class Variable:
         "bytes_only",
         "comment",
         "data",
-        "fragment",
         "next_ns",
         "plc",
         "refused_reads",
@@ -67,7 +66,6 @@ class Variable:
         self.unconfirmed: i64 = 0
         self.next_ns: i64 = 0  # of ``--every``: the next row is not before this time
         self.statistics: Statistics | None = None
-        self.fragment: str = ""  # a writer's cached text of the names above
 
     @property
     def name(self) -> str:

@@ -61,10 +61,18 @@ class Statistics:
     """
 
     __slots__ = (
+        "_at",
         "_bucket_ns",
+        "_from_ns",
+        "_high",
         "_link",
+        "_low",
+        "_number",
+        "_numeric",
         "_pace",
+        "_points",
         "_side",
+        "_until_ns",
         "_writes",
         "changes",
         "count",
@@ -80,7 +88,6 @@ class Statistics:
         "others",
         "readers",
         "total",
-        "trend",
         "writers",
     )
 
@@ -100,46 +107,88 @@ class Statistics:
         self.readers: dict[str, Pace] = {}
         self.writers: dict[str, Pace] = {}
         self.others: i64 = 0
-        self.trend: list[float] = []
+        self._numeric: bool = False  # the latest value is a number
+        self._number: float = 0.0  # the latest number
+        self._low: float = 0.0  # least and most once more, rounded where they are too large for a double
+        self._high: float = 0.0
+        self._points: list[float] = []
         self._bucket_ns: i64 = _BUCKET_NS
+        self._at: i64 = 0  # the point of the latest number, which is written when the next point begins
+        self._from_ns: i64 = 0
+        self._until_ns: i64 = 0
         self._pace: Pace | None = None
         self._link: Connection | None = None
         self._side: i64 = 0
         self._writes: bool = False
 
     def add(self, row: ValueRow) -> None:
-        """Add a value."""
-        time_ns: i64 = row.time_ns
-        value = row.value
-        if value is None:
-            value = row.data
+        """Add the value of a row."""
+        value = row.value if row.value is not None else row.data
+        if row.changed:
+            self.different(value, row.data, row.first, row.time_ns, row.link, row.side, row.writes)
+        else:
+            self._take(value, row.time_ns, row.link, row.side, row.writes)
+
+    def different(
+        self,
+        value: object,
+        data: bytes | None,
+        first: bool,
+        time_ns: i64,
+        link: Connection,
+        side: i64,
+        writes: bool,
+    ) -> None:
+        """Add a value that is different from the one before, or the ``first``; ``data`` are its octets where it has some."""
+        if not first:
+            self.changes += 1
+        if not self.more_distinct:
+            key = data if data is not None else repr(value).encode("utf-8", "backslashreplace")
+            if key not in self.distinct:
+                if len(self.distinct) >= MAX_DISTINCT:
+                    self.more_distinct = True
+                else:
+                    self.distinct.add(key)
+        self._take(value, time_ns, link, side, writes)
+
+    def again(self, time_ns: i64, link: Connection, side: i64, writes: bool) -> None:
+        """Add the value before once more: what is known of it need not be looked at again."""
+        self.count += 1
+        self.last_ns = time_ns
+        if self._numeric:
+            self.numbers += 1
+            self.total += self._number
+            if not self._from_ns <= time_ns < self._until_ns:
+                self._point(time_ns)
+        self._come(time_ns, link, side, writes)
+
+    def _take(self, value: object, time_ns: i64, link: Connection, side: i64, writes: bool) -> None:
         if self.count == 0:
             self.first = value
             self.first_ns = time_ns
         self.count += 1
         self.last = value
         self.last_ns = time_ns
-        if row.changed:
-            if not row.first:
-                self.changes += 1
-            if not self.more_distinct:
-                key = row.data if row.data is not None else repr(value).encode("utf-8", "backslashreplace")
-                if key not in self.distinct:
-                    if len(self.distinct) >= MAX_DISTINCT:
-                        self.more_distinct = True
-                    else:
-                        self.distinct.add(key)
         if isinstance(value, float):
-            if math.isfinite(value):
-                self._number(value, value, time_ns)
+            self._numeric = math.isfinite(value)
+            if self._numeric:
+                self._add(value, value, time_ns)
         elif isinstance(value, int):
             number: int = int(value)
-            self._number(number, float(number), time_ns)
-        if self._pace is not None and row.link is self._link and row.side == self._side and row.writes == self._writes:
-            self._pace.add(time_ns)  # the same client as before: its address need not be written again
+            self._numeric = True
+            self._add(number, float(number), time_ns)
+        else:
+            self._numeric = False
+        self._come(time_ns, link, side, writes)
+
+    def _come(self, time_ns: i64, link: Connection, side: i64, writes: bool) -> None:
+        """Note that a client came."""
+        latest = self._pace
+        if latest is not None and link is self._link and side == self._side and writes == self._writes:
+            latest.add(time_ns)  # the same client as before: its address need not be written again
             return
-        clients = self.writers if row.writes else self.readers
-        host = row.host
+        clients = self.writers if writes else self.readers
+        host = link.tcp.ends[side].host
         pace = clients.get(host)
         if pace is None:
             if len(clients) >= MAX_CLIENTS:
@@ -148,10 +197,17 @@ class Statistics:
             pace = Pace()
             clients[host] = pace
         self._pace = pace
-        self._link = row.link
-        self._side = row.side
-        self._writes = row.writes
+        self._link = link
+        self._side = side
+        self._writes = writes
         pace.add(time_ns)
+
+    @property
+    def trend(self) -> list[float]:
+        """The numbers over time, at most twice `POINTS`: the last of each stretch of it, NaN where there was none."""
+        if self._points:
+            self._points[self._at] = self._number
+        return self._points
 
     @property
     def distinct_count(self) -> int:
@@ -171,38 +227,50 @@ class Statistics:
             found = [pace for pace in [*self.writers.values()] if pace.count > 1]
         return max(found, key=_count) if found else None
 
-    def _number(self, exact: int | float, number: float, time_ns: i64) -> None:  # noqa: PYI041 - compiled they differ
+    def _add(self, exact: int | float, number: float, time_ns: i64) -> None:  # noqa: PYI041 - compiled they differ
         if self.numbers == 0:
             self.least = exact
             self.most = exact
-        elif exact < self.least:
-            self.least = exact
-        elif exact > self.most:
-            self.most = exact
+            self._low = number
+            self._high = number
+        elif number <= self._low or number >= self._high:
+            if exact < self.least:
+                self.least = exact
+                self._low = number
+            elif exact > self.most:
+                self.most = exact
+                self._high = number
         self.numbers += 1
         self.total += number
-        self._point(number, time_ns)
+        if not self._from_ns <= time_ns < self._until_ns:
+            self._point(time_ns)
+        self._number = number
 
-    def _point(self, number: float, time_ns: i64) -> None:
-        """Put a number into the trend; what falls together with an earlier one replaces it."""
-        trend = self.trend
-        at: i64 = max(0, time_ns - self.first_ns) // self._bucket_ns
+    def _point(self, time_ns: i64) -> None:
+        """Begin the point of a number, or find the one there is: what falls together with an earlier one replaces it."""
+        points = self._points
+        if points:
+            points[self._at] = self._number
+        since: i64 = max(0, time_ns - self.first_ns)
+        at: i64 = since // self._bucket_ns
         while at >= 2 * POINTS:
-            if trend:
+            if points:
                 halves: list[float] = []
-                size: i64 = len(trend)
+                size: i64 = len(points)
                 index: i64 = 0
                 while index < size:
-                    later = trend[index + 1] if index + 1 < size else math.nan
-                    halves.append(trend[index] if math.isnan(later) else later)
+                    later = points[index + 1] if index + 1 < size else math.nan
+                    halves.append(points[index] if math.isnan(later) else later)
                     index += 2
-                trend = halves
+                points = halves
             self._bucket_ns *= 2
-            at = max(0, time_ns - self.first_ns) // self._bucket_ns
-        while len(trend) <= at:
-            trend.append(math.nan)
-        trend[at] = number
-        self.trend = trend
+            at = since // self._bucket_ns
+        while len(points) <= at:
+            points.append(math.nan)
+        self._points = points
+        self._at = at
+        self._from_ns = self.first_ns + at * self._bucket_ns
+        self._until_ns = self._from_ns + self._bucket_ns
 
 
 def _count(pace: Pace) -> int:

@@ -121,7 +121,7 @@ def _cells(variable: Variable, places: Places, spark: bool) -> list[str]:
 
 def _short(variable: Variable, value: object) -> str:
     text = shown(variable, None if isinstance(value, bytes) else value, _octets(variable, value))
-    return text if len(text) <= _COLUMN else f"{text[: _COLUMN - 1]}…"
+    return text if len(text) <= _COLUMN else f"{text[: _COLUMN - 1].rstrip('…')}…"
 
 
 def _octets(variable: Variable, value: object) -> bytes | None:

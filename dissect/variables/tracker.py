@@ -7,6 +7,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7.items import Item
+from dissect.s7.parameters import Parameters
+from dissect.s7.values import decode_value
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
@@ -24,9 +26,10 @@ NO_ANSWER: Final = -1
 class Plan:
     """What an item of a request is about: its own variable, or the wanted places that it touches."""
 
-    __slots__ = ("bits", "decodes", "start", "variable", "wanted")
+    __slots__ = ("bits", "item", "start", "variable", "wanted")
 
-    def __init__(self) -> None:
+    def __init__(self, item: Item) -> None:
+        self.item: Item = item
         self.variable: Variable | None = None
         self.wanted: list[Wanted] = []
         self.start: i64 = 0
@@ -34,14 +37,18 @@ class Plan:
 
 
 class Plc:
-    """The variables of one end of connections, by address and type, and what is known of wanted places."""
+    """The variables of one end of connections, by address and type, and what is known of wanted places.
 
-    __slots__ = ("end", "images", "plans", "variables")
+    ``plans`` are those of items, ``reads`` those of whole read requests, in the order of their items.
+    """
+
+    __slots__ = ("end", "images", "plans", "reads", "variables")
 
     def __init__(self, end: Endpoint) -> None:
         self.end: Endpoint = end
         self.variables: dict[str, Variable] = {}
         self.plans: dict[Item, Plan] = {}
+        self.reads: dict[Parameters, list[Plan]] = {}
         self.images: dict[Wanted, Image] = {}
 
 
@@ -63,6 +70,7 @@ class Tracker:
         self._changes: bool = changes
         self._every_ns: i64 = every_ns
         self._sums: bool = sums
+        self._adds: bool = sums and not changes and every_ns == 0  # nothing is left out, and nobody wants rows
         self._ends: dict[int, Plc] = {}
         self.kept: i64 = 0
 
@@ -119,6 +127,45 @@ class Tracker:
             variable.refused_reads += 1
             self.refused += 1
 
+    def item(
+        self, transaction: Transaction, variable: Variable, item: Item, how: str, writes: bool, data: bytes
+    ) -> None:
+        """Take the octets of an item of S7comm: its value is decoded where it is another one than before."""
+        if self._adds:
+            self._add(transaction, variable, item, writes, data)
+            return
+        row = self.row(transaction, variable, how, writes, data)
+        if row is not None:
+            if row.changed or variable.value is None:
+                row.value = item_value(item, data)
+            else:
+                row.value = variable.value
+            self.finish(row)
+
+    def _add(self, transaction: Transaction, variable: Variable, item: Item, writes: bool, data: bytes) -> None:
+        """Add up what `item` takes, without a row."""
+        statistics = variable.statistics
+        if statistics is None:
+            self.untracked += 1
+            return
+        time_ns: i64 = transaction.request_ns if writes and transaction.request_frame else transaction.response_ns
+        before = variable.data
+        if before is not None and variable.seen and before == data:
+            statistics.again(time_ns, transaction.connection, transaction.asked_by, writes)
+            return
+        first: bool = not variable.seen
+        value = item_value(item, data)
+        self._keep(variable, data, value)
+        statistics.different(
+            value if value is not None else data,
+            data,
+            first,
+            time_ns,
+            transaction.connection,
+            transaction.asked_by,
+            writes,
+        )
+
     def row(
         self,
         transaction: Transaction,
@@ -158,15 +205,23 @@ class Tracker:
         """Remember the value of a row, and keep or add up the row."""
         variable = row.variable
         if variable.next_ns >= 0 and row.changed:
-            data = row.data
-            if data is not None:
-                before = variable.data
-                self.kept += len(data) - (len(before) if before is not None else 0)
-            variable.data = data
-            variable.value = row.value
-            variable.seen = True
+            self._keep(variable, row.data, row.value)
         statistics = variable.statistics
         if statistics is not None:
             statistics.add(row)
         elif not self._sums:
             self.rows.append(row)
+
+    def _keep(self, variable: Variable, data: bytes | None, value: object) -> None:
+        """Remember the latest value of a variable."""
+        if data is not None:
+            before = variable.data
+            self.kept += len(data) - (len(before) if before is not None else 0)
+        variable.data = data
+        variable.value = value
+        variable.seen = True
+
+
+def item_value(item: Item, data: bytes) -> object:
+    """Return the value of an item of S7comm, None where its octets have none."""
+    return decode_value(item.transport_size, data) if item.size == len(data) or item.fits(len(data)) else None

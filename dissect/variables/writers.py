@@ -13,6 +13,7 @@ from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import plain_cell, quoted
 from dissect.report.writers.jsonl import json_text, value_text
+from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow, Variable
 from dissect.wire.text import Clock, cell, shortened
 
@@ -41,6 +42,8 @@ CSV_COLUMNS: Final[list[str]] = [
     "remark",
 ]
 FILE_COLUMN: Final = "file"
+#: Bytes as JSON, which most lists are made of.
+_SMALL: Final = [str(number) for number in range(256)]
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
 _NAME: Final = 100
@@ -84,13 +87,154 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
     return f"{said} ({shortened(text, _NAME)})" if text else said
 
 
-class ValueText(ValueWriter):
+class Beginnings:
+    """The beginning of rows, kept for those of one transaction: they share time, packet, both ends and the way."""
+
+    __slots__ = ("_frame", "_how", "_link", "_side", "_time_ns", "text")
+
+    def __init__(self) -> None:
+        self.text: str = ""
+        self._link: Connection | None = None
+        self._side: i64 = 0
+        self._how: str = ""
+        self._time_ns: i64 = 0
+        self._frame: i64 = 0
+
+    def fits(self, row: ValueRow) -> bool:
+        """Return whether ``text`` is that of a row; where it is not, it is that of this row which has to be put there."""
+        if (
+            row.link is self._link
+            and row.time_ns == self._time_ns
+            and row.frame == self._frame
+            and row.side == self._side
+            and row.how == self._how
+        ):
+            return True
+        self._link = row.link
+        self._side = row.side
+        self._how = row.how
+        self._time_ns = row.time_ns
+        self._frame = row.frame
+        return False
+
+
+class Written:
+    """What a writer keeps of a variable: its ``names`` as they are written, and its latest value with the text of it.
+
+    ``repeated`` is what a row without a change ends with, of octets ``data``; empty where none was written yet.
+    """
+
+    __slots__ = ("data", "names", "repeated", "text", "value")
+
+    def __init__(self, names: str) -> None:
+        self.names: str = names
+        self.value: object = None
+        self.text: str = ""
+        self.data: bytes | None = None
+        self.repeated: str = ""
+
+    def repeats(self, row: ValueRow) -> bool:
+        """Return whether ``repeated`` is the end of a row."""
+        return bool(
+            self.repeated
+            and not row.changed
+            and row.value is self.value
+            and row.data == self.data
+            and not row.pieced
+            and not row.text
+            and not row.remark
+        )
+
+    def keep(self, row: ValueRow, repeated: str) -> None:
+        """Keep the end of a row without a change, if there is nothing else to say in it."""
+        if not (row.pieced or row.text or row.remark):
+            self.data = row.data
+            self.repeated = repeated
+
+
+class RowWriter(ValueWriter):
+    """Writes a row as a beginning, which it shares with those of its transaction, and an end, which a value repeats."""
+
+    def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
+        super().__init__(clock, verbose)
+        self._beginnings: Beginnings = Beginnings()
+        self._written: dict[Variable, Written] = {}
+        self._ends: dict[int, str] = {}
+
+    def ends(self, row: ValueRow) -> str:
+        """Return `between`, worked out once for each connection and direction."""
+        key: i64 = row.link.number * 2 + row.side
+        found = self._ends.get(key)
+        if found is None:
+            if len(self._ends) >= _MAX_CACHED:
+                self._ends.clear()
+            found = self.between(row)
+            self._ends[key] = found
+        return found
+
+    def texts(self, rows: list[ValueRow]) -> list[str]:
+        """Return the text of each row."""
+        texts: list[str] = []
+        beginnings = self._beginnings
+        for row in rows:
+            if not beginnings.fits(row):
+                beginnings.text = self.beginning(row)
+            written = self._written.get(row.variable)
+            if written is None:
+                if len(self._written) >= _MAX_CACHED:
+                    self._written.clear()
+                written = Written(self.names(row.variable))
+                self._written[row.variable] = written
+            if not written.repeats(row):
+                written.repeated = ""
+                end = self.end(row, written)
+                if not row.changed:
+                    written.keep(row, end)
+                texts.append(beginnings.text + end)
+            else:
+                texts.append(beginnings.text + written.repeated)
+        return texts
+
+    def names(self, variable: Variable) -> str:
+        """Return what stands for a variable in each of its rows."""
+        return ""
+
+    def beginning(self, row: ValueRow) -> str:
+        """Return what the rows of a transaction share: when, which packet, between whom and how."""
+        return ""
+
+    def between(self, row: ValueRow) -> str:
+        """Return the client and the PLC of a row."""
+        return ""
+
+    def end(self, row: ValueRow, written: Written) -> str:
+        """Return the rest, and remember the value in ``written``."""
+        return ""
+
+
+class ValueText(RowWriter):
     """Writes a line for each row: when, which packet, who, how, what, and the value before where that was different."""
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the lines of rows."""
-        for row in rows:
-            self.lines.append(Line(value_line(row, self.clock, self.places), PLAIN, HANG))
+        self.lines += [Line(text, PLAIN, HANG) for text in self.texts(rows)]
+
+    def names(self, variable: Variable) -> str:
+        """Return a variable and its type."""
+        return typed_text(variable)
+
+    def beginning(self, row: ValueRow) -> str:
+        """Return what the lines of a transaction share."""
+        return line_beginning(row, self.clock, self.places, self.ends(row))
+
+    def between(self, row: ValueRow) -> str:
+        """Return both ends."""
+        return ends_text(row, self.places)
+
+    def end(self, row: ValueRow, written: Written) -> str:
+        """Return the variable with its value."""
+        written.value = row.value
+        return line_end(row, written.names)
 
     def summary(self, summary: Summary) -> None:
         """Add a table with a line for each variable."""
@@ -101,19 +245,34 @@ class ValueText(ValueWriter):
 
 def value_line(row: ValueRow, clock: Clock, places: Places) -> str:
     """Return one value on one line."""
+    return line_beginning(row, clock, places, ends_text(row, places)) + line_end(row, typed_text(row.variable))
+
+
+def ends_text(row: ValueRow, places: Places) -> str:
+    """Return who read, wrote or subscribed, and the PLC."""
+    return f"{places.host(row.client)} → {places.end(row.variable.plc)}"
+
+
+def line_beginning(row: ValueRow, clock: Clock, places: Places, ends: str) -> str:
+    """Return when a value passed, in which packet, between whom and how."""
+    return f"{clock.moment(row.time_ns)}  {places.mark(int(row.frame)):>6}  {ends}  {row.how:<5}  "
+
+
+def typed_text(variable: Variable) -> str:
+    """Return a variable and its type for a person."""
+    return f"{place_text(variable)} {variable.type}" if variable.type else place_text(variable)
+
+
+def line_end(row: ValueRow, what: str) -> str:
+    """Return the value of a row, and the one before it where that was different."""
     variable = row.variable
-    type_ = f" {variable.type}" if variable.type else ""
     was = ""
     if row.changed and not row.first:
         was = f"  was {shown(variable, row.previous, row.before)}"
     remark = f"  [{shortened(row.remark, _NAME)}]" if row.remark and row.value is None else ""
     if row.pieced:
         remark = f"  [{PIECED}]"
-    return (
-        f"{clock.moment(row.time_ns)}  {places.mark(int(row.frame)):>6}  {places.host(row.client)} → "
-        f"{places.end(variable.plc)}  {row.how:<5}  {place_text(variable)}{type_} = "
-        f"{shown(variable, row.value, row.data, row.text)}{was}{remark}"
-    )
+    return f"{what} = {shown(variable, row.value, row.data, row.text)}{was}{remark}"
 
 
 # ---- JSON -----------------------------------------------------------------------------------------------------------
@@ -124,61 +283,39 @@ def any_text(value: object) -> str:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value_text(value)
     if isinstance(value, list):
-        return f"[{','.join([any_text(element) for element in value])}]"
+        return f"[{','.join([_element_text(element) for element in value])}]"
     return json.dumps(value, separators=(",", ":"), default=str).replace("\x7f", "\\u007f")
+
+
+def _element_text(element: object) -> str:
+    """Return an element of a list as JSON; most are bytes."""
+    if isinstance(element, int) and not isinstance(element, bool) and 0 <= element < 256:
+        return _SMALL[element]
+    return any_text(element)
 
 
 def names_json(variable: Variable) -> str:
     """Return the keys of a variable, from ``address`` to ``unit``."""
-    if not variable.fragment:
-        variable.fragment = (
-            f',"address":{json_text(variable.address)},"tag":{_or_null(variable.tag)}'
-            f',"type":{_or_null(variable.type)},"unit":{_or_null(variable.unit)}'
-        )
-    return variable.fragment
+    return (
+        f',"address":{json_text(variable.address)},"tag":{_or_null(variable.tag)}'
+        f',"type":{_or_null(variable.type)},"unit":{_or_null(variable.unit)}'
+    )
 
 
 def _or_null(text: str) -> str:
     return json_text(text) if text else "null"
 
 
-class ValueJsonl(ValueWriter):
+class ValueJsonl(RowWriter):
     """Writes an object for each row, on a line."""
-
-    def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
-        super().__init__(clock, verbose)
-        self._ends: dict[int, str] = {}
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the lines of rows."""
-        lines = self.lines
-        clock = self.clock
-        several: bool = self.places.several
-        for row in rows:
-            variable = row.variable
-            value = any_text(row.value)
-            if row.first:
-                was = "null"
-                changed = "null"
-            elif row.changed:
-                was = any_text(row.previous)
-                changed = "true"
-            else:
-                was = value
-                changed = "false"
-            data = row.data
-            octets = f'"{data.hex()}"' if data is not None else "null"
-            remark = _or_null(row.remark) if not row.pieced else f'"{PIECED}"'
-            text = f',"text":{json_text(row.text)}' if row.text else ""
-            frame = str(row.frame)
-            if several:
-                name, number = self.places.locate(int(row.frame))
-                frame = f'{number},"file":{json_text(name)}'
-            lines.append(
-                f'{_HEAD}{clock.iso(row.time_ns)}","frame":{frame}{self._who(row)},"how":"{row.how}"'
-                f'{names_json(variable)},"value":{value}{text},"previous":{was},"changed":{changed}'
-                f',"octets":{octets},"remark":{remark}}}'
-            )
+        self.lines += self.texts(rows)
+
+    def names(self, variable: Variable) -> str:
+        """Return the keys of a variable."""
+        return names_json(variable)
 
     def summary(self, summary: Summary) -> None:
         """Add an object for each variable."""
@@ -186,36 +323,65 @@ class ValueJsonl(ValueWriter):
 
         self.lines += json_lines(summary)
 
-    def _who(self, row: ValueRow) -> str:
-        key: i64 = row.link.number * 2 + row.side
-        found = self._ends.get(key)
-        if found is None:
-            if len(self._ends) >= _MAX_CACHED:
-                self._ends.clear()
-            found = f',"connection":{row.link.number},"client":{json_text(row.host)},"plc":{json_text(str(row.variable.plc))}'
-            self._ends[key] = found
-        return found
+    def beginning(self, row: ValueRow) -> str:
+        """Return the keys from the schema to the way."""
+        frame = str(row.frame)
+        if self.places.several:
+            name, number = self.places.locate(int(row.frame))
+            frame = f'{number},"file":{json_text(name)}'
+        return f'{_HEAD}{self.clock.iso(row.time_ns)}","frame":{frame}{self.ends(row)},"how":"{row.how}"'
+
+    def between(self, row: ValueRow) -> str:
+        """Return the keys of the connection and its ends."""
+        return (
+            f',"connection":{row.link.number},"client":{json_text(row.host)},"plc":{json_text(str(row.variable.plc))}'
+        )
+
+    def end(self, row: ValueRow, written: Written) -> str:
+        """Return the other keys."""
+        known: bool = written.text != ""
+        before = written.text
+        same: bool = known and row.previous is written.value
+        if not known or row.value is not written.value:
+            written.text = any_text(row.value)
+            written.value = row.value
+        value = was = written.text
+        changed = "false"
+        if row.first:
+            was = changed = "null"
+        elif row.changed:
+            was = before if same else any_text(row.previous)
+            changed = "true"
+        data = row.data
+        octets = f'"{data.hex()}"' if data is not None else "null"
+        remark = _or_null(row.remark) if not row.pieced else f'"{PIECED}"'
+        text = f',"text":{json_text(row.text)}' if row.text else ""
+        return (
+            f'{written.names},"value":{value}{text},"previous":{was},"changed":{changed}'
+            f',"octets":{octets},"remark":{remark}}}'
+        )
 
 
 # ---- CSV ------------------------------------------------------------------------------------------------------------
 
 
-class ValueCsv(ValueWriter):
+class ValueCsv(RowWriter):
     """Writes the names of the columns, then a row for each value, or each variable of a summary."""
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self._begun: bool = False
-        self._names: dict[Variable, str] = {}
-        self._ends: dict[int, str] = {}
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the rows; the first time with the names of the columns in front, also where there are none."""
         if not self._begun:
             self._begun = True
             self.lines.append(",".join(self.columns()))
-        for row in rows:
-            self.lines.append(self._row(row))
+        self.lines += self.texts(rows)
+
+    def names(self, variable: Variable) -> str:
+        """Return the cells of a variable, which are the same in all of its rows."""
+        return ",".join([quoted(cell(text)) for text in (variable.address, variable.tag, variable.type)])
 
     def summary(self, summary: Summary) -> None:
         """Add a row for each variable."""
@@ -227,44 +393,36 @@ class ValueCsv(ValueWriter):
         """Return the names of the columns."""
         return [*CSV_COLUMNS[:2], FILE_COLUMN, *CSV_COLUMNS[2:]] if self.places.several else list(CSV_COLUMNS)
 
-    def _row(self, row: ValueRow) -> str:
-        """Return the line of a row. Numbers, times and addresses are safe as they are."""
-        variable = row.variable
-        data = row.data
+    def beginning(self, row: ValueRow) -> str:
+        """Return the cells from the time to the way. Numbers, times and addresses are safe as they are."""
         frame = str(row.frame)
         if self.places.several:
             name, number = self.places.locate(int(row.frame))
             frame = f"{number},{quoted(cell(name))}"
-        value = quoted(value_cell(variable, row.value, data))
-        was = quoted(value_cell(variable, row.previous, row.before)) if row.changed else value
+        return f"{self.clock.iso(row.time_ns)},{frame},{self.ends(row)},{row.how},"
+
+    def between(self, row: ValueRow) -> str:
+        """Return the cells of the connection and its ends."""
+        return f"{row.link.number},{row.host},{row.variable.plc}"
+
+    def end(self, row: ValueRow, written: Written) -> str:
+        """Return the other cells."""
+        variable = row.variable
+        data = row.data
+        before = ""
+        if row.changed:
+            known: bool = written.text != "" and row.previous is written.value and row.before == written.data
+            before = written.text if known else quoted(value_cell(variable, row.previous, row.before))
+        written.text = quoted(value_cell(variable, row.value, data))
+        written.value = row.value
+        written.data = data
+        was = before if row.changed else written.text
         changed = "" if row.first else "true" if row.changed else "false"
         unit = quoted(cell(variable.unit)) if variable.unit else ""
         text = quoted(cell(row.text)) if row.text else ""
         remark = PIECED if row.pieced else quoted(cell(row.remark)) if row.remark else ""
-        return (
-            f"{self.clock.iso(row.time_ns)},{frame},{self._who(row)},{row.how},{self._named(variable)},{value},{text},{unit}"
-            f",{was},{changed},{data.hex() if data is not None else ''},{remark}"
-        )
-
-    def _named(self, variable: Variable) -> str:
-        """Return the cells of a variable, which are the same in all of its rows."""
-        found = self._names.get(variable)
-        if found is None:
-            if len(self._names) >= _MAX_CACHED:
-                self._names.clear()
-            found = ",".join([quoted(cell(text)) for text in (variable.address, variable.tag, variable.type)])
-            self._names[variable] = found
-        return found
-
-    def _who(self, row: ValueRow) -> str:
-        key: i64 = row.link.number * 2 + row.side
-        found = self._ends.get(key)
-        if found is None:
-            if len(self._ends) >= _MAX_CACHED:
-                self._ends.clear()
-            found = f"{row.link.number},{row.host},{row.variable.plc}"
-            self._ends[key] = found
-        return found
+        octets = data.hex() if data is not None else ""
+        return f"{written.names},{written.text},{text},{unit},{was},{changed},{octets},{remark}"
 
 
 def value_cell(variable: Variable, value: object, data: bytes | None) -> str:
