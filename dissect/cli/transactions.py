@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -42,9 +42,6 @@ from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
     from dissect.report.styled import Line
-
-#: Characters that a number takes at least in text.
-_NUMBER_WIDTH: Final = 5
 
 
 @click.command("transactions", epilog=EXIT_CODES)
@@ -100,9 +97,7 @@ def command(
         why = alone_because(files, chosen, [(fail_on, "--fail-on counts findings"), (decoder, "--scd")])
         if why:
             alone(why)
-        elif (
-            code := _together(files, writer, jobs, output, _NUMBER_WIDTH if format_.name == "text" else 0)
-        ) is not None:
+        elif (code := _together(files, writer, jobs, output)) is not None:
             return code
         writer = chosen.writer(format_, TRANSACTIONS, clock())
     feed = TransactionFeed(writer, choice)
@@ -118,7 +113,7 @@ def command(
     return gate(run, fail_on, code, chosen.findings)
 
 
-def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output, width: int) -> int | None:
+def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output) -> int | None:
     """Have ``jobs`` processes do it; return the exit code, None when one process has to begin anew."""
     feed = TransactionFeed(writer)
     writer.begin(Places([], len(files) > 1, hosts()))
@@ -127,7 +122,7 @@ def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output, w
         feed.add(lines, packets)
         output.write(feed.take(held))
 
-    done = together(files, Merger(jobs, width), jobs, merged)
+    done = together(files, Merger(jobs, writer.number_width), jobs, merged)
     # What there is in the place of transactions can only be counted where all packets are looked at.
     if done is None or (done[1] and not any([end.transactions or end.unwanted for end in done[1]])):
         output.again()

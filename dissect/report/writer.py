@@ -50,7 +50,8 @@ class Writer(Observer):
 
     ``lines`` are all text as it is to be written (`str`), or all lines with a style (`Line`), which a terminal wraps and
     colours. ``clock`` writes times as the user wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC),
-    ``verbose`` asks for everything there is (option -V of `show`). Names and values come from the wire: what goes to a person
+    ``verbose`` asks for everything there is (option -V of `show`). ``number_width`` is how many characters the number of a
+    transaction takes at least. Names and values come from the wire: what goes to a person
     passes `dissect.wire.text.printable`.
 
     Of the methods of an observer it is told `transaction`, `operation`, and for PDUs `pdu`, `plus_pdu`, `tpdu` and
@@ -64,6 +65,7 @@ class Writer(Observer):
         self.clock: Clock = clock if clock is not None else Clock()
         self.verbose: bool = verbose
         self.lines: list[str | Line] = []
+        self.number_width: int = 0
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``; called once, before the first result."""

@@ -24,7 +24,7 @@ from dissect.source.packet import PacketSink, SourceFile
 from tests.cli.support import run, simple
 from tests.properties.packets import Packet
 from tests.report.schemas import complaints
-from tests.report.support import OWN, UNSAFE, observed
+from tests.report.support import OWN, UNSAFE, observed, tree_lines
 
 Capture = pytest.CaptureFixture[bytes]
 FILES = [SourceFile("damaged.pcap", 1)]
@@ -100,7 +100,7 @@ def holds(packets: list[Packet]) -> None:
     )
     trees = TextWriter(verbose=True)
     observed(PduFeed(trees), packets)
-    shown += [line.text for line in trees.take() if isinstance(line, Line)]
+    shown += tree_lines([line.text for line in trees.take() if isinstance(line, Line)])
     assert [line for line in (*shown, *transactions, *pdu_lines) if UNSAFE.search(line)] == []
     for name, each in (("transaction", transactions), ("pdu", pdu_lines)):
         for line in each[:10]:  # checking against the schema takes longer than all else

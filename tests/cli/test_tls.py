@@ -42,6 +42,8 @@ READERS = (
     "sql",
     "show",
     "cut",
+    "open",
+    "extcap",
     "golden",
     "diff",
     "baseline",

@@ -59,6 +59,7 @@ from tests.fuzz.watched import Watcher, check_events, check_metrics, check_scree
 from tests.properties.books import check_books
 from tests.properties.captures import Memory
 from tests.properties.packets import Packet
+from tests.report.support import tree_lines
 
 SCRIPT: Final = 0x80
 #: The other way of a face: with checksums verified, packets of other protocols dropped, one connection cut out.
@@ -158,7 +159,7 @@ def _tree(octets: bytes, way: Way) -> None:
     writer = TextWriter(verbose=True)
     writer.begin(Places([SourceFile("fuzz.pcap", 1)], False))
     drive(octets, PduFeed(writer, decoder=way.carrier()), way.carrier(), way.other)
-    check_lines([line.text for line in writer.take() if isinstance(line, Line)])
+    check_lines(tree_lines([line.text for line in writer.take() if isinstance(line, Line)]))
 
 
 def _pdu_lines(octets: bytes, way: Way) -> None:

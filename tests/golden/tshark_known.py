@@ -45,7 +45,7 @@ CAUSES: Final = {
     ),
     "no-dissector-plus": (
         "docs/s7plus.md",
-        "nothing here is compared with Wireshark",
+        "cannot be compared with Wireshark",
         "S7comm-plus is data to tshark.",
     ),
     "no-dissector-scd": (

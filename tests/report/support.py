@@ -26,6 +26,9 @@ OWN: Final = sorted(path for path in (ROOT / "captures").rglob("*.pcap*") if pat
 #: Control characters (C0, DEL, C1), marks that change the direction of text, line and paragraph separators.
 UNSAFE: Final = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2028\u2029\u2066-\u2069]")
 
+#: What every line of a tree begins with.
+_INDENTED: Final = "    "
+
 WORD: Final = Item(0x04, 1, 10, 0x84, 4 * 8)  # DB10.DBW4
 
 
@@ -138,3 +141,17 @@ def first_transaction(talk: Talk) -> Transaction:
 def malformed_of(pdu: Pdu) -> list[str]:
     """Return what is wrong with a PDU, in short."""
     return [f"{fact.field} {fact.reason}" for fact in pdu.malformed]
+
+
+def tree_lines(texts: list[str]) -> list[str]:
+    """Return the lines of what `show -V` writes: a tree is one text of several.
+
+    Each of those is indented, so that one broken off by a line feed of the wire would show.
+    """
+    lines: list[str] = []
+    for text in texts:
+        several = text.split("\n")
+        if len(several) > 1:
+            assert [line for line in several if line and not line.startswith(_INDENTED)] == []
+        lines += several
+    return lines

@@ -38,6 +38,8 @@ from dissect.wire.text import Clock, shortened
 
 #: Characters of a packet comment that are shown.
 _COMMENT: Final = 1000
+#: Characters that the number of a transaction takes at least.
+NUMBER_WIDTH: Final = 5
 _BLANKS: Final[list[str]] = [" " * count for count in range(13)]
 _KINDS: Final = ("push", "request", "response", "type 3")
 
@@ -59,7 +61,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     number = decimal(transaction.number)
     latency = words.duration(transaction.latency_ns)
     return (
-        f"{clock.moment(begun)}  #{number}{_blanks(5 - len(number))} {frames}{_blanks(12 - len(frames))}"
+        f"{clock.moment(begun)}  #{number}{_blanks(NUMBER_WIDTH - len(number))} {frames}{_blanks(12 - len(frames))}"
         f" {places.end(asked)} → {places.end(answered)}"
         f"  {_blanks(8 - len(latency))}{latency}  {transaction.function_name}{said}"
     )
@@ -216,6 +218,7 @@ class TextWriter(Writer):
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
+        self.number_width = NUMBER_WIDTH
         self._packet: bytes = b""  # the TPKT or IBH-NetLink packet at hand
 
     def transaction(self, transaction: Transaction) -> None:
