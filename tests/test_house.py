@@ -451,14 +451,14 @@ def test_version_and_help_are_cheap(option: str) -> None:
     imported = {line.rsplit("|", 1)[1].strip() for line in ran.stderr.splitlines() if line.startswith("import time:")}
     assert "click" in imported
     assert {name for name in imported if name.split(".")[0] in {"scapy", "rich", "msgspec", "pyshark"}} == set()
-    ours = {name for name in imported if name.startswith("dissect")}
+    # Compiled, the module that text takes its digits from comes with it, and is no import of its own.
+    ours = {name for name in imported if name.startswith("dissect")} - {"dissect.wire.digits"}
     assert ours == {
         "dissect",
         "dissect.cli",
         "dissect.cli.main",
         "dissect.wire",
         "dissect.wire.build",
-        "dissect.wire.digits",
         "dissect.wire.text",
     }
 
