@@ -88,7 +88,11 @@ def test_a_page_says_what_the_help_says(shown: dict[str, str]) -> None:
         page = shown[f"s7dissect-{name.replace(' ', '-')}"]
         said = words(page)
         with click.Context(group, info_name="s7dissect") as root, click.Context(command, root, name) as ctx:
-            records = [one.get_help_record(ctx) for one in command.get_params(ctx) if isinstance(one, click.Option)]
+            records = [
+                one.get_help_record(ctx)
+                for one in command.get_params(ctx)
+                if isinstance(one, click.Option) and not one.hidden
+            ]
             usage = words(f"s7dissect {name} {' '.join(command.collect_usage_pieces(ctx))}")
         assert records
         for record in records:

@@ -16,7 +16,7 @@ EXAMPLES: Final = {
         "s7dissect transactions --failed trace.pcapng",
         "s7dissect transactions -Y 'port == 102 and not failed' -c 5 trace.pcapng",
         "s7dissect transactions --tls-keys session.keys trace.pcapng",
-        "s7dissect transactions -j auto -T csv trace.pcapng > trace.csv",
+        "s7dissect transactions -T csv trace.pcapng > trace.csv",
     ),
     "values": (
         "s7dissect values press.pcapng DB2.DBD16:REAL MW20",
