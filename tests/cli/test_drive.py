@@ -570,7 +570,8 @@ def test_local_time_in_lines_and_utc_for_programs(
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_is_in_the_document(name: str) -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    options = [each for each in equipped(name).params if isinstance(each, click.Option) and each.name not in SHARED]
+    every = [each for each in equipped(name).params if isinstance(each, click.Option) and not each.hidden]
+    options = [each for each in every if each.name not in SHARED]
     written = [[*option.opts, *([option.metavar] if option.metavar else [])] for option in options]
     of_several = option_rows(text, COMMON)
     assert option_rows(text, name) == [words for words in written if words not in of_several]
