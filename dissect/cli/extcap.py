@@ -172,7 +172,7 @@ def _options(slow_ns: int, **reading: Any) -> Options:
 
 @contextmanager
 def _writing(fifo: str, live: bool) -> Iterator[PcapngWriter]:
-    """Open the pipe to Wireshark, which waits until somebody does: before anything that may fail, or that gives up rights.
+    """Open the pipe, for which Wireshark waits: before anything that may fail, or that gives up rights.
 
     When Wireshark closes it, that is an end like any other. A file that is there is replaced, as other extcap programs do.
     """
