@@ -13,8 +13,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
-from dissect.wire.digits import THREE, decimal
 from dissect.wire.octets import u32
+from dissect.wire.text import THREE, decimal
 
 _FLOAT: Final = struct.Struct(">f")
 #: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
