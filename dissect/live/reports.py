@@ -9,7 +9,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
 from dissect.page.gathered import Gathered, span_of
-from dissect.page.rendering import Side, render
+from dissect.page.rendering import Side, prepare, render
 from dissect.page.rows import Rows, time_of
 from dissect.report.analysis import Part
 from dissect.source.live.reader import Drops
@@ -34,6 +34,7 @@ class ReportCompanion(Companion):
         self, directory: str, every_ns: int, name: str, version: str, clock: Clock, hosts: Mapping[str, str]
     ) -> None:
         super().__init__()
+        prepare()
         self.written: list[Path] = []
         self._directory = Path(directory)
         self._every_ns = every_ns

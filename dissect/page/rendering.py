@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import importlib.util
 import json
@@ -12,11 +13,11 @@ from typing import Any, Final
 from dissect.page.data import Data, findings_of
 from dissect.page.gathered import Gathered
 from dissect.page.numbers import counted, grouped
-from dissect.page.rows import file_title
+from dissect.page.rows import Rows, file_title
 from dissect.page.verdict import verdict
 from dissect.report import words
 from dissect.report.text import completeness
-from dissect.wire.text import printable
+from dissect.wire.text import Clock, printable
 
 #: What to do where the template engine is missing.
 NEEDS: Final = "reports need jinja2: pip install 's7dissect[report]'"
@@ -117,16 +118,9 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
     """
     if not is_installed():
         raise ImportError(NEEDS)
-    import jinja2
     from markupsafe import Markup
 
-    folder = files("dissect.page")
-    style = folder.joinpath("page.css").read_text(encoding="utf-8")
-    script = folder.joinpath("page.js").read_text(encoding="utf-8")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(folder.joinpath("page.html.j2").read_text(encoding="utf-8"))
+    template, style, script = _parts()
     several = len(sides) > 1
     letters = "AB" if several else [""]
     values = [
@@ -150,6 +144,29 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
         script=Markup(script),  # noqa: S704
         data=Markup(embedded(data)),  # noqa: S704
     )
+
+
+def prepare() -> None:
+    """Read and import all that a page needs, now: a process that gives up its rights may not be able to later.
+
+    Raises ImportError with a hint when the template engine is missing.
+    """
+    render([Side(Gathered(Rows([], Clock(), {})), [""])], "")
+
+
+@functools.cache
+def _parts() -> tuple[Any, str, str]:
+    """Return the template, the style and the script."""
+    import jinja2
+
+    folder = files("dissect.page")
+    template, style, script = [
+        folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.html.j2", "page.css", "page.js")
+    ]
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(template), style, script
 
 
 def policy(style: str, script: str) -> str:
