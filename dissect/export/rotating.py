@@ -37,10 +37,11 @@ class RotatingSink(Sink):
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Write rows to the files of their days."""
-        for day, some in by_days(table, rows).items():
+        for day, some in by_days(table, self._batches[table.name].batch(rows)).items():
             found = self._open.get((table.name, day))
             if found is None:
-                found = self._open[table.name, day] = self._begin(table, day, some[0][table.position(table.time)])
+                first_ns = some.column(table.time)[0].as_py()
+                found = self._open[table.name, day] = self._begin(table, day, first_ns)
             found[1].add(some)
 
     def rotate(self, now_ns: int) -> None:
