@@ -169,6 +169,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
     browser.open(written(path.parent, "plant", page_of(PLANT, tags=['DB1."setpoint"'])))
     assert browser.count("#plot-lanes svg.timed rect.span") == 7
     assert browser.texts("#plot-lanes g text") == ["STOP", "RUN"]
+    assert "the polling of S7comm-plus are among the operations" in browser.texts("#plot-polls p")[0]
     assert browser.count("#plot-tag-1 g.writer") == 1
 
 
