@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
@@ -413,8 +415,11 @@ def _state(session: PlusSession, facts: Facts, state: int) -> None:
 
 def subscription_of(octets: bytes) -> int:
     """Return the subscription of a notification, read in place; -1 when it is too short."""
-    at = _HEADER + 1 + (_INTEGRITY if octets[1:2] == bytes((V3,)) else 0)
-    return int(u32(octets, at)) if at + 4 <= len(octets) else -1
+    size: i64 = len(octets)
+    if size < _HEADER:
+        return -1
+    at: i64 = _HEADER + 1 + (_INTEGRITY if octets[1] == V3 else 0)
+    return u32(octets, at) if at + 4 <= size else -1
 
 
 def _notified(session: PlusSession, octets: bytes) -> Facts | None:

@@ -57,7 +57,10 @@ def check(function: int, request: bytes, response: bytes) -> Seen | None:
     halves = parse_plus(request), parse_plus(response)
     asks, tells = (parse_contents(pdu, False) for pdu in halves)
     for pdu, contents in zip(halves, (asks, tells), strict=True):
-        assert pdu.whole and contents.whole and not pdu.malformed and not contents.malformed
+        assert pdu.whole
+        assert contents.whole
+        assert not pdu.malformed
+        assert not contents.malformed
     assert halves[1].return_value == 0
     assert not tells.refusals
     expected = (halves[0].session_id, halves[0].sequence, asks.integrity_id)
@@ -121,14 +124,18 @@ def test_what_it_tells() -> None:
             multi_got([(1, Value(0, INT, 5)), (2, Value(0, DINT, 8))], []),
         )
     )
-    assert seen is not None and (seen.state, seen.stated, seen.integrity_id) == (8, True, 9)
+    assert seen is not None
+    assert (seen.state, seen.stated, seen.integrity_id) == (8, True, 9)
     stream = _OK + b"\0" + build_value(Value(0, BLOB, Blob(0, b"record"))) + end(3)
     seen = check(*pair(GET_VAR_SUBSTREAMED, get_stream(CPU_PROXY, [IDENTIFICATION]) + end(9), stream))
-    assert seen is not None and seen.record == b"record"
+    assert seen is not None
+    assert seen.record == b"record"
     seen = check(*pair(DELETE_OBJECT, delete_object(0x70000001), _OK + rid(0x70000001) + end()))
-    assert seen is not None and seen.deleted == 0x70000001
+    assert seen is not None
+    assert seen.deleted == 0x70000001
     seen = check(*pair(SET_MULTI_VARIABLES, set_many([Value(0, INT, 1)], SESSION_KEY), _OK + b"\0" + end(3)))
-    assert seen is not None and seen.authenticated
+    assert seen is not None
+    assert seen.authenticated
 
 
 def test_what_it_leaves_to_be_read() -> None:
@@ -188,4 +195,4 @@ def test_captures(corpus: Path) -> None:
             if one.request_size and one.response_size:
                 looked_at += 1
                 told_of += check(one.function, one.request_octets, one.response_octets) is not None
-    assert looked_at and told_of > looked_at / 2, f"{told_of} of {looked_at}"
+    assert told_of > looked_at / 2 > 0, f"{told_of} of {looked_at}"
