@@ -9,8 +9,6 @@ import pytest
 
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.value_tables import BLOB
-from dissect.s7plus.values import Blob, Value
 from dissect.stations import facts
 from dissect.stations.evidence import clock_time
 from dissect.stations.facts import Fact
