@@ -113,8 +113,9 @@ def test_what_looks_fast_and_what_explains_agree() -> None:
     """`complaints` asks the second library only about what the first objects to."""
     told = told_of(analysed(begun().packets()))
     wrong: list[Told] = [{key: value for key, value in told.items() if key != left} for left in told]
-    wrong += [{**told, key: value} for key in told for value in (None, -1, "x", [1], {"x": 1})]
-    wrong += [{**told, "connections": [{**told["connections"][0], key: {}}]} for key in told["connections"][0]]
+    wrong += [{**told, key: value} for key in list(told)[::4] for value in (None, "x", {"x": 1})]
+    first = told["connections"][0]
+    wrong += [{**told, "connections": [{**first, key: {}}]} for key in list(first)[::4]]
     seen = set()
     for each in wrong:
         for exact in (False, True):
