@@ -29,8 +29,7 @@ from dissect.s7.tables import (
     WORD,
     WRITE_VAR,
 )
-from dissect.s7.value_texts import number_texts
-from dissect.s7.values import Value, decode_value, spelled
+from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PlusParameters
 from dissect.transactions.naming import Naming
