@@ -344,7 +344,7 @@ def test_shared_captures(
     """The numbers are those of tshark's TPDUs, counted apart from this package."""
     analysis = dissect.analyze(str(corpus / name))
     assert analysis.pipeline is not None
-    assert analysis.pipeline.plus.pdus == analysis.pipeline.iso.tsdus[1] == pdus
+    assert analysis.pipeline.plus.pdus == analysis.pipeline.iso.tsdus.counts()[1] == pdus
     assert {code: count for code, count in enumerate(analysis.pipeline.plus.opcodes) if count} == opcodes
     assert analysis.pipeline.plus.unpaired == analysis.pipeline.plus.cut_pdus == 0
     (connection,) = [one for one in analysis.connections if one.protocol == "s7comm_plus"]
