@@ -8,9 +8,10 @@ import click
 
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.gate import fail_on_option, gate, gate_of
 from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.jobs import check_jobs, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -23,6 +24,8 @@ from dissect.cli.run import (
     files_argument,
     slow_option,
 )
+from dissect.cli.separate import analyze_separately, analyze_task, refuse
+from dissect.cli.task import current
 from dissect.report.formats import ANALYSIS, Format, formats_for
 
 if TYPE_CHECKING:
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
 @scd_options
 @tag_options
 @tls_option
+@separate_options
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -57,6 +61,8 @@ def command(
     chosen: Chosen,
     naming: Naming | None,
     tls_keys: KeyLog | None,
+    separate: bool,
+    jobs: int,
 ) -> int:
     """Summarize captures: what they contain, how fast it was, what failed and why.
 
@@ -64,7 +70,8 @@ def command(
     what is missing from the capture.
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
-    order; one that continues where the previous one ended (a ring buffer) continues its connections.
+    order; one that continues where the previous one ended (a ring buffer) continues its connections, unless --separate says
+    that each stands for itself.
     """
     from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
@@ -76,11 +83,19 @@ def command(
         raise click.UsageError(f"{'--brief' if brief else '--per-file'} is for text, not for -T {format_.name}.")
     if brief and per_file:
         raise click.UsageError("--brief and --per-file are two reports: choose one.")
+    check_jobs(separate, jobs)
     analysis = Analysis()
-    rows = PerFile()
-    observer = chosen.sieve(rows if per_file else analysis)
     options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-    run = Run(files, observer, chosen.narrow(options))
+    of = current()
+    if of is not None:
+        return analyze_task(of, analysis, chosen.sieve(analysis), options, chosen)
+    if separate:
+        refuse(chosen, [(decoder, "SCD is decoded over all files"), (per_file, "--per-file reads them in one run")])
+        analysis, code = analyze_separately(files, jobs, options)
+        write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
+        return gate_of(analysis.finding_counts, fail_on, code)
+    rows = PerFile()
+    run = Run(files, chosen.sieve(rows if per_file else analysis), chosen.narrow(options))
     rows.files = run.files
     chosen.begin(run, files)
     code = drive(run, files)

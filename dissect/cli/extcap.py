@@ -45,6 +45,8 @@ _EXIT_CODES: Final = (
 _BUFFER_MIB: Final = 32
 #: Octets of packets from a file that are gathered before they are written; live ones are written one by one.
 _BATCH: Final = 65_536
+#: Seconds that a program may take to say where its folders are.
+_PATIENCE_S: Final = 30
 
 
 def _asked(name: str, what: str, **more: Any) -> Callable[[Any], Any]:
@@ -302,11 +304,14 @@ def _extcap_folder() -> Path:
             "tshark was not found, which knows the folder: give it as --install DIR (Wireshark: Help, About, Folders, "
             "Personal Extcap path)."
         )
-    asked = subprocess.run(
-        [program, "-G", "folders"], stdin=subprocess.DEVNULL, capture_output=True, check=False, timeout=30
-    )
+    try:
+        asked = subprocess.run(
+            [program, "-G", "folders"], stdin=subprocess.DEVNULL, capture_output=True, check=False, timeout=_PATIENCE_S
+        ).stdout
+    except (OSError, subprocess.TimeoutExpired):
+        asked = b""
     told = {}
-    for line in asked.stdout.decode("utf-8", "surrogateescape").splitlines():
+    for line in asked.decode("utf-8", "surrogateescape").splitlines():
         name, tab, value = line.partition("\t")
         if tab:
             told[name.strip().rstrip(":").lower()] = value.strip()

@@ -45,7 +45,11 @@ def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int, selected: Mappi
 
     A damaged file is reported on stderr anyway, so a failed gate counts more; an interruption counts most.
     """
-    counts = selected if selected is not None else run.pipeline.finding_counts
+    return gate_of(selected if selected is not None else run.pipeline.finding_counts, fail_on, code)
+
+
+def gate_of(counts: Mapping[str, int], fail_on: frozenset[str], code: int) -> int:
+    """Do the same where it is known how often each finding was made."""
     found = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]
     if not found:
         return code

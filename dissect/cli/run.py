@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.task import current
 from dissect.source import files as reading
 from dissect.source import remote
 from dissect.source.packet import CaptureError
@@ -42,6 +43,9 @@ _NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
 def files_meant(files: Iterable[str]) -> tuple[str, ...]:
     """Return the files that names stand for. `CaptureError` where a pattern finds none, or a range of days is none."""
     names = tuple(files)
+    of = current()
+    if of is not None:
+        return (of.file,)
     if not any([mark in name for name in names for mark in _NOT_PLAIN]):
         return names
     return tuple(remote.expand(names))
@@ -137,7 +141,7 @@ def drive(
     # only make pauses.
     gc.disable()
     try:
-        with _Interruption() as interruption, Bar(files, each is not None) as bar:
+        with Interruption() as interruption, Bar(files, each is not None) as bar:
             while not interruption.asked and run.step():
                 if each is not None:
                     each()
@@ -224,7 +228,7 @@ class Signals:
         """Take a signal that struck in ``frame``; ``again`` tells that it is not the first."""
 
 
-class _Interruption(Signals):
+class Interruption(Signals):
     """Signals while files are read.
 
     The first one is only remembered, so that no packet is left half analysed, unless input is being awaited: that is broken
@@ -232,6 +236,7 @@ class _Interruption(Signals):
     """
 
     def react(self, again: bool, frame: FrameType | None) -> None:
+        """Break off what waits for input, and anything at the second signal."""
         if again or _in_source(frame):
             raise KeyboardInterrupt
 

@@ -23,8 +23,8 @@ from dissect.s7.parameters import (
 from dissect.s7.tables import ACK, ACK_DATA, JOB, ROSCTR, SETUP_COMMUNICATION, USERDATA
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO, Connection
-from dissect.transactions.dialogue import BAD_DATA
 from dissect.transactions.protocol import Protocol
+from dissect.transactions.results import BAD_DATA
 from dissect.transactions.table import Side
 from dissect.wire.octets import u16
 

@@ -35,6 +35,7 @@ class Tls(Protocol):
         self._plus: Protocol = plus
         self._waiting: Waiting | None = None
         self.keys: KeyRing = KeyRing(keys)
+        self.more_keys: i64 = 0  # that other runs found, whose counts were added to these
         self.sessions: i64 = 0
         self.decrypted: i64 = 0  # sessions of which content was decrypted
         self.opened: i64 = 0
@@ -155,6 +156,6 @@ class Tls(Protocol):
                 "records_opened": self.opened,
                 "records_closed": self.shut,
                 "other_messages": self.other,
-                "keys_of_sessions": len(keys),
+                "keys_of_sessions": len(keys) + self.more_keys,
             }
         }

@@ -164,6 +164,12 @@ MAX_SLOWEST: Final = 10
 MAX_FAILED: Final = 100
 
 
+def add_counts(counts: dict[str, int], more: dict[str, int]) -> None:
+    """Add the numbers of ``more`` to those of ``counts``."""
+    for name, count in more.items():
+        counts[name] = counts.get(name, 0) + count
+
+
 class FunctionStatistics:
     """The transactions of one function (for userdata: of one group and subfunction)."""
 
@@ -176,6 +182,14 @@ class FunctionStatistics:
         self.unanswered: i64 = 0
         self.errors: i64 = 0
         self.latencies: Latencies = Latencies()
+
+    def merge(self, other: FunctionStatistics) -> None:
+        """Add the transactions of ``other``."""
+        self.total += other.total
+        self.answered += other.answered
+        self.unanswered += other.unanswered
+        self.errors += other.errors
+        self.latencies.merge(other.latencies)
 
 
 class Part:
@@ -206,6 +220,16 @@ class Part:
         self.connections: i64 = 0
         self.not_read: i64 = 0
         self.finding_counts: dict[str, int] = {}
+
+    def merge(self, other: Part) -> None:
+        """Add what the same expression left out elsewhere."""
+        self.transactions += other.transactions
+        self.operations += other.operations
+        self.findings += other.findings
+        self.findings_not_judged += other.findings_not_judged
+        self.connections += other.connections
+        self.not_read += other.not_read
+        add_counts(self.finding_counts, other.finding_counts)
 
     def as_dict(self) -> dict[str, object]:
         """Return it as the JSON contract has it."""
@@ -341,6 +365,40 @@ class Analysis(Observer):
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
         self.findings.append(finding)
+
+    # ---- of several runs --------------------------------------------------------------------------------------------
+
+    def merge(self, later: Analysis) -> None:
+        """Take what ``later`` found in packets behind these; its numbers go on where those of this one end.
+
+        All but ``pipeline``, ``files`` and ``findings``, whose bounds the reporter has (`dissect.jobs.analyses`).
+        """
+        self.total += later.total
+        self.answered += later.answered
+        self.unanswered += later.unanswered
+        self.still_open += later.still_open
+        self.orphans += later.orphans
+        self.unsolicited += later.unsolicited
+        self.with_errors += later.with_errors
+        for key, statistics in later.functions.items():
+            if key not in self.functions:
+                self.functions[key] = FunctionStatistics(statistics.name)
+            self.functions[key].merge(statistics)
+        add_counts(self.unanswered_reasons, later.unanswered_reasons)
+        for connection in later.connections:
+            self.connection_closed(connection)
+        self.connections_not_listed += later.connections_not_listed
+        for kind, results in later.operations.items():
+            add_counts(self.operations.setdefault(kind, {}), results)
+        self.stations.merge(later.stations)
+        for transaction in later.failed:
+            self._keep_failed(transaction)
+        for latency, _, transaction in later._slowest:
+            self._keep_slow(latency, transaction)
+        if self.part is None:
+            self.part = later.part
+        elif later.part is not None:
+            self.part.merge(later.part)
 
     # ---- what is kept -----------------------------------------------------------------------------------------------
 

@@ -126,6 +126,12 @@ class Stretch:
         self.last_frame = frame
         self.last_ns = time_ns
 
+    def go_on(self, later: Stretch) -> None:
+        """Take ``later``, which says the same, as part of this one."""
+        self.count += later.count
+        self.last_frame = later.last_frame
+        self.last_ns = later.last_ns
+
 
 class Station:
     """What is known of one address.
@@ -179,6 +185,42 @@ class Station:
                 del stretches[1]  # the first says what it was in the beginning
                 self.not_kept += 1
 
+    def merge(self, later: Station) -> None:
+        """Take what was noted of the same address in packets behind those of this one; ``later`` is used up."""
+        self.not_kept += later.not_kept
+        for (module, key), stretches in later.facts.items():
+            known = self.facts.get((module, key))
+            if known is not None:
+                self._append(key, known, stretches)
+            elif len(self.facts) < MAX_KEYS:
+                self.facts[module, key] = stretches
+            else:
+                self.not_kept += sum([stretch.count for stretch in stretches])
+        for name, stretch in later.blocks.items():
+            block = self.blocks.get(name)
+            if block is not None:
+                block.go_on(stretch)
+            elif len(self.blocks) < MAX_BLOCKS:
+                self.blocks[name] = stretch
+            else:
+                self.not_kept += stretch.count
+
+    def _append(self, key: str, known: list[Stretch], later: list[Stretch]) -> None:
+        for stretch in later:
+            last = known[-1]
+            if key == CLOCK:
+                last.value = stretch.value
+                last.source = stretch.source
+                last.go_on(stretch)
+            elif agree(key, last.value, stretch.value):
+                last.value = max(last.value, stretch.value, key=len)
+                last.go_on(stretch)
+            else:
+                known.append(stretch)
+                if len(known) > MAX_STRETCHES:
+                    del known[1]
+                    self.not_kept += 1
+
     def _note_block(self, fact: Fact, frame: int) -> None:
         known = self.blocks.get(fact.value)
         if known is not None:
@@ -207,6 +249,19 @@ class Book:
             station = Station(fact.host)
             self.stations[fact.host] = station
         station.note(fact)
+
+    def merge(self, later: Book) -> None:
+        """Take what was noted in packets behind those of this one; ``later`` is used up."""
+        self.not_kept += later.not_kept
+        for host, theirs in later.stations.items():
+            station = self.stations.get(host)
+            if station is not None:
+                station.merge(theirs)
+            elif len(self.stations) < MAX_STATIONS:
+                self.stations[host] = theirs
+            else:
+                facts = [stretch for stretches in theirs.facts.values() for stretch in stretches]
+                self.not_kept += theirs.not_kept + sum([one.count for one in (*facts, *theirs.blocks.values())])
 
 
 def agree(key: str, one: str, other: str) -> bool:

@@ -195,6 +195,18 @@ class Transaction:
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
 
+    def set_response(
+        self, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
+    ) -> None:
+        """Keep the answer: a PDU of ``size`` octets at ``at`` of ``buf``, which came whole with packet ``frame``."""
+        self.response_frame = frame
+        self.response_ns = time_ns
+        self.response_buf = buf
+        self.response_offset = at
+        self.response_size = size
+        self.response_rosctr = rosctr
+        self.response_parameters = parameters
+
     def acknowledged(self, end_seq: i64) -> bool:
         """Return whether the request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
         return self.request_ack >= 0 and ((self.request_ack - end_seq) & MASK) < HALF_SPACE

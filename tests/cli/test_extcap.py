@@ -141,6 +141,18 @@ def test_without_tshark_the_folder_has_to_be_named(
     assert "--install DIR" in ran.err
 
 
+def test_a_tshark_that_cannot_be_started_is_no_crash(
+    capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "tshark"
+    program.write_text(f"#!{tmp_path}/no-interpreter\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    ran = run(capfdbinary, "extcap", "--install")
+    assert ran.code == 2
+    assert "--install DIR" in ran.err
+
+
 # ---- captured by tshark ---------------------------------------------------------------------------------------------
 
 

@@ -35,15 +35,34 @@ def _jobs(ctx: click.Context, param: click.Parameter, value: str) -> int:
     return number
 
 
+def _option(**attributes: Any) -> Callable[[Any], Any]:
+    return click.option(
+        "-j", "--jobs", "jobs", callback=_jobs, default="1", show_default=True, metavar="N", **attributes
+    )
+
+
 #: ``-j N``; the command's argument is ``jobs``. Not shown: its results are right, but it does not pay yet (decision 15).
-jobs_option: Final[Callable[[Any], Any]] = click.option(
-    "-j",
-    "--jobs",
-    "jobs",
-    callback=_jobs,
-    default="1",
-    show_default=True,
-    metavar="N",
+jobs_option: Final[Callable[[Any], Any]] = _option(
     hidden=True,
     help="Share the work among N processes, or auto for as many as there are processors. The results are the same.",
 )
+
+
+def separate_options(command: Any) -> Any:
+    """Add ``--separate`` and ``-j N``; the command's arguments are ``separate`` and ``jobs``."""
+    command = _option(
+        help="With --separate: read N files at the same time, or auto for one on each processor. The results are the same."
+    )(command)
+    return click.option(
+        "--separate",
+        is_flag=True,
+        help="Each file is a capture of its own: no connection goes on from one to the next.",
+    )(command)
+
+
+def check_jobs(separate: bool, jobs: int) -> None:
+    """Raise UsageError for several processes where files may go on one in another."""
+    if jobs > 1 and not separate:
+        raise click.UsageError(
+            "-j reads several files at the same time, and needs --separate: each is a capture of its own."
+        )

@@ -40,8 +40,7 @@ from dissect.s7.tables import (
     USERDATA_TYPES,
     WRITE_VAR,
 )
-from dissect.s7.value_texts import number_texts
-from dissect.s7.values import Value, decode_value, spelled
+from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
@@ -49,11 +48,10 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transaction
-from dissect.wire.digits import SHORT, decimal, hexadecimal
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
-from dissect.wire.text import Clock
+from dissect.wire.text import SHORT, Clock, decimal, hexadecimal
 
 if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu

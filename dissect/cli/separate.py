@@ -1,0 +1,206 @@
+"""Files that stand for themselves (option --separate): one after another, or by several processes, with the same result.
+
+Each file is a `dissect.cli.task`. What they find comes here in the order of the files, and is added up.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import click
+
+from dissect.cli import task
+from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.run import Bar, Interruption
+from dissect.source.packet import CaptureError
+from dissect.source.remote import shown
+from dissect.wire.text import printable
+
+if TYPE_CHECKING:
+    from dissect.cli.options.select import Chosen
+    from dissect.engine.observer import Observer
+    from dissect.engine.options import Options
+    from dissect.jobs.analyses import AnalysisPart
+    from dissect.jobs.tasks import Done
+    from dissect.report.analysis import Analysis
+    from dissect.session import Run
+
+#: Fields that count over all files, which no task can know.
+_COUNTED: Final = ("connection", "number")
+
+T = TypeVar("T")
+
+
+class Here(Executor):
+    """Does each task at once, in this process."""
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Do a task; the future is done."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # noqa: BLE001 - as every executor hands it on
+            future.set_exception(error)
+        return future
+
+
+def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]]) -> None:
+    """Raise UsageError where options do not go with --separate; ``reasons`` are values of options and what is said of them."""
+    for given, why in reasons:
+        if given:
+            raise click.UsageError(f"--separate: {why}.")
+    if chosen.where is not None:
+        for name in _COUNTED:
+            if name in chosen.where.names:
+                raise click.UsageError(
+                    f"--separate: the field {name} counts over all files; choose by host, port or time instead."
+                )
+
+
+class Interrupted:
+    """Whether somebody wants to stop: asked by the loop that reads a file in this process."""
+
+    asked: Callable[[], bool] = staticmethod(lambda: False)
+
+
+def read_file(run: Run) -> None:
+    """Read the file of a task. Raises `CaptureError`."""
+    gc.disable()  # as in `dissect.cli.run.drive`
+    try:
+        while not Interrupted.asked() and run.step():
+            pass
+    finally:
+        gc.enable()
+    run.finish()
+
+
+def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], octets: Callable[[], int]) -> int:
+    """Have the command at hand done for each of ``files``, ``jobs`` at a time; give ``take`` what became of each, in order.
+
+    ``octets`` says how much was read of what was taken. Return the exit code; what could not be read is said on stderr.
+    """
+    from dissect.jobs.tasks import DIED, Files
+
+    if jobs > 1 and "-" in files:
+        raise click.UsageError("--separate: standard input can be read by one process only; leave out -j.")
+    arguments = click.get_current_context().meta[ARGUMENTS]
+    code = EXIT_OK
+
+    def again(file: str) -> None:
+        _say(file, f"{DIED}; it is read once more")
+
+    try:
+        with Interruption() as interruption, Bar(files, False) as bar, _executor(jobs) as executor:
+            Interrupted.asked = staticmethod(lambda: interruption.asked)
+            doer = Files(executor, jobs, task.work, (arguments, len(files) > 1), retried=again)
+            for done in doer.run(files, lambda: interruption.asked):
+                if done.why:
+                    code = EXIT_DAMAGED
+                    _say(done.file, done.why)
+                take(done)
+                bar.show(octets())
+            if interruption.asked:
+                code = EXIT_INTERRUPTED
+    except (KeyboardInterrupt, click.Abort):
+        code = EXIT_INTERRUPTED
+    finally:
+        Interrupted.asked = staticmethod(lambda: False)
+    if code == EXIT_INTERRUPTED:
+        click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
+    return code
+
+
+@contextmanager
+def _executor(jobs: int) -> Iterator[Executor]:
+    if jobs == 1:
+        yield Here()
+        return
+    from dissect.jobs.pool import Pool
+
+    with Pool(jobs) as pool:
+        yield pool
+
+
+def _say(file: str, why: str) -> None:
+    """Say something of a file on stderr, once with its name."""
+    name = printable(shown(file))
+    text = printable(why)
+    click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}", err=True)
+
+
+# ---- analyze --------------------------------------------------------------------------------------------------------
+
+
+def analyze_task(of: task.Task, analysis: Analysis, observer: Observer, options: Options, chosen: Chosen) -> int:
+    """Analyze the file of a task with ``observer``, which fills ``analysis``."""
+    from dissect.jobs.analyses import part_of
+    from dissect.session import Run
+
+    run = Run([of.file], observer, chosen.narrow(options))
+    chosen.begin(run, of.files)
+    read_file(run)
+    analysis.take(run.pipeline, run.files)
+    analysis.part = chosen.part(run)
+    of.found = part_of(analysis, run.pipeline, run.files)
+    return EXIT_OK
+
+
+def analyze_separately(files: Sequence[str], jobs: int, options: Options) -> tuple[Analysis, int]:
+    """Analyze files that stand for themselves; return what they come to, and the exit code.
+
+    Raises `CaptureError` when the only file cannot be read.
+    """
+    from dissect.jobs.analyses import Analyses, unread
+
+    sums = Analyses(options)
+    joints = _Joints()
+
+    def take(done: Done) -> None:
+        if done.why and len(files) == 1:
+            raise CaptureError(done.why)
+        part: AnalysisPart = (
+            unread(shown(done.file), done.why.removeprefix(f"{printable(shown(done.file))}: "))
+            if done.why
+            else done.result
+        )
+        sums.add(part)
+        joints.look(part.first_ns, part.last_ns)
+
+    code = separately(files, jobs, take, lambda: sum([int(file.octets) for file in sums.analysis.files]))
+    for file in sums.analysis.files:
+        if file.octets and file.loss:
+            _say(file.name, file.loss)
+    joints.tell()
+    if code == EXIT_OK and any([file.loss for file in sums.analysis.files]):
+        code = EXIT_DAMAGED
+    return sums.analysis, code
+
+
+class _Joints:
+    """Counts files that go on where the one before ended: their connections are cut in two."""
+
+    def __init__(self) -> None:
+        self._last_ns = 0
+        self._count = 0
+
+    def look(self, first_ns: int, last_ns: int) -> None:
+        """Take the times of the packets at both ends of the next file, 0 for a file without packets."""
+        from dissect.session import CONTINUES_NS
+
+        if self._last_ns and first_ns and 0 <= first_ns - self._last_ns <= CONTINUES_NS:
+            self._count += 1
+        self._last_ns = last_ns or self._last_ns
+
+    def tell(self) -> None:
+        """Say so on stderr, if there are any."""
+        if self._count:
+            files = "1 file goes" if self._count == 1 else f"{self._count} files go"
+            click.echo(
+                f"s7dissect: {files} on where the file before ends; connections that go on are counted once in each file. "
+                "Without --separate they are followed.",
+                err=True,
+            )

@@ -1,0 +1,101 @@
+"""Files that stand for themselves, a task each, done by any executor; results come in the order of the files.
+
+A task whose process died is done once more, and given up then; what a task itself cannot do is its failure at once. Nothing is
+done twice otherwise, and nothing is left out: every file has a result or the reason why there is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from typing import Any, Final, NamedTuple
+
+#: Seconds after which it is looked whether somebody wants to stop.
+_LOOK_S: Final = 0.2
+#: Results for each process that may wait for one that comes before them.
+_AHEAD: Final = 4
+#: What is said of a task whose process died.
+DIED: Final = "the process that read it ended: it was killed, or there was no memory left"
+
+
+class Done(NamedTuple):
+    """The task of ``file`` is over: with ``result``, or ``why`` there is none. ``tries`` says how often it was begun."""
+
+    file: str
+    result: Any
+    why: str = ""
+    tries: int = 1
+
+
+class FileError(Exception):
+    """What a task cannot do, in words for a person."""
+
+
+class Files:
+    """Does ``work(*arguments, file)`` for each of ``files``, ``at_once`` at a time.
+
+    ``lost`` are exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun again.
+    """
+
+    def __init__(
+        self,
+        executor: Executor,
+        at_once: int,
+        work: Callable[..., Any],
+        arguments: Sequence[Any],
+        lost: tuple[type[BaseException], ...] = (BrokenExecutor,),
+        retried: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._executor = executor
+        self._at_once = at_once
+        self._work = work
+        self._arguments = arguments
+        self._lost = lost
+        self._retried = retried
+
+    def run(self, files: Sequence[str], stop: Callable[[], bool]) -> Iterator[Done]:
+        """Yield what became of each file, in their order; ends early once ``stop`` returns True."""
+        running: dict[Future[Any], int] = {}
+        done: dict[int, Done] = {}
+        tries = [0] * len(files)
+        following = shown = 0
+        again: list[int] = []
+        try:
+            while shown < len(files):
+                while len(running) < self._at_once and (
+                    again or (following < len(files) and following < shown + self._at_once * _AHEAD)
+                ):
+                    if again:
+                        at = again.pop()
+                    else:
+                        at, following = following, following + 1
+                    tries[at] += 1
+                    running[self._executor.submit(self._work, *self._arguments, files[at])] = at
+                finished, _ = wait(running, _LOOK_S, FIRST_COMPLETED)
+                for future in finished:
+                    at = running.pop(future)
+                    outcome = self._outcome(future, files[at], tries[at])
+                    if outcome is None:
+                        again.append(at)
+                    else:
+                        done[at] = outcome
+                while shown in done:
+                    yield done.pop(shown)
+                    shown += 1
+                if stop():
+                    return
+        finally:
+            for future in running:
+                future.cancel()
+
+    def _outcome(self, future: Future[Any], file: str, tries: int) -> Done | None:
+        """Return what became of a task, None when it is to be done again."""
+        try:
+            return Done(file, future.result(), tries=tries)
+        except self._lost:
+            if tries > 1:
+                return Done(file, None, f"{DIED}; so did the one that read it again", tries)
+            self._retried(file)
+            return None
+        except FileError as error:
+            return Done(file, None, str(error), tries)
