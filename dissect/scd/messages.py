@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import msgspec
@@ -87,7 +88,7 @@ def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
 
 def _head(codec: Codec, message: Message) -> Head:
     """Return what the header of a sound message says, whatever its data are."""
-    bare = message.__copy__()
+    bare = copy(message)
     bare.values, bare.flags, bare.data, bare.numbers = {}, {}, b"", message.numbers.copy()
     packing = codec.packing(message.pdo) if message.service == "pdo" else None
     return Head(bare, message.size, packing, VERSION in message.flags)
@@ -100,12 +101,13 @@ def _again(codec: Codec, known: Head, octets: Octets, at: int, tid: int) -> Mess
     tail_at = known.size - envelope.tail_size
     if len(whole) != known.size or envelope.checked(whole, tail_at) is not None:
         return None
-    message = known.message.__copy__()
+    message = copy(known.message)
     message.numbers = numbers = message.numbers.copy()
     if envelope.tid_mask:
         message.tid = numbers["tid"] = tid
     message.data = data = whole[envelope.head_size : tail_at]
-    message.flags = flags = {}
+    flags: Flags = {}
+    message.flags = flags
     packing = known.packing
     if packing is None:
         message.values = {}
