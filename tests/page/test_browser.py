@@ -350,6 +350,14 @@ def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str
             assert (
                 browser.run("return getComputedStyle(document.querySelector(arguments[0])).display", hidden) == "none"
             )
+        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it.
+        sheet = {"width": 720, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", sheet)
+        browser.run("dispatchEvent(new Event('beforeprint'))")
+        assert browser.count("details .scroll table") > 1
+        wider = """return [...document.querySelectorAll('.scroll table')]
+            .filter((one) => one.getBoundingClientRect().right > innerWidth).map((one) => one.textContent.slice(0, 40))"""
+        assert browser.run(wider) == []
     finally:
         browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
