@@ -15,6 +15,10 @@ JOBS ?= auto
 COMPILED := $(if $(CI),S7DISSECT_COMPILED=1)
 # Seconds for each fuzz target.
 FUZZ_SECONDS ?= 60
+# Of `make fuzz-installed`: inputs, processes side by side, and the file that notes what is done.
+EXECUTIONS ?= 10000000
+FUZZ_JOBS ?= 2
+FUZZ_DONE ?= build/fuzz-done.jsonl
 # Rounds of the property tests.
 ROUNDS ?= 20
 
@@ -33,7 +37,7 @@ export VENV
 # what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test checks docs wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz properties record clean
+.PHONY: demo test checks docs wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
 .NOTPARALLEL:
 
 demo: environment
@@ -117,6 +121,10 @@ fuzz:
 	@failed=0; for target in container frames segments streams pdus plus blocks tls files inputs; do \
 		PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.fuzz $$target --seconds $(FUZZ_SECONDS) $(FUZZ) || failed=1; \
 	done; exit $$failed
+
+# So many inputs of all targets to the installed package, compiled; goes on where an earlier run with the same file was stopped.
+fuzz-installed: test-environment
+	$(BIN)/python -m tests.fuzz all --installed --executions $(EXECUTIONS) --jobs $(FUZZ_JOBS) --done $(FUZZ_DONE) $(FUZZ)
 
 # Record captures/ anew with real peers; needs root.
 record:

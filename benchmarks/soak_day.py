@@ -25,9 +25,9 @@ from dissect.alerts.loading import parse_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.live.alerting import AlertCompanion
+from dissect.live.events import CLOSED, FINDING, OPENED, TRANSACTION, Event
 from dissect.live.json_lines import JsonLines
 from dissect.live.run import Companion, LiveRun
-from dissect.live.session import CLOSED, FINDING, OPENED, TRANSACTION, Event
 from dissect.metrics.counters import Metrics
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.wire.build import COMPILED

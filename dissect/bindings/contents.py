@@ -52,6 +52,10 @@ def _bare(codec: Codec, binding: Binding, octets: bytes) -> Decoded:
 
 def _messages(codec: Codec, binding: Binding, octets: bytes) -> list[Message]:
     """Return the messages one after another. An S7 area has one size, so zeros may follow the last one there."""
+    if binding.carrier != "s7" and octets:
+        message = codec.parse_message(octets)
+        if message.size == len(octets):
+            return [message]  # as nearly always: one message and nothing else
     found: list[Message] = []
     at, end = 0, len(octets)
     if binding.carrier == "s7" and codec.envelope.opening.strip(b"\0"):

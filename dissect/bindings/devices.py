@@ -79,6 +79,7 @@ class Devices:
         self._overlooked = 0
         self._strict_pad = strict_pad
         self._known: OrderedDict[tuple[bytes, int], Device] = OrderedDict()
+        self._latest: tuple[Endpoint, Device] | None = None  # the last of them
         _ = self.codec.envelope  # an envelope that cannot work is told before the first packet
 
     @property
@@ -90,6 +91,7 @@ class Devices:
         """Another capture begins: forget every device. `forgotten` counts only those there was no room for."""
         self._overlooked = self.overlooked
         self._known.clear()
+        self._latest = None
 
     def of(self, side: Side, binding: Binding) -> Device:
         """Return the device of a conversation: the end that owns the dictionary."""
@@ -98,6 +100,9 @@ class Devices:
 
     def at(self, end: Endpoint) -> Device:
         """Return the device behind an address and port."""
+        latest = self._latest
+        if latest is not None and latest[0] is end:
+            return latest[1]
         key = (end.address, end.port)
         found = self._known.get(key)
         if found is None:
@@ -109,6 +114,7 @@ class Devices:
                 self._overlooked += gone.overlooked
         else:
             self._known.move_to_end(key)
+        self._latest = end, found
         return found
 
 

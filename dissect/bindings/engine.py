@@ -159,22 +159,24 @@ class ScdCarrier(PayloadDecoder):
     # ---- from octets to transactions --------------------------------------------------------------------------------
 
     def _unit(self, side: Side, binding: Binding, octets: bytes, frame: int, time_ns: int, place: str = "") -> None:
-        device = self.devices.of(side, binding)
-        for found in self._decode(device, binding, octets):
+        connection = side.connection
+        observer = self._exchange.observer
+        for found in self._decode(self.devices.of(side, binding), binding, octets):
             found.frame = frame
             found.time_ns = time_ns
-            found.connection = side.connection.number
+            found.connection = connection.number
             found.side = side.index
             found.place = place
-            side.connection.pdus += 1
-            if self._exchange.observer.wants_pdus:
-                self._exchange.observer.scd(frame, time_ns, side, found)
+            connection.pdus += 1
+            if observer.wants_pdus:
+                observer.scd(frame, time_ns, side, found)
             self._judge.message(side, found)
             self._pair(side, found, frame, time_ns)
 
     def _decode(self, device: Device, binding: Binding, octets: bytes, at: int = 0) -> Iterator[ScdMessage]:
         """Give the messages in ``octets``, which begin at offset ``at`` of what carries them, and count them."""
         count = self.counts[binding.name]
+        shared = self.devices.codec
         place = 0
         for message in decode(device.codec, binding, octets):
             size = message.size or len(octets) - place
@@ -186,7 +188,8 @@ class ScdCarrier(PayloadDecoder):
             if message.error is not None:
                 count.errors += 1
             elif message.pdo:
-                found.mapping = self._mapping(device, message.pdo)
+                pdo = self._pdos.get(message.pdo) if device.codec is shared else None
+                found.mapping = self._mapping(device, message.pdo) if pdo is None else pdo
             yield found
 
     def _mapping(self, device: Device, pdo: str) -> Pdo:
@@ -200,34 +203,40 @@ class ScdCarrier(PayloadDecoder):
 
     def _pair(self, side: Side, found: ScdMessage, frame: int, time_ns: int) -> None:
         message = found.message
-        if (message.service and not message.phase) or (message.error is not None and not message.service):
+        phase = message.phase
+        if (message.service and not phase) or (message.error is not None and not message.service):
             self.unpaired += 1
             return
         parameters = self._parameters(found)
         reference = _reference(message)
         exchange = self._exchange
-        if message.phase == "request":
+        if phase == "request":
             exchange.request(side, reference, parameters, found.octets, frame, time_ns)
-        elif message.phase in {"response", "abort"}:
+        elif phase in {"response", "abort"}:
             exchange.response(side, reference, parameters, found.octets, frame, time_ns)
         else:
             exchange.indication(side, reference, parameters, found.octets, frame, time_ns)
 
     def _parameters(self, found: ScdMessage) -> ScdParameters:
         message = found.message
-        name: str = message.service
-        if message.service == "pdo":
+        service = message.service
+        name: str = service
+        if service == "pdo":
             name = f"PDO {message.pdo}" if message.pdo else "PDO with an unknown number"
-        elif not message.service:
+        elif not service:
             name = message.content or "message"
         # Names are those of the dictionary, so there is an end to them.
-        key = self._functions.setdefault(name, len(self._functions))
+        key = self._functions.get(name)
+        if key is None:
+            key = self._functions[name] = len(self._functions)
         parameters = ScdParameters(key, name, found)
-        if "index" in message.numbers and message.service != "pdo":
+        if service != "pdo" and "index" in message.numbers:
             parameters.index = message.index
             parameters.sub = message.sub
-        parameters.err = min(message.err, _MAX_ERR)
-        parameters.refused = message.phase == "abort" or message.err < 0
+        err = message.err
+        if err:
+            parameters.err = min(err, _MAX_ERR)
+        parameters.refused = err < 0 or message.phase == "abort"
         return parameters
 
     # ---- transactions -----------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from dissect.bindings.evidence import STRUCTURE_SUB, Evidence
 from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
 from dissect.scd.packing import ACCESS, ENCODING, LIMITS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION, limits_text
 from dissect.scd.wording import address_text, value_text
+from dissect.transactions.transaction import PUSH
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -141,8 +142,11 @@ class ScdJudge:
 
     def exchange(self, transaction: Transaction) -> None:
         """Judge an SDO exchange that is over, or a PDO: values of the device, what was written to it."""
+        pushed = transaction.outcome == PUSH
         for found in transaction.scd:
             message = found.message
+            if pushed and self._is_common(found):
+                continue  # nothing that would be compared with what its device said before
             device = self._device(transaction, found)
             if message.err < 0 and message.service != "pdo":
                 detail = self._evidence.denied(message)
@@ -168,11 +172,8 @@ class ScdJudge:
         message = found.message
         if found.place and (message.error is not None or message.flags):
             self._oddities(found)
-        if not accepted:
+        if not accepted or self._is_common(found):
             return
-        if self._evidence.keys.isdisjoint(message.values):  # most messages have neither a constant nor a structure
-            if message.sub != STRUCTURE_SUB:
-                return
         for key, value in message.values.items():
             if not isinstance(key, tuple):
                 continue
@@ -184,6 +185,11 @@ class ScdJudge:
                 if old is not None:
                     detail = f"{address_text(key)} was {value_text(old)}, is {value_text(value)}"
                     self._note("scd.constant_changed", found, detail)
+
+    def _is_common(self, found: ScdMessage) -> bool:
+        """Whether a message has neither a constant nor a structure, as most have."""
+        message = found.message
+        return message.sub != STRUCTURE_SUB and self._evidence.keys.isdisjoint(message.values)
 
     def _written(self, device: Device, found: ScdMessage) -> None:
         """A write was acknowledged: what was written to a mapping object holds from now on."""

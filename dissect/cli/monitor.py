@@ -158,6 +158,7 @@ def command(
     `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
     """
     from dissect.engine.pipeline import Options
+    from dissect.live.lines import kinds_of
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
@@ -173,6 +174,8 @@ def command(
             companions=[*beside.companions(interface or ("stdin" if file == "-" else file or "")), *scrape.companions],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),
+            # The screens, and an expression, look at all that happens.
+            kinds=kinds_of(() if on_screens or chosen.where is not None else topics),
         )
         scrape.watch(session)
         beside.watch(session, on_screens)

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.live.session import Event, Session
+    from dissect.live.events import Event
+    from dissect.live.session import Session
     from dissect.metrics.address import Address
     from dissect.proxy.capture_file import CaptureFile
     from dissect.proxy.process import RelayProcess, RelayThread
@@ -121,6 +122,7 @@ def command(
     unchanged; a copy is dissected and cannot delay them. Stop it with Ctrl-C or SIGTERM.
     """
     from dissect.engine.pipeline import Options
+    from dissect.live.lines import kinds_of
     from dissect.live.session import Session
     from dissect.net.addresses import places_to_connect, places_to_listen
     from dissect.proxy.process import RelayProcess, RelayThread, possible
@@ -142,7 +144,7 @@ def command(
     side: RelayThread | RelayProcess = RelayProcess(relay, tap) if possible() else RelayThread(relay, tap)
     reader = RelayReader(side)
     options = Options(slow_ns, decoder=decoder, overdue_ns=overdue_ns, tls_keys=tls_keys, naming=naming)
-    session = Session(lambda: reader, options, companions=companions, name="proxy")
+    session = Session(lambda: reader, options, companions=companions, name="proxy", kinds=kinds_of(topics))
     lines = _Lines(session, side, None if output == "-" else new_shower(format_, topics))
     code = _Proxy(side, reader, session, lines).run(to)
     return gate(session.run, fail_on, code)
@@ -168,7 +170,7 @@ class _Lines:
 
     def show(self, events: list[Event]) -> None:
         """Write events, and what else went wrong."""
-        from dissect.live.session import PROBLEM, Event
+        from dissect.live.events import PROBLEM, Event
 
         problems = self._relay.problems
         events = events + [Event(PROBLEM, *problems.popleft()) for _ in range(len(problems))]

@@ -98,7 +98,7 @@ def command(
     naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
-    """Write captures as one HTML page: what broke, since when and who, plots, and tables to sort and search.
+    """Write captures as one HTML page: what broke, since when and who is affected, plots, and tables to sort and search.
 
     The page is one file that works offline and loads nothing from a network. Its size is bounded: it says what it left
     out. FILE is as for `analyze`; several files are read as one capture.
@@ -147,7 +147,7 @@ def _read(
 ) -> tuple[Side, int]:
     """Read captures for a report, and for another observer beside it; return what was gathered and the exit code so far."""
     from dissect.live.run import Fanout
-    from dissect.page.gathered import Gathered
+    from dissect.page.gathered import Gathered, span_of
     from dissect.page.rendering import Side
     from dissect.page.rows import Rows
     from dissect.session import Run
@@ -161,7 +161,8 @@ def _read(
     gathered.files = run.files
     chosen.begin(run, files)
     code = drive(run, files)
-    gathered.take(run.pipeline, run.files)
+    # A report of a part spans what was selected.
+    gathered.take(run.pipeline, run.files, span_of(run.pipeline) if chosen.where is None else None)
     gathered.analysis.part = chosen.part(run)
     if code != EXIT_INTERRUPTED:
         complain(run, code)

@@ -16,7 +16,8 @@ from dissect.report.formats import EVENTS, Format
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from dissect.live.session import Event, Session, Status
+    from dissect.live.events import Event
+    from dissect.live.session import Session, Status
     from dissect.report.styled import Line
 
 _TOPICS: Final = ("connections", "transactions", "operations", "findings", "devices", "scd")

@@ -28,10 +28,10 @@ from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.stations.evidence import TELLING
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
-from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import TRANSFERS, Operation
 from dissect.transactions.operations import Operations
+from dissect.transactions.pairing import Dialogue
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction

@@ -21,8 +21,8 @@ from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.engine.order import RESPONSES, SEGMENTS, Order
 from dissect.findings.reporter import Reporter
-from dissect.transactions.dialogue import Dialogue
 from dissect.transactions.naming import subject
+from dissect.transactions.pairing import Dialogue
 from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text

@@ -6,9 +6,11 @@ for a timestamp with a zone in nanoseconds.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from typing import Any, Final
 
+from dissect.export.batch import Batch, Part
 from dissect.export.extras import needed
 from dissect.export.tables import BOOL, BYTES, INT, INTS, REAL, TEXT, TIME, WORD, WORDS, Table
 from dissect.export.transaction_rows import Row
@@ -44,31 +46,49 @@ class Batches:
         if not dictionaries:
             kinds[WORD] = kinds[TEXT]
         self.table = table
-        self._types = [kinds[column.type] for column in table.columns]
+        self.dictionaries = dictionaries
+        self._kinds = {column.name: kinds[column.type] for column in table.columns}
+        self._stored = tuple([column.name for column in table.stored])
+        self._shared: dict[tuple[str, ...], tuple[Sequence[Row], int, list[Any]]] = {}
         self.schema = pa.schema(
             [
-                pa.field(column.name, kind, metadata={"about": column.about, "unit": column.unit})
-                for column, kind in zip(table.columns, self._types, strict=True)
+                pa.field(column.name, self._kinds[column.name], metadata={"about": column.about, "unit": column.unit})
+                for column in table.columns
             ],
             metadata={"s7dissect.table": table.name, "s7dissect.tables": str(TABLES_VERSION), **(metadata or {})},
         )
 
     def batch(self, rows: Sequence[Row]) -> Any:
-        """Return rows as a batch."""
+        """Return rows as a `pyarrow.RecordBatch`."""
         pa = self._pa
-        columns: list[Any] = list(zip(*rows, strict=True)) if rows else [() for _ in self.table.stored]
-        stored = iter(columns)
-        arrays: dict[str, Any] = {}
-        for column, kind in zip(self.table.columns, self._types, strict=True):
-            if not column.of:
-                arrays[column.name] = _array(pa, next(stored), kind)
-        for column, kind in zip(self.table.columns, self._types, strict=True):
+        some = rows if isinstance(rows, Batch) else Batch(self.table, [Part(self._stored, rows)], {})
+        arrays: dict[str, Any] = {name: _array(pa, values, self._kinds[name]) for name, values in some.columns.items()}
+        for part in some.parts:
+            arrays.update(zip(part.names, self._part(part), strict=True))
+        for column in self.table.columns:
             if column.of:
-                arrays[column.name] = arrays[column.of].view(kind)
+                arrays[column.name] = arrays[column.of].view(self._kinds[column.name])
         return pa.RecordBatch.from_arrays([arrays[column.name] for column in self.table.columns], schema=self.schema)
+
+    def _part(self, part: Part) -> list[Any]:
+        """Return the columns of a part. Rows that others share are made into arrays anew only when there are more of them."""
+        pa = self._pa
+        known = self._shared.get(part.names)
+        if known is not None and known[0] is part.rows and known[1] == len(part.rows):
+            made = known[2]
+        else:
+            columns: list[Any] = list(zip(*part.rows, strict=True)) if part.rows else [()] * len(part.names)
+            made = [_array(pa, values, self._kinds[name]) for name, values in zip(part.names, columns, strict=True)]
+        if part.at is None:
+            return made
+        self._shared[part.names] = (part.rows, len(part.rows), made)
+        at = _array(pa, part.at, pa.int32())
+        return [one.take(at) for one in made]
 
 
 def _array(pa: Any, values: Sequence[Any], kind: Any) -> Any:
+    if isinstance(values, array):
+        return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(values)])
     encoded = pa.types.is_dictionary(kind)  # made in two steps, which is thirty times faster than in one
     plain = kind.value_type if encoded else kind
     try:

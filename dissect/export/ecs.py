@@ -18,7 +18,7 @@ from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import ECS_PARTS, Export, Request
 from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.rows import Rows
-from dissect.export.tables import CONNECTIONS, FINDINGS, TRANSACTIONS, Table
+from dissect.export.tables import CONNECTIONS, FINDINGS, Table
 from dissect.findings.reporter import Finding
 from dissect.select.things import Context
 from dissect.session import Run
@@ -174,8 +174,7 @@ class EcsExport(Export, Observer):
         """Write a transaction."""
         if "transactions" not in self._files:
             return
-        items = self._rows.items(transaction)
-        row = _named(TRANSACTIONS, self._rows.transaction(transaction, len(items)))
+        row = self._rows.transactions.row(transaction, self._rows.item_count(transaction))
         connection = transaction.connection
         asked = row["request_frame"] is not None
         sender = connection.tcp.ends[int(transaction.asked_by) if asked else 1 - int(transaction.asked_by)]

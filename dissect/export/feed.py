@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Any, Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.export.batch import Batch, Part
+from dissect.export.item_columns import ASKED, BEGIN, CODE, ItemColumns
 from dissect.export.rows import Rows
 from dissect.export.tables import CONNECTIONS, DEVICES, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
-from dissect.export.transaction_rows import Row
+from dissect.export.transaction_rows import ENDS, FUNCTION, OWN, STATE, Row, TransactionColumns
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
 from dissect.select.things import Context
@@ -26,6 +28,8 @@ from dissect.variables.collector import Collector
 #: Rows of a table that are handed on together, and bytes of items that may wait.
 ROWS: Final = 8192
 _MOST_BYTES: Final = 16 * 1024 * 1024
+#: Most rows of an export, collected column by column.
+_BULK: Final = (TRANSACTIONS, ITEMS)
 
 
 class Sink(ABC):
@@ -33,7 +37,7 @@ class Sink(ABC):
 
     @abstractmethod
     def take(self, table: Table, rows: Sequence[Row]) -> None:
-        """Take rows of a table, each with the values of its stored columns."""
+        """Take rows of a table, each with the values of its stored columns; many of them come as a `Batch`."""
 
 
 class TableFeed(Observer):
@@ -50,12 +54,13 @@ class TableFeed(Observer):
         self.wants_pdus = PDUS.name in names
         self.counts = dict.fromkeys([table.name for table in self.tables], 0)
         self._sink = sink
-        self._made = Rows([])
+        self._collect([])
         self._context = Context()
-        self._waiting: dict[str, list[Row]] = {table.name: [] for table in self.tables}
+        self._bulk = [table for table in self.tables if table in _BULK]
+        self._waiting: dict[str, list[Row]] = {table.name: [] for table in self.tables if table not in _BULK}
         self._connections = self._waiting.get(CONNECTIONS.name)
-        self._transactions = self._waiting.get(TRANSACTIONS.name)
-        self._items = self._waiting.get(ITEMS.name)
+        self._wants_items = ITEMS in self._bulk
+        self._wants_transactions = TRANSACTIONS in self._bulk
         self._operations = self._waiting.get(OPERATIONS.name)
         self._findings = self._waiting.get(FINDINGS.name)
         self._pdus = self._waiting.get(PDUS.name)
@@ -63,21 +68,54 @@ class TableFeed(Observer):
         self._collector = Collector()
         self._devices = self._waiting.get(DEVICES.name)
         self._inventory = Inventory()
-        self._bytes = 0
 
     def begin(self, files: Sequence[SourceFile]) -> None:
         """Name packets by ``files``, which may grow."""
+        self._collect(files)
+
+    def _collect(self, files: Sequence[SourceFile]) -> None:
         self._made = Rows(files)
+        self._transactions = TransactionColumns(self._made.transactions)
+        self._items = ItemColumns(self._made.transactions, self._made.other_items, ROWS, _MOST_BYTES)
 
     def flush(self) -> None:
         """Hand on the rows that wait."""
         for table in self.tables:
-            rows = self._waiting[table.name]
+            rows = self._waiting.get(table.name)
+            some = rows if rows is not None else self._batch(table)
+            if some:
+                self.counts[table.name] += len(some)
+                self._sink.take(table, some)
             if rows:
-                self.counts[table.name] += len(rows)
-                self._sink.take(table, rows)
                 rows.clear()
-        self._bytes = 0
+        self._transactions.clear()
+        self._items.clear()
+
+    def _batch(self, table: Table) -> Batch:
+        """Return what was collected of one of the two tables that are collected by columns."""
+        if table is TRANSACTIONS:
+            done = self._transactions
+            parts = [
+                Part(OWN, done.own),
+                Part(ENDS, done.ends.rows, done.ends_at),
+                Part(FUNCTION, done.functions.rows, done.functions_at),
+                Part(STATE, done.states.rows, done.states_at),
+            ]
+            return Batch(table, parts, {})
+        items = self._items
+        parts = [
+            Part(BEGIN, items.begins, items.begins_at),
+            Part(ASKED, items.asked.rows, items.asked_at),
+            Part(CODE, items.codes.rows, items.codes_at),
+        ]
+        columns: dict[str, Sequence[Any]] = {
+            "item": items.numbers,
+            "name": items.names,
+            "number": items.values,
+            "text": items.texts,
+            "data": items.data,
+        }
+        return Batch(table, parts, columns)
 
     def finish(self, pipeline: Pipeline, files: Sequence[SourceFile]) -> None:
         """Hand on the rest, when ``pipeline`` has read ``files`` to their end."""
@@ -104,7 +142,6 @@ class TableFeed(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the rows of a transaction and of its items."""
-        items = self._items
         if self._devices is not None:
             self._inventory.transaction(transaction)
         if self._values is not None:
@@ -112,18 +149,12 @@ class TableFeed(Observer):
             self._values += [self._made.value(row) for row in self._collector.take()]
             if len(self._values) >= ROWS:
                 self.flush()
-        if items is None and self._transactions is None:
+        if not self._bulk:
             return
-        rows = self._made.items(transaction)
-        if self._transactions is not None:
-            self._transactions.append(self._made.transaction(transaction, len(rows)))
-            if len(self._transactions) >= ROWS:
-                self.flush()
-        if items is not None and rows:
-            items += rows
-            self._bytes += int(transaction.request_size + transaction.response_size)
-            if len(items) >= ROWS or self._bytes >= _MOST_BYTES:
-                self.flush()
+        count = self._items.add(transaction) if self._wants_items else self._made.item_count(transaction)
+        full = self._wants_transactions and self._transactions.add(transaction, count) >= ROWS
+        if full or self._items.full:
+            self.flush()
 
     def operation(self, operation: Operation) -> None:
         """Add the row of an operation."""

@@ -50,9 +50,8 @@ class ParquetFile:
             column_encoding={column.name: "DELTA_BINARY_PACKED" for column in columns if column.type == INT},
         )
 
-    def add(self, rows: Sequence[Row]) -> None:
-        """Take rows; write a row group when it is full."""
-        batch = self._batches.batch(rows)
+    def add(self, batch: Any) -> None:
+        """Take a `pyarrow.RecordBatch`; write a row group when it is full."""
         self._waiting.append(batch)
         self._rows += batch.num_rows
         self._bytes += batch.nbytes
@@ -97,10 +96,11 @@ class ParquetSink(Sink):
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Write rows to the files they belong to."""
+        batch = self._batches[table.name].batch(rows)
         if not self._by_day:
-            self._file(table.name, "").add(rows)
+            self._file(table.name, "").add(batch)
             return
-        for day, some in by_days(table, rows).items():
+        for day, some in by_days(table, batch).items():
             self._file(table.name, day).add(some)
 
     def close(self) -> None:
@@ -136,14 +136,14 @@ class ParquetSink(Sink):
         return self._path / name / f"day={day}" / f"part-{number:04}.parquet"
 
 
-def by_days(table: Table, rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return rows by the day (UTC) of the time that dates them, in their order."""
-    at = table.position(table.time)
-    found: dict[int | None, list[Row]] = {}
-    for row in rows:
-        time_ns = row[at]
-        found.setdefault(time_ns // _DAY_NS if time_ns is not None else None, []).append(row)
-    return {_day_text(day): some for day, some in found.items()}
+def by_days(table: Table, batch: Any) -> dict[str, Any]:
+    """Return a `pyarrow.RecordBatch` divided by the day (UTC) of the time that dates its rows, in their order."""
+    found: dict[int | None, list[int]] = {}
+    for at, time_ns in enumerate(batch.column(table.time).to_pylist()):
+        found.setdefault(time_ns // _DAY_NS if time_ns is not None else None, []).append(at)
+    if len(found) == 1:
+        return {_day_text(day): batch for day in found}
+    return {_day_text(day): batch.take(needed("pyarrow").array(some)) for day, some in found.items()}
 
 
 def _day_text(day: int | None) -> str:

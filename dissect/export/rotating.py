@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from dissect.export.arrow import Batches
 from dissect.export.extras import needed
@@ -29,16 +30,18 @@ class RotatingSink(Sink):
         needed("pyarrow.parquet", "--export")  # now, while everything can still be read
         self._folder = folder
         self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
+        self._try_out()
         self._open: dict[tuple[str, str], tuple[Saving, ParquetFile]] = {}
         self._since = ""
         self._clock = Clock()
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Write rows to the files of their days."""
-        for day, some in by_days(table, rows).items():
+        for day, some in by_days(table, self._batches[table.name].batch(rows)).items():
             found = self._open.get((table.name, day))
             if found is None:
-                found = self._open[table.name, day] = self._begin(table, day, some[0][table.position(table.time)])
+                first_ns = some.column(table.time)[0].as_py()
+                found = self._open[table.name, day] = self._begin(table, day, first_ns)
             found[1].add(some)
 
     def rotate(self, now_ns: int) -> None:
@@ -55,6 +58,14 @@ class RotatingSink(Sink):
             file.abandon()
             Path(saving.path).unlink(missing_ok=True)
         self._open.clear()
+
+    def _try_out(self) -> None:
+        """Write an empty row of each table, and drop it: what pyarrow imports as it goes is then there."""
+        with TemporaryDirectory() as folder:
+            for name, batches in self._batches.items():
+                file = ParquetFile(Path(folder, name), batches)
+                file.add(batches.batch([(None,) * len(batches.table.stored)]))
+                file.close()
 
     def _begin(self, table: Table, day: str, time_ns: int | None) -> tuple[Saving, ParquetFile]:
         folder = self._folder / table.name / f"day={day}"

@@ -89,30 +89,28 @@ class Rows:
             int(connection.open_at_end),
         )
 
-    # ---- items of other protocols -----------------------------------------------------------------------------------
+    # ---- transactions and items -------------------------------------------------------------------------------------
 
-    def items(self, transaction: Transaction) -> list[Row]:
-        """Return a row for each item, in wire order: of S7comm, or S7comm-plus, then the values of SCD."""
-        if transaction.is_plus:
-            facts = [plus_facts(item) for item in transaction.plus_items()]
-            rows: list[Row] = []
-        elif transaction.is_scd:
-            facts, rows = [], []
+    @property
+    def transactions(self) -> TransactionRows:
+        """What makes the columns of transactions."""
+        return self._hot
+
+    @staticmethod
+    def item_count(transaction: Transaction) -> int:
+        """Return how many rows the items of a transaction are."""
+        good = transaction.good_octets()
+        if good is not None:
+            count = len(good)
         else:
-            rows = self._hot.items(transaction)
-            if transaction.carried is None:
-                return rows
-            facts = []
-        facts += [scd_facts(row) for found in transaction.scd for row in found.values]
-        if facts:
-            number, begin = int(transaction.number), self._hot.begin(transaction)
-            for index, fact in enumerate(facts, len(rows) + 1):
-                rows.append((number, index, *begin, *_facts(fact)))
-        return rows
+            count = len(transaction.plus_items() if transaction.is_plus else transaction.results())
+        return count + sum([len(found.values) for found in transaction.scd])
 
-    def transaction(self, transaction: Transaction, item_count: int) -> Row:
-        """Return the row of a transaction that has so many items."""
-        return self._hot.transaction(transaction, item_count)
+    def other_items(self, transaction: Transaction) -> list[Row]:
+        """Return the columns, from the name on, of each item of S7comm-plus, or of each value of SCD."""
+        facts = [plus_facts(item) for item in transaction.plus_items()] if transaction.is_plus else []
+        facts += [scd_facts(row) for found in transaction.scd for row in found.values]
+        return [_facts(fact) for fact in facts]
 
     def value(self, row: ValueRow) -> Row:
         """Return the row of a value of a variable."""

@@ -11,7 +11,8 @@ from collections.abc import Collection, Iterable
 from typing import Final
 
 from dissect.findings.reporter import Finding
-from dissect.live.session import Event, Status
+from dissect.live.events import Event
+from dissect.live.session import Status
 from dissect.report.contract import connection_as_dict, finding_as_dict
 from dissect.report.operations import operation_json
 from dissect.report.styled import Line

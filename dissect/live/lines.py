@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable
 from typing import Final
 
 from dissect.findings.reporter import Finding
-from dissect.live.session import CLOSED, DEVICE, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event, Status
+from dissect.live.events import CLOSED, DEVICE, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event
+from dissect.live.session import Status
 from dissect.report import endings, words
 from dissect.report.operations import operation_line
 from dissect.report.styled import FAILED, HANG, PLAIN, Line

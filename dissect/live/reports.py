@@ -8,8 +8,8 @@ from pathlib import Path
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
-from dissect.page.gathered import Gathered
-from dissect.page.rendering import Side, render
+from dissect.page.gathered import Gathered, span_of
+from dissect.page.rendering import Side, prepare, render
 from dissect.page.rows import Rows, time_of
 from dissect.report.analysis import Part
 from dissect.source.live.reader import Drops
@@ -34,6 +34,7 @@ class ReportCompanion(Companion):
         self, directory: str, every_ns: int, name: str, version: str, clock: Clock, hosts: Mapping[str, str]
     ) -> None:
         super().__init__()
+        prepare()
         self.written: list[Path] = []
         self._directory = Path(directory)
         self._every_ns = every_ns
@@ -105,7 +106,8 @@ class ReportCompanion(Companion):
         gathered, self._gathered = self._gathered, self._fresh()
         begin_ns, end_ns = self._period * self._every_ns, (self._period + 1) * self._every_ns
         gathered.list_open()
-        gathered.take(self._pipeline, [])
+        first_ns, now_ns = span_of(self._pipeline) or (begin_ns, begin_ns)
+        gathered.take(self._pipeline, [], (max(begin_ns, first_ns), max(begin_ns, min(end_ns, now_ns))))
         counts = dict(self._pipeline.finding_counts)
         part = Part(f"time in {{{self._clock.iso(begin_ns)[:19]}..{self._clock.iso(end_ns)[:19]}}}")
         part.finding_counts = {

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from dissect.engine.observer import Observer
 from dissect.findings.reporter import Finding
-from dissect.live.session import CLOSED, Event
+from dissect.live.events import CLOSED, Event
 from dissect.select import Where
 from dissect.select.sieve import Sieve
 from dissect.select.things import MESSAGE, Message

@@ -16,52 +16,22 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final, NamedTuple
 
-from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.findings.reporter import Finding
+from dissect.live.events import KINDS, PROBLEM, TRANSACTION, Collector, Event
 from dissect.live.run import Companion, Limits, LiveRun
 from dissect.report.contract import connection_as_dict
 from dissect.report.words import Places
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
-from dissect.stations.facts import BLOCK, MAC, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.table import Side
-from dissect.transactions.transaction import Transaction
-
-#: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself.
-OPENED: Final = "connection_opened"
-CLOSED: Final = "connection_closed"
-TRANSACTION: Final = "transaction"
-OPERATION: Final = "operation"
-FINDING: Final = "finding"
-SCD: Final = "scd"
-DEVICE: Final = "device"
-PROBLEM: Final = "problem"
 
 #: Events that wait to be taken; and how many more of those that are not transactions.
 MAX_EVENTS: Final = 20_000
 _RESERVE: Final = 5_000
 #: How often a file looks whether it is to be stopped while events wait to be taken, in seconds.
 _PATIENCE_S: Final = 0.1
-
-
-class Event(NamedTuple):
-    """Something happened: ``what`` it is about, by ``kind``, and when by the clock of the capture.
-
-    What it is about may go on changing where it is a connection that is open; ``facts`` are those of a connection, as JSON has
-    them, when it happened.
-    """
-
-    kind: str
-    time_ns: int
-    what: Connection | Transaction | Operation | Finding | Fact | tuple[ScdMessage, Connection] | str
-    facts: dict[str, object] | None = None
 
 
 class Status(NamedTuple):
@@ -82,61 +52,11 @@ class Status(NamedTuple):
     lost_events: int
 
 
-class _Collector(Observer):
-    """Counts what happens and keeps it until the step is over."""
-
-    def __init__(self, scd: bool) -> None:
-        super().__init__()
-        self.wants_pdus = scd
-        self.fresh: list[Event] = []
-        self.opened = 0
-        self.closed = 0
-        self.transactions = 0
-        self.unanswered = 0
-        self.with_errors = 0
-        self.now_ns: Callable[[], int] = lambda: 0
-        self._places = Places([], False)
-
-    def connection_opened(self, connection: Connection) -> None:
-        self.opened += 1
-        self.fresh.append(Event(OPENED, int(connection.tcp.last_ns), connection, self._facts(connection)))
-
-    def connection_closed(self, connection: Connection) -> None:
-        self.closed += 1
-        ending = connection.ending
-        time_ns = int(ending.time_ns if ending is not None else self.now_ns())
-        self.fresh.append(Event(CLOSED, time_ns, connection, self._facts(connection)))
-
-    def _facts(self, connection: Connection) -> dict[str, object]:
-        return connection_as_dict(connection, self._places)
-
-    def transaction(self, transaction: Transaction) -> None:
-        self.transactions += 1
-        if transaction.missed:
-            self.unanswered += 1
-        if transaction.has_errors:
-            self.with_errors += 1
-        self.fresh.append(Event(TRANSACTION, int(max(transaction.request_ns, transaction.response_ns)), transaction))
-
-    def operation(self, operation: Operation) -> None:
-        self.fresh.append(Event(OPERATION, int(operation.begin_ns + operation.duration_ns), operation))
-
-    def finding(self, finding: Finding) -> None:
-        self.fresh.append(Event(FINDING, int(finding.time_ns), finding))
-
-    def fact(self, fact: Fact) -> None:
-        # What is new; of the card behind an address only that it is a different one now, and not every block by name.
-        if fact.fresh and fact.key != BLOCK and (fact.before or fact.key != MAC):
-            self.fresh.append(Event(DEVICE, int(fact.time_ns), fact))
-
-    def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
-        self.fresh.append(Event(SCD, int(time_ns), (found, side.connection)))
-
-
 class Session:
     """Runs what ``open_source`` opens in a thread, from `start` to its own end or to `stop`.
 
     ``error`` is what ended it against its will, None otherwise. ``lost`` counts events that were not taken in time, by kind.
+    Events of other than ``kinds`` are counted and not made; a ``PROBLEM`` always is.
     """
 
     def __init__(
@@ -148,6 +68,7 @@ class Session:
         limits: Limits | None = None,
         name: str = "",
         max_events: int = MAX_EVENTS,
+        kinds: Collection[str] = KINDS,
     ) -> None:
         self._open_source = open_source
         self._options = options
@@ -157,7 +78,12 @@ class Session:
         self._max_events = max_events
         self._events: deque[Event] = deque()
         self._changed = threading.Condition()
-        self._collector = _Collector(options is not None and options.decoder is not None)
+        places = Places([], False)
+        self._collector = Collector(
+            lambda connection: connection_as_dict(connection, places),
+            kinds,
+            options is not None and options.decoder is not None,
+        )
         self._run: LiveRun | None = None
         self._thread: threading.Thread | None = None
         self._stop_asked = False
@@ -246,12 +172,12 @@ class Session:
             packets=int(run.pipeline.frames),
             octets=run.octets,
             drops=run.drops,
-            connections=counts.opened,
-            connections_open=counts.opened - counts.closed,
+            connections=int(counts.opened),
+            connections_open=int(counts.opened - counts.closed),
             open_requests=int(run.pipeline.exchange.dialogue.open),
-            transactions=counts.transactions,
-            unanswered=counts.unanswered,
-            with_errors=counts.with_errors,
+            transactions=int(counts.transactions),
+            unanswered=int(counts.unanswered),
+            with_errors=int(counts.with_errors),
             findings=sum(run.pipeline.finding_counts.values()),
             waiting_events=len(self._events),
             lost_events=sum(self.lost.values()),
@@ -283,6 +209,9 @@ class Session:
             return
         self._collector.fresh = []
         with self._changed:
+            if len(self._events) + len(fresh) <= self._max_events:
+                self._events.extend(fresh)
+                fresh = []
             for event in fresh:
                 while self._patient and len(self._events) >= self._max_events and not self._stop_asked:
                     self._changed.wait(_PATIENCE_S)

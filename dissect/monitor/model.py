@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from dissect.findings.reporter import Finding
-from dissect.live.session import CLOSED, Event
+from dissect.live.events import CLOSED, Event
 from dissect.monitor.entries import Entry, Ring, What, detached
 from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList

@@ -50,6 +50,11 @@ class Bins:
         while (end_ns - begin_ns) // self.width > most and self._step + 1 < len(WIDTHS):
             self._join()
 
+    def widen(self, width: int) -> None:
+        """Join bins until they are as wide as those of a different session, of which ``width`` is one of `WIDTHS`."""
+        while self.width < width:
+            self._join()
+
     def _join(self) -> None:
         if self._step + 1 == len(WIDTHS):
             self._most *= 2  # there is no wider bin: 27 years each

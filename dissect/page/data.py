@@ -12,10 +12,10 @@ from dissect.findings.catalogue import CATALOGUE
 from dissect.inventory.rows import device_row
 from dissect.page.bins import lower_end
 from dissect.page.gathered import BANDS, Gap, Gathered
+from dissect.page.numbers import how_often
 from dissect.page.rows import OUTCOME_NAMES, host_filter
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
-from dissect.report import words
 from dissect.report.operations import NAMES as KINDS
 from dissect.wire.text import printable, shortened
 
@@ -33,22 +33,24 @@ _TAGS: Final = 12
 _VARIABLES: Final = 1000
 _REQUESTS: Final = 500
 #: What a device says of itself, as columns of its table (`dissect.inventory.rows`).
-_DEVICE_TEXTS: Final = (
-    "role",
-    "order_number",
-    "firmware",
-    "station_name",
-    "module_name",
-    "operating_mode",
-    "vendor",
-    "asks",
-)
+_DEVICE_TEXTS: Final = {
+    "role": "role",
+    "order_number": "order number",
+    "firmware": "firmware",
+    "station_name": "station name",
+    "module_name": "module name",
+    "operating_mode": "operating mode",
+    "vendor": "vendor",
+    "asks": "sends requests to",
+}
 #: Marks of findings on the plot of rates.
 _MARKS: Final = 400
 _TEXT: Final = 160
 
 #: A cell is one of these kinds: it says how it is shown and sorted.
 TEXT, SHORT, NUMBER, SECONDS, DURATION, SIZE = "text", "short", "number", "seconds", "duration", "size"
+#: The number of a connection, transaction or operation: digits without thousands apart.
+ID: Final = "id"
 
 
 class Data:
@@ -59,6 +61,13 @@ class Data:
         self._name = name
         self._start = gathered.start_ns
         self._end = max(gathered.end_ns, gathered.start_ns + 1)
+        gathered.rates.settle(self._start, self._end, _BINS)
+        gathered.answer_times.settle(self._start, self._end, _BINS // 2)
+
+    def match(self, other: Data) -> None:
+        """Make bins as wide as those of a different session, so that the plots of both can be compared."""
+        self._of.rates.widen(other._of.rates.width)
+        self._of.answer_times.widen(other._of.answer_times.width)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything."""
@@ -91,7 +100,6 @@ class Data:
 
     def _rates(self) -> dict[str, Any]:
         bins = self._of.rates
-        bins.settle(self._start, self._end, _BINS)
         rows = [
             [self._seconds(number * bins.width), *[row.get(column, 0) for column in range(len(OUTCOME_NAMES))]]
             for number, row in sorted(bins.rows.items())
@@ -101,7 +109,6 @@ class Data:
     def _times(self) -> dict[str, Any]:
         """Answer times by time: cells of (seconds, lower and upper end in nanoseconds, count)."""
         bins = self._of.answer_times
-        bins.settle(self._start, self._end, _BINS // 2)
         step = 32 // BANDS
         cells = [
             [self._seconds(number * bins.width), lower_end(band * step), lower_end((band + 1) * step), count]
@@ -275,7 +282,7 @@ class Data:
     def _tables(self) -> list[dict[str, Any]]:
         of = self._of
         transactions = [
-            ("number", NUMBER), ("time", SECONDS), ("packets", SHORT), ("from → to", TEXT), ("answer", DURATION),
+            ("number", ID), ("time", SECONDS), ("packets", SHORT), ("from → to", TEXT), ("answer", DURATION),
             ("function", TEXT), ("what", TEXT),
         ]  # fmt: skip
         listed = len(of.connections)
@@ -286,7 +293,7 @@ class Data:
                 "connections",
                 "Connections",
                 [
-                    ("number", NUMBER), ("time", SECONDS), ("client", SHORT), ("server", SHORT), ("protocol", TEXT),
+                    ("number", ID), ("time", SECONDS), ("client", SHORT), ("server", SHORT), ("protocol", TEXT),
                     ("TSAPs", TEXT),
                     ("PDUs", NUMBER), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER), ("bytes", SIZE),
                     ("end", TEXT),
@@ -298,7 +305,7 @@ class Data:
                 "operations",
                 "Operations",
                 [
-                    ("number", NUMBER), ("time", SECONDS), ("took", DURATION), ("kind", TEXT), ("what", TEXT),
+                    ("number", ID), ("time", SECONDS), ("took", DURATION), ("kind", TEXT), ("what", TEXT),
                     ("from → to", TEXT), ("bytes", SIZE), ("result", TEXT),
                 ],
                 of.operations,
@@ -306,7 +313,7 @@ class Data:
             ),
             self._table(
                 "blocks",
-                "Blocks that were loaded or read out",
+                "Downloaded and uploaded blocks",
                 [
                     ("block", TEXT), ("name", TEXT), ("time", SECONDS), ("direction", TEXT), ("from → to", TEXT),
                     ("bytes", SIZE),
@@ -360,7 +367,7 @@ class Data:
                 }
             )  # fmt: skip
         columns = [
-            ("device", TEXT), *[(name.replace("_", " "), TEXT) for name in _DEVICE_TEXTS], ("connections", NUMBER),
+            ("device", TEXT), *[(heading, TEXT) for heading in _DEVICE_TEXTS.values()], ("connections", NUMBER),
             ("transactions", NUMBER), ("median answer", DURATION), ("first seen", SECONDS),
         ]  # fmt: skip
         return self._table("devices", "Devices", columns, rows, len(rows) + inventory.devices_not_listed)
@@ -410,7 +417,7 @@ class Data:
             for number, known in enumerate(found[:_REQUESTS], 1)
         ]
         columns = [
-            ("connection", NUMBER), ("PLC", TEXT), ("request", TEXT), ("times", NUMBER), ("with errors", NUMBER),
+            ("connection", ID), ("PLC", TEXT), ("request", TEXT), ("times", NUMBER), ("with errors", NUMBER),
             ("no answer", NUMBER), ("period", DURATION), ("shortest", DURATION), ("longest", DURATION), ("jitter", DURATION),
         ]  # fmt: skip
         return self._table("polls", "Repeated requests", columns, rows, len(found))
@@ -473,7 +480,7 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
             {
                 "rule": CATALOGUE[rule.slug],
                 "count": counts[rule.slug],
-                "times": words.count(counts[rule.slug], "time"),
+                "times": how_often(counts[rule.slug]),
                 "rows": rows,
                 "techniques": ", ".join([str(technique) for technique in rule.techniques]),
             }

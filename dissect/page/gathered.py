@@ -14,6 +14,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
 from dissect.page.bins import Bins, Spread, bucket
+from dissect.page.numbers import counted
 from dissect.page.polls import Requests
 from dissect.page.rows import ERROR, MISSED, OK, Rows, outcome_of, time_of
 from dissect.page.tag_steps import Tags
@@ -108,6 +109,11 @@ class SpreadOf:
         self.missed = 0
 
 
+def span_of(pipeline: Pipeline) -> tuple[int, int] | None:
+    """Return when the first and the latest packet came, nanoseconds since 1970; None before the first."""
+    return (int(pipeline.first_ns), int(pipeline.now_ns)) if pipeline.frames else None
+
+
 class Gathered(Observer):
     """What a report shows of a run. ``rows`` writes the rows of its tables, ``tags`` are those to be plotted, None for none.
 
@@ -144,6 +150,7 @@ class Gathered(Observer):
         self._slow_floor = -1
         self.files: list[SourceFile] = []
         self._spans_of_files: list[tuple[int, int]] = []
+        self._span: tuple[int, int] | None = None
         self._last_ns = 0
         self._heard: dict[int, Heard] = {}
 
@@ -236,10 +243,14 @@ class Gathered(Observer):
         for heard in list(self._heard.values()):
             self.connection_closed(heard.connection)
 
-    def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
-        """Take over what the pipeline counted, when the run or the period is over."""
+    def take(self, pipeline: Pipeline, files: list[SourceFile], span: tuple[int, int] | None = None) -> None:
+        """Take over what the pipeline counted, when the run or the period is over.
+
+        ``span`` is the time that the report is of, in nanoseconds since 1970; None for that of what was seen.
+        """
         self.analysis.take(pipeline, files)
         self.inventory.take(pipeline, files)
+        self._span = span
 
     # ---- what is kept -----------------------------------------------------------------------------------------------
 
@@ -259,12 +270,16 @@ class Gathered(Observer):
 
     @property
     def start_ns(self) -> int:
-        """When the first thing happened, 0 when nothing did."""
+        """When the time begins that the report is of, or else when the first thing happened; 0 when nothing did."""
+        if self._span is not None:
+            return self._span[0]
         return min([begin for begin, _ in self._spans_of_files], default=0)
 
     @property
     def end_ns(self) -> int:
-        """When the last thing happened."""
+        """When the time ends that the report is of, or else when the last thing happened."""
+        if self._span is not None:
+            return self._span[1]
         return max([end for _, end in self._spans_of_files], default=0)
 
     def between_files(self) -> list[Gap]:
@@ -288,7 +303,10 @@ class Gathered(Observer):
         if missing != heard.missing:
             self._gap(
                 Gap(
-                    min(heard.time_ns, now), now, int(connection.number), f"{missing - heard.missing} bytes are missing"
+                    min(heard.time_ns, now),
+                    now,
+                    int(connection.number),
+                    f"{counted(missing - heard.missing, 'byte is', 'bytes are')} missing",
                 )
             )
             heard.missing = missing

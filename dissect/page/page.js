@@ -48,6 +48,11 @@
   }
   const plain = (number) => (Number.isInteger(number) ? String(number) : String(Number(number.toPrecision(6))));
   const two = (number) => String(number).padStart(2, "0");
+  /** Whether times need their day: the session goes on past midnight. */
+  const dated = sessions.map((one) => {
+    const days = [0, one.span].map((seconds) => Math.floor((one.start_ms / 1e3 + one.offset_s + seconds) / 86400));
+    return days[0] !== days[1];
+  });
   function clock(session, seconds, step) {
     if (several) return `+${duration(seconds * 1e9)}`;
     const when = new Date(Math.round((session.start_ms + session.offset_s * 1e3 + seconds * 1e3) * 1e3) / 1e3);
@@ -55,8 +60,9 @@
     const day = `${when.getUTCFullYear()}-${two(when.getUTCMonth() + 1)}-${two(when.getUTCDate())}`;
     if (step >= 86400) return day;
     const hours = `${two(when.getUTCHours())}:${two(when.getUTCMinutes())}`;
-    if (step >= 60) return span > 86400 ? `${day.slice(5)} ${hours}` : hours;
-    const whole = `${hours}:${two(when.getUTCSeconds())}`;
+    const date = dated[sessions.indexOf(session)] ? `${day.slice(5)} ` : "";
+    if (step >= 60) return date + hours;
+    const whole = `${date}${hours}:${two(when.getUTCSeconds())}`;
     if (step >= 1) return whole;
     const digits = Math.min(6, Math.max(1, -Math.floor(Math.log10(step) + 1e-9)));
     let part = session.start_ms / 1e3 + session.offset_s + seconds;
@@ -67,19 +73,23 @@
 
   // ---- scales -------------------------------------------------------------------------------------------------------
 
-  /** Round ticks between two numbers; with `zero`, those that are round when it is added. */
-  function steps(begin, end, wanted, zero = 0) {
-    const rough = (end - begin) / Math.max(1, wanted);
-    const seconds = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 21600, 43200, 86400];
-    let step = seconds.find((one) => one >= rough);
-    if (rough < 1 || step === undefined) {
-      const base = 10 ** Math.floor(Math.log10(rough || 1e-6));
-      step = [1, 2, 5, 10].map((one) => one * base).find((one) => one >= rough);
-    }
+  const SECONDS = [...[-6, -5, -4, -3, -2, -1].flatMap((power) => [1, 2, 5].map((one) => Number(`${one}e${power}`))),
+    1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 21600, 43200, ...[1, 2, 7, 14, 28, 91, 182, 365].map((days) => days * 86400)];
+  /** Ticks at round times, as many as `fits(step)` says there is room for; `zero` is the time at 0. */
+  function steps(begin, end, fits, zero = 0) {
+    const step = SECONDS.find((one) => (end - begin) / one <= fits(one)) || SECONDS.at(-1);
     const found = [];
     const shift = ((zero % step) + step) % step;
     for (let tick = Math.ceil((begin + shift) / step - 1e-9) * step - shift; tick <= end + step * 1e-6 && found.length < 50; tick += step) found.push(tick);
     return [step, found];
+  }
+  /** Round numbers from 0 to at least `high`; of counts of things, whole ones. */
+  function upwards(high, wanted) {
+    const rough = Math.max(high, 1e-9) / wanted, base = 10 ** Math.floor(Math.log10(rough));
+    const step = Math.max([1, 2, 5, 10].map((one) => one * base).find((one) => one >= rough * 0.999), high >= 1 ? 1 : 0);
+    const found = [];
+    for (let number = 0; number === 0 || found.at(-1) < high * 0.999; number += 1) found.push(Number((number * step).toPrecision(12)));
+    return found;
   }
   /** Two to five round numbers between two numbers. */
   function tens(low, high) {
@@ -118,6 +128,18 @@
       one.body.replaceChildren(...one.draw(width));
     }
   }
+  const pen = document.createElement("canvas").getContext("2d");
+  pen.font = `12px ${getComputedStyle(document.body).fontFamily}`;
+  const wide = (text) => pen.measureText(text).width;
+  /** A text cut to so many pixels. */
+  function fitted(text, room) {
+    if (wide(text) <= room) return text;
+    let most = text.length - 1;
+    while (most > 1 && wide(`${text.slice(0, most)}…`) > room) most -= Math.max(1, Math.floor((wide(text.slice(0, most)) - room) / 12));
+    return `${text.slice(0, Math.max(1, most))}…`;
+  }
+  /** A round duration at an axis: above a second always in seconds, which powers of ten read best in. */
+  const axis = (ns) => (ns < 1e9 ? duration(ns) : `${integer(ns / 1e9)} s`);
   const canvas = (width, height, label) => svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": label });
   const nothing = (text) => [html("p", { class: "quiet", text })];
 
@@ -127,16 +149,16 @@
     const right = width - 8, bottom = height - 22;
     const x = (seconds) => left + ((seconds - view[0]) / (view[1] - view[0])) * (right - left);
     const zero = several ? 0 : session.start_ms / 1e3 + session.offset_s;
-    const [step, ticks] = steps(view[0], view[1], (right - left) / 110, zero);
+    const [step, ticks] = steps(view[0], view[1], (one) => (right - left) / (Math.max(...view.map((seconds) => wide(clock(session, seconds, one)))) + 18), zero);
     let free = left - 20;
     for (const tick of ticks) {
       if (x(tick) > right + 1) continue;
       root.append(svg("line", { class: "grid", x1: at(x(tick)), x2: at(x(tick)), y1: 4, y2: bottom }));
       const anchor = right - x(tick) < 32 ? "end" : x(tick) - left < 32 ? "start" : "middle";
-      const wide = clock(session, tick, step).length * 7.3;
-      const begin = anchor === "end" ? right - wide : anchor === "start" ? x(tick) : x(tick) - wide / 2;
+      const room = wide(clock(session, tick, step));
+      const begin = anchor === "end" ? right - room : anchor === "start" ? x(tick) : x(tick) - room / 2;
       if (begin < free) continue;
-      free = begin + wide + 8;
+      free = begin + room + 8;
       root.append(svg("text", { class: "quiet", x: at(anchor === "end" ? right : x(tick)), y: bottom + 16, "text-anchor": anchor, text: clock(session, tick, step) }));
     }
     root.append(svg("line", { class: "axis", x1: left, x2: right, y1: bottom, y2: bottom }));
@@ -158,8 +180,8 @@
     }
   }
   function legend(entries) {
-    return html("ul", { class: "legend" }, ...entries.map(([css, text]) => html("li", {},
-      svg("svg", { viewBox: "0 0 14 12", "aria-hidden": "true" }, svg("rect", { class: css, x: 0, y: 1, width: 14, height: 10 })), text)));
+    return html("ul", { class: "legend" }, ...entries.map(([css, text, shape]) => html("li", {},
+      svg("svg", { viewBox: "0 0 14 12", "aria-hidden": "true" }, shape ? svg("path", { class: css, d: shape, transform: "translate(7 6)" }) : svg("rect", { class: css, x: 0.5, y: 1, width: 13, height: 10 })), text)));
   }
   const hit = (prefix, key, label, ...children) => svg("a", { class: "hit", id: `pt-${prefix}${key}`, href: `#${prefix}${key}`, "data-tip": label, "aria-label": label }, ...children);
 
@@ -167,47 +189,52 @@
 
   const GOOD = [0, 3, 4], BAD = [1, 2];
   const OUTCOME_CSS = ["ok", "errors", "missed", "push", "other"];
+  const MARKS = { error: "M-6 0L0-6L6 0L0 6Z", warning: "M-5 5L0-5L5 5Z", note: "M-4-4H4V4H-4Z" };
+  /** Rates are per second; where bins are shorter than that, per bin: one request in 1 ms is not 1000 in a second. */
+  const perSeconds = Math.min(1, sessions[0].rates.width), perWhat = perSeconds < 1 ? duration(perSeconds * 1e9).replace(/^1 /, "") : "second";
   function drawRates(width) {
     if (!sessions.some((one) => one.rates.bins.length)) return nothing("No transactions.");
     const height = 250, left = 52;
-    const [root, x, right, bottom] = timed(width, height, left, "Transactions per second", sessions[0], several ? [] : sessions[0].gaps);
+    const [root, x, right, bottom] = timed(width, height, left, `Transactions per ${perWhat}`, sessions[0], several ? [] : sessions[0].gaps);
     const middle = 160, low = middle + 12;
     const sum = (bin, columns) => columns.reduce((all, column) => all + bin[column + 1], 0);
     const shown = sessions.map((one) => one.rates.bins.filter((bin) => inside(bin[0], bin[0] + one.rates.width)));
-    const highest = (columns) => Math.max(1e-9, ...shown.map((bins, side) => Math.max(0, ...bins.map((bin) => sum(bin, columns) / sessions[side].rates.width))));
-    const top = highest(GOOD), deep = highest(BAD);
+    const highest = (columns) => Math.max(1e-9, ...shown.map((bins, side) => Math.max(0, ...bins.map((bin) => (sum(bin, columns) / sessions[side].rates.width) * perSeconds))));
+    const goodTicks = upwards(highest(GOOD), 3), top = goodTicks.at(-1), deep = highest(BAD), deepTicks = upwards(deep, 1);
     const up = (rate) => middle - (rate / top) * (middle - 26);
-    const down = (rate) => low + (rate / deep) * (bottom - low);
-    vertical(root, left, 0, middle, [top / 2, top].filter((one) => one > 1e-8), up, (one) => plain(Number(one.toPrecision(3))), right);
+    const down = (rate) => low + (rate / deepTicks.at(-1)) * (bottom - low);
+    const label = (one) => (one >= 1000 ? integer(one) : plain(one));
+    vertical(root, left, 0, middle, goodTicks, up, label, right);
     root.append(svg("line", { class: "axis", x1: left, x2: right, y1: middle, y2: middle }), svg("line", { class: "axis", x1: left, x2: right, y1: low, y2: low }));
-    if (deep > 1e-8) root.append(svg("text", { class: "quiet", x: left - 6, y: bottom, "text-anchor": "end", text: plain(Number(deep.toPrecision(3))) }));
+    if (deep > 1e-8) root.append(svg("text", { class: "quiet", x: left - 6, y: bottom, "text-anchor": "end", text: label(deepTicks.at(-1)) }));
     root.append(svg("text", { class: "quiet", x: left + 4, y: bottom - 4, text: deep > 1e-8 ? "" : "no failures" }));
     sessions.forEach((session, side) => {
       const w = session.rates.width;
       if (several) {
         for (const [columns, y] of [[GOOD, up], [BAD, down]]) {
-          let path = "", last = null;
+          let path = "";
           for (const bin of shown[side]) {
-            const joined = last !== null && bin[0] - last < w * 1.5;
-            path += `${joined ? "L" : "M"}${at(x(bin[0]))} ${at(y(sum(bin, columns) / w))}H${at(Math.max(x(bin[0] + w), x(bin[0]) + 3))}`;
-            last = bin[0];
+            const count = sum(bin, columns);
+            if (!count) continue;
+            const from = Math.max(left, x(bin[0])), to = Math.min(right, Math.max(x(bin[0] + w), from + 5));
+            path += `M${at(from)} ${at(y(0))}V${at(y((count / w) * perSeconds))}H${at(to)}V${at(y(0))}`;
           }
-          if (path) root.append(svg("path", { class: `line s${side}`, d: path }));
+          if (path) root.append(svg("path", { class: `outline s${side}`, d: path }));
         }
         return;
       }
       for (const bin of shown[side]) {
-        const from = Math.max(left, x(bin[0])), to = Math.min(right, x(bin[0] + w));
-        const wide = Math.max(1, to - from - (to - from > 4 ? 1 : 0));
+        const from = Math.round(Math.max(left, x(bin[0]))), to = Math.round(Math.min(right, x(bin[0] + w)));
+        const broad = Math.max(1, to - from - (to - from > 4 ? 1 : 0));
         const said = session.rates.names.map((name, column) => (bin[column + 1] ? `${integer(bin[column + 1])} ${name}` : "")).filter(Boolean);
         const tip = `${moment(session, bin[0])}, ${duration(w * 1e9)}\n${said.join("\n")}`;
         for (const [columns, scale] of [[GOOD, up], [BAD, down]]) {
           let reached = 0;
           for (const column of columns) {
             if (!bin[column + 1]) continue;
-            const next = reached + bin[column + 1] / w;
+            const next = reached + (bin[column + 1] / w) * perSeconds;
             const [one, other] = [scale(reached), scale(next)];
-            root.append(svg("rect", { class: `bar ${OUTCOME_CSS[column]}`, x: at(from), width: at(wide), y: at(Math.min(one, other)), height: at(Math.max(1, Math.abs(other - one))), "data-tip": tip }));
+            root.append(svg("rect", { class: `bar ${OUTCOME_CSS[column]}`, x: at(from), width: at(broad), y: at(Math.min(one, other)), height: at(Math.max(1, Math.abs(other - one))), "data-tip": tip }));
             reached = next;
           }
         }
@@ -220,16 +247,16 @@
         const place = `${severity}${Math.round(x(seconds) / 7)}`;
         if (!inside(seconds, seconds) || taken.has(place)) continue;
         taken.add(place);
-        const cx = at(x(seconds)), shape = { error: "M-6 0L0-6L6 0L0 6Z", warning: "M-5 5L0-5L5 5Z", note: "M-4-4H4V4H-4Z" }[severity];
+        const cx = at(x(seconds)), shape = MARKS[severity];
         root.append(svg("a", { class: "hit", href: `#f-${slug}`, "aria-label": `${severity} ${slug}`, "data-tip": `${severity} ${slug}\n${detail}\n${moment(session, seconds)}` },
           svg("path", { class: severity, d: shape, transform: `translate(${cx} 13)` })));
       }
     }
-    const marks = several ? [] : [["error", "◆ error"], ["warning", "▲ warning"], ["note", "■ note"]].filter(([one]) => session.marks.marks.some((mark) => mark[1] === one));
+    const marks = several ? [] : ["error", "warning", "note"].filter((one) => session.marks.marks.some((mark) => mark[1] === one)).map((one) => [one, one, MARKS[one]]);
     const bands = !several && session.gaps.length ? [["gap", "missing from the capture"]] : [];
-    const kinds = several ? [["ok", "A"], ["errors", "B (dashed)"]] : session.rates.names.map((name, column) => [OUTCOME_CSS[column], name]).filter((_, column) => session.rates.bins.some((bin) => bin[column + 1]));
+    const kinds = several ? [["outline s0", "A"], ["outline s1", "B (dashed)"]] : session.rates.names.map((name, column) => [OUTCOME_CSS[column], name]).filter((_, column) => session.rates.bins.some((bin) => bin[column + 1]));
     const marked = session.marks.marks.length, made = session.marks.total;
-    const note = several ? "" : `${made > marked ? `The ${marked} heaviest of ${integer(made)} findings are marked. ` : ""}Bins of ${duration(session.rates.width * 1e9)}. Failures point down, in a scale of their own.`;
+    const note = `${!several && made > marked ? `The ${marked} most severe of ${integer(made)} findings are marked. ` : ""}Counted in bins of ${duration(session.rates.width * 1e9)}. Failures point down, on a scale of their own.`;
     return [root, legend([...kinds, ...bands, ...marks]), html("p", { class: "quiet", text: note })];
   }
 
@@ -259,14 +286,14 @@
     const lowest = cells.reduce((all, cell) => Math.min(all, cell[1]), Infinity);
     const [low, high, ticks] = decades(Math.max(lowest, SHORTEST), cells.reduce((all, cell) => Math.max(all, cell[2]), 0));
     const y = logScale(low, high, bottom, 8);
-    vertical(root, left, 8, bottom, ticks, y, duration, right);
+    vertical(root, left, 8, bottom, ticks, y, axis, right);
     sessions.forEach((session, side) => {
       const w = session.times.width;
       if (several) {
         let path = "", last = null;
         for (const [seconds, middle] of medians(session)) {
           if (!inside(seconds, seconds + w)) continue;
-          path += `${last !== null && seconds - last < w * 1.5 ? "L" : "M"}${at(x(seconds))} ${at(y(middle))}H${at(Math.max(x(seconds + w), x(seconds) + 3))}`;
+          path += `${last !== null && seconds - last < w * 1.5 ? "L" : "M"}${at(x(seconds))} ${at(y(middle))}H${at(Math.max(x(seconds + w), x(seconds) + 7))}`;
           last = seconds;
         }
         if (path) root.append(svg("path", { class: `line s${side}`, d: path }));
@@ -295,8 +322,8 @@
         root.append(hit(prefixes[side], key, `${what}\n${duration(ns)} at ${moment(session, seconds)}`, svg("circle", { class: "point", cx: at(x(seconds)), cy: at(y(ns)), r: 3.5 })));
       }
     });
-    const note = several ? "Medians; where there is no line there was no answer." : `Density in bins of ${duration(sessions[0].times.width * 1e9)}; the ${sessions[0].points.length} slowest answers are points that lead to their rows.`;
-    return [root, several ? legend([["ok", "A"], ["errors", "B (dashed)"]]) : legend([["heat h2", "few answers"], ["heat h5", "many answers"], ["point", "one of the slowest"]]), html("p", { class: "quiet", text: note })];
+    const note = several ? `Medians in bins of ${duration(sessions[0].times.width * 1e9)}; no line means no answer.` : `Density in bins of ${duration(sessions[0].times.width * 1e9)}; the ${sessions[0].points.length} slowest answers are points that lead to their rows.${lowest < SHORTEST ? " At the lower edge: answers captured before their requests." : ""}`;
+    return [root, several ? legend([["outline s0", "A"], ["outline s1", "B (dashed)"]]) : legend([["heat h2", "few answers"], ["heat h5", "many answers"], ["point", "one of the slowest"]]), html("p", { class: "quiet", text: note })];
   }
 
   // ---- rows on a logarithmic axis (a label names the host where there are several): distributions and polls -------------------------------------------------------------
@@ -314,14 +341,13 @@
     const every = Math.ceil(ticks.length / Math.max(2, (right - left) / 62));
     ticks.forEach((tick, number) => {
       root.append(svg("line", { class: "grid", x1: at(x(tick)), x2: at(x(tick)), y1: 2, y2: height - 22 }));
-      if (number % every === 0) root.append(svg("text", { class: "quiet", x: at(x(tick)), y: height - 7, "text-anchor": number === 0 ? "start" : x(tick) > right - 20 ? "end" : "middle", text: duration(tick) }));
+      if (number % every === 0) root.append(svg("text", { class: "quiet", x: at(x(tick)), y: height - 7, "text-anchor": number === 0 ? "start" : x(tick) > right - 20 ? "end" : "middle", text: axis(tick) }));
     });
     rows.forEach((row, number) => {
       const top = number * each + 2;
       const middle = top + (narrow ? 28 : each / 2);
       const full = text(row);
-      const room = Math.floor((narrow ? right - left : left - 14) / 6.6);
-      const cut = full.length > room ? `${full.slice(0, room - 1)}…` : full;
+      const cut = fitted(full, narrow ? right - left : left - 14);
       const said = svg("text", { x: narrow ? left : left - 10, y: narrow ? top + 12 : middle + 4, "text-anchor": narrow ? "start" : "end", text: cut, "data-tip": full });
       root.append(said);
       paint(root, row, x, middle);
@@ -352,11 +378,11 @@
       into.append(group);
     });
     const total = sessions.reduce((all, one) => all + one.spreads.total, 0);
-    return [root, html("p", { class: "quiet", text: `Line: median; dashed line: 95 %.${total > rows.length ? ` The ${rows.length} with most answers of ${total}; the table Functions by PLC lists the others.` : ""}` })];
+    return [root, html("p", { class: "quiet", text: `Line: median; dashed line: 95 %.${total > rows.length ? ` Shown are the ${rows.length} with most answers of ${integer(total)}; the table Functions by PLC lists the others.` : ""}` })];
   }
   function drawPolls(width) {
     const rows = sessions.flatMap((session, side) => session.polls.rows.map((row) => ({ ...row, side })));
-    if (!rows.length) return nothing("No request came often enough to be a poll.");
+    if (!rows.length) return nothing(`No request came often enough to be a poll.${sessions.some((one) => one.gaps.length) ? " Times across a gap are not counted." : ""}`);
     if (several) rows.sort((one, other) => `${one.host} ${one.subject}`.localeCompare(`${other.host} ${other.subject}`) || one.side - other.side);
     const host = hostOf(rows);
     const text = (row) => `${several ? `${letters[row.side]} ` : ""}${host(row)}${row.subject}`;
@@ -368,7 +394,7 @@
         svg("line", { class: "tick", x1: at(x(row.median)), x2: at(x(row.median)), y1: y - 8, y2: y + 8 })));
     });
     const total = sessions.reduce((all, one) => all + one.polls.total, 0);
-    return [root, html("p", { class: "quiet", text: `Time from one request to the next of its kind on a connection. Line: median; thick: 90 % of them; thin: shortest to longest. Times across a gap are not counted.${total > rows.length ? ` The ${rows.length} most frequent of ${total}.` : ""}` })];
+    return [root, html("p", { class: "quiet", text: `Time from one request to the next of its kind on a connection. Line: median; thick: 90 % of them; thin: shortest to longest. Times across a gap are not counted.${total > rows.length ? ` Shown are the ${rows.length} most frequent of ${integer(total)}.` : ""}` })];
   }
 
   // ---- who talks to whom ----------------------------------------------------------------------------------------------
@@ -385,52 +411,61 @@
       const left = room, right = width - room;
       const place = (names, name) => 30 + (names.indexOf(name) + 0.5) * ((height - 30) / names.length);
       const most = Math.max(...pairs.map((pair) => pair.octets), 1);
-      root.append(svg("text", { class: "quiet", x: left - 10, y: 14, "text-anchor": "end", text: "asks" }), svg("text", { class: "quiet", x: right + 10, y: 14, text: "answers" }));
+      root.append(svg("text", { class: "quiet", x: left - 10, y: 14, "text-anchor": "end", text: "client" }), svg("text", { class: "quiet", x: right + 10, y: 14, text: "server" }));
       for (const pair of pairs) {
         const from = place(clients, pair.client), to = place(servers, pair.server), bend = (right - left) * 0.45;
         const said = `${pair.client} → ${pair.server}\n${size(pair.octets)}, ${integer(pair.pdus)} PDUs, ${integer(pair.connections)} connection${pair.connections === 1 ? "" : "s"}` + (pair.errors ? `\n${integer(pair.errors)} with errors` : "") + (pair.missed ? `\n${integer(pair.missed)} without answer` : "") + `\nworst finding: ${pair.worst || "none"}`;
         root.append(svg("a", { class: "hit", href: `#${prefixes[side]}table-connections`, "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[side]}connections`).search(`${pair.client} ${pair.server}`) },
           svg("path", { class: `edge ${pair.worst}`, "stroke-width": at(1.5 + 14 * Math.sqrt(pair.octets / most)), d: `M${at(left)} ${at(from)}C${at(left + bend)} ${at(from)} ${at(right - bend)} ${at(to)} ${at(right)} ${at(to)}` })));
       }
-      const letters_ = Math.floor((room - 16) / 6.8);
-      const cut = (name) => (name.length > letters_ ? `${name.slice(0, letters_ - 1)}…` : name);
+      const cut = (name) => fitted(name, room - 16);
       for (const name of clients) root.append(svg("circle", { class: "node", cx: at(left), cy: at(place(clients, name)), r: 4 }), svg("text", { x: at(left - 10), y: at(place(clients, name) + 4), "text-anchor": "end", text: cut(name), "data-tip": name }));
       for (const name of servers) root.append(svg("circle", { class: "node", cx: at(right), cy: at(place(servers, name)), r: 4 }), svg("text", { x: at(right + 10), y: at(place(servers, name) + 4), text: cut(name), "data-tip": name }));
       const hidden = session.talks.total - pairs.length;
-      return [root, legend([["error", "error"], ["warning", "warning"], ["ok", "no finding, or a note"]]), html("p", { class: "quiet", text: `Width: bytes; colour: the worst finding. A host that asks and answers stands on both sides.${hidden > 0 ? ` ${hidden} pairs with less traffic are not drawn.` : ""}` })];
+      return [root, legend([["error", "error"], ["warning", "warning"], ["ok", "no finding, or a note"]].filter(([severity]) => pairs.some((pair) => (pair.worst === "error" || pair.worst === "warning" ? pair.worst : "ok") === severity))), html("p", { class: "quiet", text: `Width: bytes; colour: the worst finding. A host that is both client and server stands on both sides.${hidden > 0 ? ` ${integer(hidden)} pairs with less traffic are not drawn.` : ""}` })];
     };
   }
 
   // ---- operations and modes -------------------------------------------------------------------------------------------
 
   /** What goes on for long stands below what is done at once, so that neither hides the other. */
+  const GROUPS = [[["control", "delete"], "control, delete"], [["download", "upload"], "download, upload"], [["session", "password"], "password, session"], [["polling", "cyclic", "messages"], "subscription, polling"]];
   const TRACKS = { session: 1, cyclic: 2, polling: 2, messages: 2, test_job: 1 };
   function lanesOf(session, side) {
     return (width) => {
       const lanes = session.lanes.lanes;
       if (!lanes.length) return nothing("No operation and no change of the operating mode was seen.");
-      const narrow = width < 640, left = narrow ? 10 : 180, each = narrow ? 66 : 52;
-      const [root, x, right] = timed(width, lanes.length * each + 30, left, "Operations and operating modes", session, session.gaps);
+      const narrow = width < 640, left = narrow ? 10 : 180;
+      const track = ([, , kind]) => TRACKS[kind] || 0;
+      const rows = lanes.map((lane) => Math.max(0, ...lane.spans.map((one) => track(one) + 1)));
+      const highs = lanes.map((lane, number) => (narrow ? 14 : 0) + Math.max(18, 10 * rows[number] + (lane.modes.length ? 17 : 0) + 8));
+      const tops = highs.map((_, number) => 6 + highs.slice(0, number).reduce((all, one) => all + one, 0));
+      const [root, x, right] = timed(width, highs.reduce((all, one) => all + one, 36), left, "Operations and operating modes", session, session.gaps);
       lanes.forEach((lane, number) => {
-        const top = number * each + 6;
-        root.append(svg("text", { x: narrow ? left : left - 8, y: narrow ? top + 10 : top + 20, "text-anchor": narrow ? "start" : "end", text: lane.host.length > 26 ? `${lane.host.slice(0, 25)}…` : lane.host }));
+        const top = tops[number];
+        root.append(svg("text", { x: narrow ? left : left - 8, y: top + (narrow ? 10 : 12), "text-anchor": narrow ? "start" : "end", text: fitted(lane.host, narrow ? width - 20 : left - 14), "data-tip": lane.host }));
         const y = narrow ? top + 14 : top + 3;
+        const reported = y + 10 * rows[number] + 9;
         lane.spans.forEach(([begin, end, kind, key, what]) => {
           if (!inside(begin, end)) return;
           const from = Math.max(left, x(begin)), to = Math.min(right, x(end));
-          const track = TRACKS[kind] || 0;
-          root.append(hit(prefixes[side], key, `${what}\n${moment(session, begin)}, ${duration((end - begin) * 1e9)}`, svg("rect", { class: `span ${kind}`, x: at(from), y: y + 10 * track, width: at(Math.max(4, to - from)), height: 9 })));
+          root.append(hit(prefixes[side], key, `${what}\n${moment(session, begin)}, ${duration((end - begin) * 1e9)}`, svg("rect", { class: `span ${kind}`, x: at(from), y: y + 10 * track([begin, end, kind]), width: at(Math.max(4, to - from)), height: 9 })));
         });
         lane.modes.forEach(([seconds, text, frame]) => {
           if (!inside(seconds, seconds)) return;
           const stop = /stop|hold|defect/i.test(text);
           root.append(svg("g", { "data-tip": `${lane.host} reports ${text}\npacket ${frame}, ${moment(session, seconds)}`, tabindex: 0 },
-            svg("path", { class: stop ? "error" : "push", d: "M0-7L6 5H-6Z", transform: `translate(${at(x(seconds))} ${y + 39})` }),
-            svg("text", { x: at(x(seconds) > right - 60 ? x(seconds) - 9 : x(seconds) + 9), y: y + 43, "text-anchor": x(seconds) > right - 60 ? "end" : "start", text: text.slice(0, 14) })));
+            svg("path", { class: stop ? "error" : "push", d: "M0-7L6 5H-6Z", transform: `translate(${at(x(seconds))} ${reported})` }),
+            svg("text", { x: at(x(seconds) > right - 60 ? x(seconds) - 9 : x(seconds) + 9), y: reported + 4, "text-anchor": x(seconds) > right - 60 ? "end" : "start", text: text.slice(0, 14) })));
         });
       });
-      return [root, legend([["span control", "control, delete"], ["span download", "download, upload"], ["span session", "password, session"], ["span polling", "subscription, polling"], ["span", "other"]]),
-        html("p", { class: "quiet", text: `Triangles: a PLC reports its operating mode.${session.lanes.not_drawn ? ` ${session.lanes.not_drawn} more are not drawn.` : ""}${session.lanes.total > lanes.length ? ` ${session.lanes.total - lanes.length} more PLCs.` : ""}` })];
+      const kinds = new Set(lanes.flatMap((lane) => lane.spans.map((one) => GROUPS.findIndex(([names]) => names.includes(one[2])))));
+      const groups = [...GROUPS.filter((_, number) => kinds.has(number)), ...(kinds.has(-1) ? [[[""], "other"]] : [])];
+      const said = [];
+      if (lanes.some((lane) => lane.modes.length)) said.push("Triangles: the PLC reports its operating mode.");
+      if (session.lanes.not_drawn) said.push(`${integer(session.lanes.not_drawn)} more are not drawn.`);
+      if (session.lanes.total > lanes.length) said.push(`${integer(session.lanes.total - lanes.length)} more PLCs.`);
+      return [root, legend(groups.map(([names, text]) => [`span ${names[0]}`, text])), html("p", { class: "quiet", text: said.join(" ") })];
     };
   }
 
@@ -480,13 +515,14 @@
     if (kind === "size") return size(value);
     if (kind === "seconds") return moment(session, value);
     if (kind === "number") return value === null ? "–" : integer(value);
+    if (kind === "id") return value === null ? "–" : String(value);
     return value === null ? "" : String(value);
   }
   function list(session, side, table) {
     const prefix = prefixes[side];
     const state = { column: -1, down: false, words: [], most: FIRST };
     const body = html("tbody", {}), more = html("button", { type: "button", onclick: () => { state.most += MORE; show(); } });
-    const count = html("span", { class: "quiet", role: "status" });
+    const count = html("span", { class: "quiet", role: "status" }), aside = further();
     const box = html("input", { type: "search", placeholder: "search these rows", "aria-label": `Search ${table.title}`, oninput: () => { state.words = box.value.toLowerCase().split(/\s+/).filter(Boolean); state.most = FIRST; show(); } });
     const heads = table.columns.map(([name], number) => html("th", { scope: "col", "aria-sort": "none" }, html("button", { type: "button", text: name, title: "sort", onclick: () => sort(number) })));
     /** What a search looks at; made when something is searched for, because most tables never are. */
@@ -497,7 +533,7 @@
     let order = table.rows;
     function sort(number) {
       const kind = table.columns[number][1];
-      if (state.column !== number) { state.column = number; state.down = kind !== "text" && kind !== "short" && kind !== "seconds" && table.columns[number][0] !== "number"; }
+      if (state.column !== number) { state.column = number; state.down = kind !== "text" && kind !== "short" && kind !== "seconds" && kind !== "id"; }
       else state.down = !state.down;
       const sign = state.down ? -1 : 1;
       const empty = (value) => value === null || value === "";
@@ -552,10 +588,30 @@
     lists.set(prefix + table.name, control);
     for (const row of table.rows) if (!rowsByKey.has(prefix + row.key)) rowsByKey.set(prefix + row.key, table.name);
     const section = html("section", { class: "table", id: `${prefix}table-${table.name}` },
-      html("div", { class: "head" }, html("h3", { text: `${several ? `${letters[side]} ` : ""}${table.title}` }), box, count),
-      html("div", { class: "scroll" }, html("table", { "aria-label": table.title }, html("thead", {}, html("tr", {}, html("th", { scope: "col", "aria-label": "how to see it" }), ...heads)), body)), more);
+      html("div", { class: "head" }, html("h3", { text: `${several ? `${letters[side]} ` : ""}${table.title}` }), box, count, aside),
+      scrolling(html("div", { class: "scroll" }, html("table", { "aria-label": table.title }, html("thead", {}, html("tr", {}, html("th", { scope: "col", "aria-label": "how to see it" }), ...heads)), body)), aside, table.title), more);
     show();
     return section;
+  }
+  /** What may be wider than the page: it says so, and can then be scrolled by keyboard as well. */
+  const boxes = [];
+  function further() { return html("span", { class: "quiet aside", text: "→ more columns to the right", hidden: true }); }
+  function scrolling(box, aside, title) {
+    const atEnd = () => box.scrollLeft + box.clientWidth > box.scrollWidth - 2;
+    box.addEventListener("scroll", () => { aside.hidden = atEnd(); });
+    boxes.push([() => [box.scrollWidth > box.clientWidth + 1, atEnd()], ([wider, end]) => {
+      aside.hidden = !wider || end;
+      for (const [name, value] of [["tabindex", "0"], ["role", "region"], ["aria-label", title]]) { if (wider) box.setAttribute(name, value); else box.removeAttribute(name); }
+    }]);
+    return box;
+  }
+  /** Measures all of them before it changes one: the page is laid out once. */
+  const look = () => boxes.map(([measure, show]) => [show, measure()]).forEach(([show, found]) => show(found));
+  for (const one of document.querySelectorAll("details .scroll")) {
+    const aside = further();
+    one.before(aside);
+    scrolling(one, aside, "Occurrences");
+    one.closest("details").addEventListener("toggle", look);
   }
 
   // ---- moving about -------------------------------------------------------------------------------------------------------
@@ -593,7 +649,7 @@
   const range = html("span", { class: "quiet", role: "status" });
   const buttons = [["All", () => zoom(0, span)], ["+", () => scale(0.5)], ["−", () => scale(2)], ["←", () => shift(-0.25)], ["→", () => shift(0.25)]]
     .map(([text, act]) => html("button", { type: "button", text, "aria-label": { All: "Show all of the time", "+": "Zoom in", "−": "Zoom out", "←": "Earlier", "→": "Later" }[text], onclick: act }));
-  document.getElementById("zoom").append(html("span", { text: "Time" }), ...buttons, range, html("span", { class: "quiet", text: "Drag across a plot to zoom in." }));
+  document.getElementById("zoom").append(html("span", { text: "Time" }), ...buttons, range, html("span", { class: "quiet drag", text: "Drag across a plot to zoom in." }));
   function zoom(begin, end) {
     const wide = Math.min(span, Math.max(end - begin, 1e-6));
     const from = Math.max(0, Math.min(begin, span - wide));
@@ -652,7 +708,7 @@
 
   // ---- the page -----------------------------------------------------------------------------------------------------------
 
-  figure("rates", "Transactions per second", "", drawRates, { timed: true, wide: true });
+  figure("rates", `Transactions per ${perWhat}`, "", drawRates, { timed: true, wide: true });
   figure("times", "Answer times", "", drawTimes, { timed: true, wide: true });
   figure("spreads", "Answer times by PLC and function", "", drawSpreads);
   figure("polls", "Polling periods and jitter", "", drawPolls);
@@ -662,23 +718,28 @@
     figure(`${prefixes[side]}lanes`, name("Operating modes, downloads and other operations"), "", lanesOf(session, side), { timed: true });
     session.tags.series.forEach((tag, number) => figure(`${prefixes[side]}tag-${number + 1}`, name(`${tag.name} at ${tag.host}${tag.unit ? ` in ${tag.unit}` : ""}`), "", tagOf(session, side, tag), { timed: true }));
     const said = [];
-    if (session.tags.missing.length) said.push(`No value was seen of ${session.tags.missing.join(", ")}.`);
-    if (session.tags.not_numbers.length) said.push(`Values that are no single number are not drawn: ${session.tags.not_numbers.join(", ")}.`);
-    if (session.tags.refused.length) said.push(`Reads or writes were refused of ${session.tags.refused.join(", ")}.`);
-    if (session.tags.total > session.tags.series.length + session.tags.not_numbers.length) said.push(`${session.tags.total} tags were found, the first 12 are drawn.`);
+    if (session.tags.missing.length) said.push(`The capture holds no value of ${session.tags.missing.join(", ")}.`);
+    if (session.tags.not_numbers.length) said.push(`Values that are not single numbers are not drawn: ${session.tags.not_numbers.join(", ")}.`);
+    if (session.tags.refused.length) said.push(`Reads or writes of ${session.tags.refused.join(", ")} were refused.`);
+    if (session.tags.total > session.tags.series.length + session.tags.not_numbers.length) said.push(`${integer(session.tags.total)} tags were found; the first 12 are drawn.`);
     if (said.length) figure(`${prefixes[side]}tags`, name("Tags"), said.join(" "), () => []);
   });
   const place = document.getElementById("lists");
   const tables = sessions[0].tables.map((_, number) => sessions.map((session, side) => [session, side, session.tables[number]]));
   for (const row of tables) {
     const parts = row.filter(([, , table]) => table.rows.length).map(([session, side, table]) => list(session, side, table));
-    if (parts.length) place.append(parts.length > 1 ? html("div", { class: "sides" }, ...parts) : parts[0]);
+    if (parts.length) place.append(parts.length > 1 ? html("div", { class: "sides broad" }, ...parts) : parts[0]);
   }
   if (!place.childNodes.length) place.append(html("p", { text: "There is nothing to list." }));
   zoom(0, span);
   redraw(false);
-  let wide = innerWidth;
-  addEventListener("resize", () => { if (innerWidth !== wide) { wide = innerWidth; redraw(false); } });
+  let before = innerWidth;
+  addEventListener("resize", () => { if (innerWidth !== before) { before = innerWidth; redraw(false); look(); } });
+  /** Paper shows what is folded, too. */
+  const folded = [];
+  addEventListener("beforeprint", () => { for (const one of document.querySelectorAll("details:not([open])")) { one.open = true; folded.push(one); } });
+  addEventListener("afterprint", () => { for (const one of folded.splice(0)) one.open = false; });
+  look();
   follow();
   document.documentElement.dataset.ready = "yes";
 })();

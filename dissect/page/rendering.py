@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 import importlib.util
 import json
@@ -11,11 +12,12 @@ from typing import Any, Final
 
 from dissect.page.data import Data, findings_of
 from dissect.page.gathered import Gathered
-from dissect.page.rows import file_title
+from dissect.page.numbers import counted, grouped
+from dissect.page.rows import Rows, file_title
 from dissect.page.verdict import verdict
 from dissect.report import words
 from dissect.report.text import completeness
-from dissect.wire.text import printable
+from dissect.wire.text import Clock, printable
 
 #: What to do where the template engine is missing.
 NEEDS: Final = "reports need jinja2: pip install 's7dissect[report]'"
@@ -62,13 +64,13 @@ class Side:
         if pipeline is None or not pipeline.frames:
             return "no packets"
         clock = self.gathered.rows.clock
-        first, last = int(pipeline.first_ns), int(pipeline.now_ns)
         analysis = self.gathered.analysis
         parts = [
-            f"from {clock.moment(first)} to {clock.moment(last)}",
-            words.count(int(pipeline.frames), "packet"),
-            words.count(len(analysis.connections) + int(analysis.connections_not_listed), "connection"),
-            words.count(int(analysis.total), "transaction"),
+            f"from {clock.moment(self.gathered.start_ns)} to {clock.moment(self.gathered.end_ns)}",
+            # Of a part only what was selected is counted; its packets are not told apart.
+            *([counted(int(pipeline.frames), "packet")] if analysis.part is None else []),
+            counted(len(analysis.connections) + int(analysis.connections_not_listed), "connection"),
+            counted(int(analysis.total), "transaction"),
         ]
         if analysis.part is not None:
             parts.append(f"selected by {printable(analysis.part.where)}")
@@ -79,12 +81,12 @@ class Side:
         analysis = gathered.analysis
         told: list[str] = []
         for file in analysis.files:
-            told.append(f"{printable(file.name)}: {words.count(file.packets, 'packet')}, {words.size(file.octets)}")
+            told.append(f"{printable(file.name)}: {counted(int(file.packets), 'packet')}, {words.size(file.octets)}")
             if file.damage:
                 told.append(f"DAMAGED: {printable(file.damage)}")
             told += [printable(note) for note in file.notes[:10]]
         if analysis.pipeline is not None:
-            told += [text for text, _ in completeness(analysis.pipeline)]
+            told += [grouped(text) for text, _ in completeness(analysis.pipeline)]
         limits = (
             (gathered.gaps_not_drawn, "gap that is not drawn", "gaps that are not drawn"),
             (
@@ -103,9 +105,9 @@ class Side:
                 "connections of further pairs of hosts, not in the graph",
             ),
         )
-        told += [words.count(number, one, many) for number, one, many in limits if number]
+        told += [counted(number, one, many) for number, one, many in limits if number]
         if not gathered.requests.looked_at_all:
-            told.append("too many transactions were refused: which variables is known of the first 20000 only")
+            told.append("too many transactions were refused: the variables are known of the first 20,000 only")
         return told
 
 
@@ -116,23 +118,20 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
     """
     if not is_installed():
         raise ImportError(NEEDS)
-    import jinja2
     from markupsafe import Markup
 
-    folder = files("dissect.page")
-    style = folder.joinpath("page.css").read_text(encoding="utf-8")
-    script = folder.joinpath("page.js").read_text(encoding="utf-8")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(folder.joinpath("page.html.j2").read_text(encoding="utf-8"))
+    template, style, script = _parts()
     several = len(sides) > 1
     letters = "AB" if several else [""]
     values = [
         side.template_values(letter, f"{letter.lower()}-" if several else "")
         for side, letter in zip(sides, letters, strict=True)
     ]
-    data = {"sessions": [Data(side.gathered, side.title).as_dict() for side in sides]}
+    made = [Data(side.gathered, side.title) for side in sides]
+    if several:
+        made[0].match(made[1])
+        made[1].match(made[0])
+    data = {"sessions": [one.as_dict() for one in made]}
     return template.render(
         title=" and ".join([side.title for side in sides]),
         sides=values,
@@ -145,6 +144,29 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
         script=Markup(script),  # noqa: S704
         data=Markup(embedded(data)),  # noqa: S704
     )
+
+
+def prepare() -> None:
+    """Read and import all that a page needs, now: a process that gives up its rights may not be able to later.
+
+    Raises ImportError with a hint when the template engine is missing.
+    """
+    render([Side(Gathered(Rows([], Clock(), {})), [""])], "")
+
+
+@functools.cache
+def _parts() -> tuple[Any, str, str]:
+    """Return the template, the style and the script."""
+    import jinja2
+
+    folder = files("dissect.page")
+    template, style, script = [
+        folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.html.j2", "page.css", "page.js")
+    ]
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(template), style, script
 
 
 def policy(style: str, script: str) -> str:

@@ -95,7 +95,7 @@ class Rows:
                 f"{self.host(ends[transaction.asked_by].host)} → {self.host(ends[1 - transaction.asked_by].host)}",
                 transaction.latency_ns,
                 transaction.function_name,
-                shortened("  ".join([part for part in said if part]), _CELL),
+                shortened("; ".join([part for part in said if part]), _CELL),
             ],
             "show": show,
             "filter": display,

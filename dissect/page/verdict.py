@@ -19,6 +19,7 @@ from dissect.findings.catalogue import (
 )
 from dissect.findings.reporter import Finding
 from dissect.page.gathered import Gathered
+from dissect.page.numbers import counted, how_often
 from dissect.report import words
 from dissect.report.analysis import Analysis
 from dissect.report.words import PROTOCOLS
@@ -71,9 +72,7 @@ def verdict(gathered: Gathered) -> Verdict:
     found = sorted([finding for finding in analysis.findings if finding.slug == rule.slug], key=_time)
     count = analysis.finding_counts[rule.slug]
     if not found:
-        return Verdict(
-            rule.severity, [f"{rule.sentence} This was counted {words.count(count, 'time')}.", *_sound(gathered)[1:]]
-        )
+        return Verdict(rule.severity, [f"{rule.sentence} This happened {how_often(count)}.", *_sound(gathered)[1:]])
     first, last = found[0], found[-1]
     return Verdict(
         rule.severity,
@@ -93,19 +92,21 @@ def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     said = f"{rule.sentence} {detail} ({shown})." if detail else f"{rule.sentence[:-1]} ({shown})."
     answered = int(gathered.analysis.answered)
     if rule.kind in {SECURITY, CAPTURE} and not gathered.failed_in_all and answered:
-        return f"No request failed, {words.count(answered, 'answer')} came. What stands out: {said}"
+        return f"No request failed; {counted(answered, 'answer')} arrived. What stands out: {said}"
     return said
 
 
 def _since(gathered: Gathered, first: Finding, last: Finding, count: int) -> str:
     """Since when, and how often."""
     moment = gathered.rows.clock.moment(int(first.time_ns))
-    after = duration_text(max(0, int(first.time_ns) - gathered.start_ns))
+    after = ""
+    if gathered.analysis.part is None:
+        after = f", {duration_text(max(0, int(first.time_ns) - gathered.start_ns))} after the capture began"
     if count == 1:
-        return f"It happened once, at {moment}, {after} after the capture began."
+        return f"It happened once, at {moment}{after}."
     spread = int(last.time_ns) - int(first.time_ns)
-    until = f", the last {duration_text(spread)} later" if spread > 0 else ""
-    return f"It happened {count} times: the first at {moment}, {after} after the capture began{until}."
+    until = f", the last time {duration_text(spread)} later" if spread > 0 else ""
+    return f"It happened {how_often(count)}: the first time at {moment}{after}{until}."
 
 
 def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
@@ -119,7 +120,7 @@ def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
             named[f"{host(connection.client.host)} → {host(connection.server.host)}"] = None
     pairs = list(named)
     if pairs:
-        more = f" and {len(pairs) - _PAIRS} more pairs" if len(pairs) > _PAIRS else ""
+        more = f" and {counted(len(pairs) - _PAIRS, 'more pair')}" if len(pairs) > _PAIRS else ""
         said = f"It concerns {', '.join(pairs[:_PAIRS])}{more}"
     else:
         said = "It concerns the capture as a whole"
@@ -148,10 +149,10 @@ def _sound(gathered: Gathered) -> list[str]:
     between = (
         f"{host(pairs[0][0])} talked to {host(pairs[0][1])}."
         if len(pairs) == 1
-        else f"{words.count(len(pairs), 'pair')} of hosts talked to each other."
+        else f"{counted(len(pairs), 'pair')} of hosts talked to each other."
     )
     return [
-        f"Nothing broke: {words.count(int(analysis.answered), 'request')} answered, no error and no warning.",
+        f"Nothing broke: {counted(int(analysis.answered), 'request')} answered, no errors, no warnings.",
         fast,
         between,
     ]
@@ -162,30 +163,31 @@ def _nothing(gathered: Gathered) -> list[str]:
     pipeline = gathered.analysis.pipeline
     if pipeline is None or not pipeline.frames:
         return [
-            "The capture holds no packet.",
+            "The capture holds no packets.",
             "There is nothing to report.",
             "Check the capture filter and the interface.",
         ]
     counts = pipeline.counters.packet_counts()
-    instead = []
-    for name, said in (
-        ("other_protocol", "of TCP connections without ISO-on-TCP"),
-        ("not_tcp", "of IP without TCP"),
-        ("not_ip", "without IP"),
-        ("no_payload", "of TCP without data"),
-        ("link_type", "of an unsupported link type"),
-    ):
-        if counts[name]:
-            instead.append(f"{counts[name]} {said}")
+    instead = [
+        counted(counts[name], f"packet {said}", f"packets {said}")
+        for name, said in (
+            ("other_protocol", "of TCP connections without ISO-on-TCP"),
+            ("not_tcp", "of IP without TCP"),
+            ("not_ip", "without IP"),
+            ("no_payload", "of TCP without data"),
+            ("link_type", "of an unsupported link type"),
+        )
+        if counts[name]
+    ]
     others = [
-        f"{count} {PROTOCOLS[name]}"
+        counted(count, f"{PROTOCOLS[name]} message")
         for name, count in carried(gathered).items()
         if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
     ]
     return [
-        f"There is no S7 communication in this capture of {words.count(int(pipeline.frames), 'packet')}.",
+        f"There is no S7 communication in this capture of {counted(int(pipeline.frames), 'packet')}.",
         f"It holds instead: {', '.join(instead + others) or 'nothing that could be read'}.",
-        "S7 is recognised on any TCP port: capture at a mirror port that carries the traffic of the PLC.",
+        "S7 is recognised on any TCP port: capture at a mirror port that carries the PLC's traffic.",
     ]
 
 

@@ -21,8 +21,7 @@ from dissect.s7.blocks import BLOCK_COUNT
 from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import BIT, BYTE, ELEMENT_OCTETS, RETURN_CODES
-from dissect.s7.value_texts import number_texts
-from dissect.s7.values import Value, decode_value, spelled
+from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
@@ -44,8 +43,7 @@ from dissect.transactions.transaction import (
     Transaction,
     TransactionError,
 )
-from dissect.wire.digits import decimal
-from dissect.wire.text import duration_text, encodable, printable, shortened
+from dissect.wire.text import decimal, duration_text, encodable, printable, shortened
 
 
 class Places:

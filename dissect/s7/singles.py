@@ -13,8 +13,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
-from dissect.wire.digits import THREE, decimal
 from dissect.wire.octets import u32
+from dissect.wire.text import THREE, decimal
 
 _FLOAT: Final = struct.Struct(">f")
 #: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
@@ -37,6 +37,8 @@ _TENS: Final[list[float]] = [10.0**power for power in range(64)]
 _EXPONENT_BITS: Final = 8
 _COUNT_BITS: Final = 4
 _UNDECIDED: Final = -1
+#: The greatest power of ten that is a double without rounding.
+_EXACT_POWER: Final = 22
 
 #: Exponents from which `repr` of a float writes 1e+16, and what it writes in front of small numbers.
 _REPR_EXPONENT: Final = 16
@@ -46,6 +48,12 @@ _ZEROS: Final[list[str]] = ["0.", "0.0", "0.00", "0.000"]
 
 def real(octets: bytes) -> float:
     """Return a single as the shortest decimal that reads back to the same four octets."""
+    if COMPILED:
+        word: i64 = u32(octets, 0)
+        found = _shortest(word)
+        power = _power(found)
+        if found != _UNDECIDED and -_EXACT_POWER <= power <= _EXACT_POWER:
+            return _double(word, found, power)
     return float(real_text(octets))
 
 
@@ -146,6 +154,23 @@ def _shortest(word: i64) -> i64:
     while number % 10 == 0:
         number //= 10
     return (((number << _COUNT_BITS) | digits) << _EXPONENT_BITS) | (decade + _BIAS)
+
+
+def _power(found: i64) -> i64:
+    """Return the power of ten that the last digit of what `_shortest` found counts."""
+    power: i64 = (found & 0xFF) - _BIAS
+    left: i64 = found >> (_EXPONENT_BITS + _COUNT_BITS)
+    while left >= 10:
+        left //= 10
+        power -= 1
+    return power
+
+
+def _double(word: i64, found: i64, power: i64) -> float:
+    """Return what `_shortest` found as a double: product or quotient of two that are exact is the nearest to the decimal."""
+    number: float = float(found >> (_EXPONENT_BITS + _COUNT_BITS))
+    number = number * _TENS[power] if power >= 0 else number / _TENS[-power]
+    return -number if word >> 31 else number
 
 
 def _written(word: i64, found: i64, as_repr: bool) -> str:

@@ -11,10 +11,11 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.singles import real
-from dissect.s7.tables import BIT, BYTE, CHAR, ELEMENT_OCTETS, WCHAR
+from dissect.s7.singles import real, real_json, real_repr
+from dissect.s7.tables import BIT, BYTE, CHAR, DINT, DWORD, ELEMENT_OCTETS, INT, REAL, WCHAR, WORD
+from dissect.wire.build import COMPILED
 from dissect.wire.octets import u16, u32
-from dissect.wire.text import civil
+from dissect.wire.text import SHORT, civil, decimal
 
 #: Decoded value of one item.
 Value = bool | int | float | str | list["bool | int | float | str | None"] | None
@@ -84,6 +85,51 @@ def _element(transport_size: i64, octets: bytes) -> bool | int | float | str | N
     if transport_size == 0x0B:
         return duration(number)
     return date_and_time(octets)
+
+
+#: Octets of one element by transport size, 0 for those that are not written here; and how `struct` knows them.
+_TEXT_SIZES: Final = bytes([{BYTE: 1, WORD: 2, INT: 2, DWORD: 4, DINT: 4, REAL: 4}.get(code, 0) for code in range(256)])
+_LETTERS: Final[dict[int, str]] = {BYTE: "B", WORD: "H", INT: "h", DWORD: "I", DINT: "i"}
+
+
+def number_texts(transport_size: i64, octets: bytes, as_json: bool, most: i64) -> list[str]:
+    """Return the first ``most`` elements as text, one by one; nothing where they are no numbers or the size does not fit.
+
+    A REAL is written as `real_json` or as `real_repr` has it.
+    """
+    texts: list[str] = []
+    step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
+    size: i64 = len(octets)
+    if step == 0 or size % step:
+        return texts
+    end: i64 = min(size, most * step)
+    if transport_size != REAL and not COMPILED:
+        return [str(number) for number in struct.unpack_from(f">{end // step}{_LETTERS[transport_size]}", octets)]
+    at: i64 = 0
+    if transport_size == BYTE:
+        while at < end:
+            texts.append(SHORT[octets[at]])
+            at += 1
+    while at < end:
+        texts.append(_element_text(transport_size, octets, at, as_json))
+        at += step
+    return texts
+
+
+def _element_text(transport_size: i64, octets: bytes, at: i64, as_json: bool) -> str:
+    if transport_size == REAL:
+        single = octets if len(octets) == 4 else octets[at : at + 4]
+        return real_json(single) if as_json else real_repr(single)
+    number: i64
+    if transport_size == WORD or transport_size == INT:
+        number = u16(octets, at)
+        if transport_size == INT and number >= 0x8000:
+            number -= 0x10000
+        return decimal(number)
+    number = u32(octets, at)
+    if transport_size == DINT and number >= 0x80000000:
+        number -= 0x100000000
+    return decimal(number)
 
 
 def spelled(octets: bytes) -> str:

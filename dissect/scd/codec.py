@@ -20,7 +20,7 @@ from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
 from dissect.scd.errors import E_COUNT, E_SHORT, E_TYPE, E_VALUE, Error
 from dissect.scd.layout import Key, Slot
-from dissect.scd.messages import Message, Phase, Service, build_message, parse_message
+from dissect.scd.messages import Head, Message, Phase, Service, build_message, parse_message
 from dissect.scd.model import Pdo, StructType, Variable
 from dissect.scd.objects import Objects
 from dissect.scd.packing import (
@@ -171,9 +171,11 @@ class Codec:
         self._pdos: dict[str, Pdo] = {}
         self._packings: dict[str, Packing] = {}
         self._variables: dict[tuple[int, int], tuple[Variable, Packing | None]] = {}
-        #: What messages have said before: kinds by kind, response and abort; PDOs by the index of their mapping object.
+        #: What messages have said before: kinds by kind, response and abort; PDOs by the index of their mapping object;
+        #: whole headers, by their bits without those of the transaction number.
         self.kinds: Final[dict[tuple[int | None, int | None, int | None], tuple[Service, Phase]]] = {}
         self.mapped: Final[dict[int, tuple[str, Pdo]]] = {}
+        self.heads: Final[dict[int, Head]] = {}
 
     @cached_property
     def envelope(self) -> Envelope:
@@ -198,6 +200,7 @@ class Codec:
         self._pdos[f"{pdo.direction}{pdo.number}"] = pdo
         self._packings.clear()
         self.mapped.clear()
+        self.heads.clear()
 
     def encode(self, pdo: str, values: Mapping[Any, object], *, partial: bool = False) -> bytes:
         """Return the payload of a PDO. ``values`` go by (index, sub), name or "object.field".
@@ -205,7 +208,7 @@ class Codec:
         A missing value is `Error` E_COUNT, with ``partial`` it is the variable's default or zero. A value that the PDO does
         not carry is E_COUNT too, except in `Objects`.
         """
-        packing = self._packings.get(pdo) or self._packing(pdo)
+        packing = self._packings.get(pdo) or self.packing(pdo)
         octets = None
         if type(values) is dict:
             octets = packing.pack_known(values) if len(values) == len(packing.keys) else None
@@ -218,7 +221,12 @@ class Codec:
 
         Octets after the payload are kept and flagged ``trailing``.
         """
-        decoded = self._decode(self._packings.get(pdo) or self._packing(pdo), octets)
+        packing = self._packings.get(pdo) or self.packing(pdo)
+        if objects is None and type(octets) is bytes and len(octets) == packing.size:  # as nearly always
+            flags: Flags = {}
+            values = packing.unpack(octets, flags, self.strict_pad)
+            return Decoded(dict(zip(packing.keys, values)), flags)  # noqa: B905 - as many
+        decoded = self._decode(packing, octets)
         if objects is not None:
             objects.merge(decoded.values)
         return decoded
@@ -228,7 +236,7 @@ class Codec:
 
         See `columns.decode_columns` for the types; raises `Error` E_SHORT, ImportError without numpy.
         """
-        return decode_columns(self._packing(pdo), octets, offsets)
+        return decode_columns(self.packing(pdo), octets, offsets)
 
     # Structs and objects as a whole
 
@@ -365,7 +373,8 @@ class Codec:
         values = packing.unpack(octets, flags, self.strict_pad)
         return Decoded(dict(zip(packing.keys, values)), flags, surplus)  # noqa: B905 - as many, and on the hot path
 
-    def _packing(self, key: str) -> Packing:
+    def packing(self, key: str) -> Packing:
+        """Return how the payload of a PDO is read, by the mapping it has now; raises `Error` E_PDO_NUMBER."""
         packing = self._packings.get(key)
         if packing is None:
             pdo = self.pdo(key)

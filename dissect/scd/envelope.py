@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Final, NamedTuple
 
 from dissect.scd.errors import E_CRC, E_DICTIONARY, E_LENGTH, E_PROTOCOL, E_RANGE, E_SHORT, E_VALUE, Error, shown
@@ -142,6 +142,21 @@ class Envelope:
         self._crc_place = next((place for place in self._head + self._tail if place.field.role == "crc"), None)
         self._plan = _HeadPlan(self._head)
         self._covers_data = record.crc is not None and record.crc.covers == "data"
+        #: Whether the head says all that a message says beside its data, its size included, and holds no checksum of them.
+        self.told_by_head = (
+            self._size is not None
+            and not self._crc_in_head
+            and all(place.field.role in {"crc", "reserved"} for place in self._tail)
+        )
+        #: Where the transaction number stands in the bits of the head, if it is read from there as it stands, and all others.
+        self.tid_at, self.tid_mask = self._tid()
+        self.repeated = ((1 << 8 * self.head_size) - 1) & ~(self.tid_mask << self.tid_at)
+
+    def _tid(self) -> tuple[int, int]:
+        places = [place for place in self._head if place.field.role == "tid"]
+        if len(places) != 1 or places[0].field.big or places[0].field.signed or places[0].field.value is not None:
+            return 0, 0
+        return places[0].offset, (1 << places[0].field.bits) - 1
 
     @cached_property
     def opening(self) -> bytes:
@@ -215,7 +230,7 @@ class Envelope:
         _read_all(self._tail, tail, numbers)
         if not self._plan.signed_by(head):
             error = self._signature(head, self._head)
-        error = error or self._signature(tail, self._tail) or self._checked(message, tail_at)
+        error = error or self._signature(tail, self._tail) or self.checked(message, tail_at)
         return Wrapped(numbers, message[self.head_size : tail_at], total, error)
 
     def fields(self, message: bytes) -> Iterator[tuple[EnvelopeField, int, int]]:
@@ -291,8 +306,8 @@ class Envelope:
                 return Error(E_PROTOCOL, f"envelope field {place.field.role}", f"{found:#x} instead of {wanted:#x}")
         return None
 
-    def _checked(self, message: bytes, tail_at: int) -> Error | None:
-        """Return the error when the checksum differs."""
+    def checked(self, message: bytes, tail_at: int) -> Error | None:
+        """Return the error when the checksum of a whole message differs, whose tail begins at ``tail_at``."""
         place = self._crc_place
         if self._crc is None or place is None:
             return None
@@ -335,14 +350,11 @@ def _write_all(places: list[_Place], numbers: Mapping[str, int], size: int) -> b
     return bits.to_bytes(size, "little")
 
 
-def _hqx(record: CrcRecord, octets: bytes) -> int:
-    return crc_hqx(octets, record.init) ^ record.xorout
-
-
 def crc_function(record: CrcRecord) -> Callable[[bytes], int]:
     """Return what computes the checksum: the standard library where it can, else anycrc (extra "scd")."""
     if record.poly == 0x1021 and not record.refin and not record.refout:
-        return partial(_hqx, record)
+        init, xorout = record.init, record.xorout
+        return lambda octets: crc_hqx(octets, init) ^ xorout
     try:
         import anycrc
     except ImportError:

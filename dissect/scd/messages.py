@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from copy import copy
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import msgspec
 
@@ -15,6 +16,10 @@ from dissect.scd.types import Value
 if TYPE_CHECKING:
     from dissect.scd.codec import Codec
     from dissect.scd.model import Pdo
+    from dissect.scd.packing import Packing
+
+#: Headers of messages that are remembered with what they say; every device with mappings of its own has a codec of its own.
+MOST_HEADS: Final = 256
 
 Service = Literal["", "read", "write", "pdo"]
 #: A PDO is only ever a "push".
@@ -50,8 +55,76 @@ class Message(msgspec.Struct):
     content: str = ""
 
 
+class Head(NamedTuple):
+    """A header that sound messages had before, but for its transaction number: the ``message`` without its data, its ``size``.
+
+    Of a PDO also how its data are read, and whether its mapping is of a ``version`` that the dictionary does not have.
+    """
+
+    message: Message
+    size: int
+    packing: Packing | None
+    version: bool
+
+
 def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
     """Return the message that begins at ``at``; what is wrong with it is its ``error``."""
+    envelope = codec.envelope
+    if not envelope.told_by_head:
+        return _parse(codec, octets, at)
+    head = int.from_bytes(octets[at : at + envelope.head_size], "little")
+    key = head & envelope.repeated
+    known = codec.heads.get(key)
+    if known is not None:
+        tid = head >> envelope.tid_at & envelope.tid_mask
+        return _again(codec, known, octets, at, tid) or _parse(codec, octets, at)
+    message = _parse(codec, octets, at)
+    if message.error is None and message.numbers:
+        if len(codec.heads) >= MOST_HEADS:
+            codec.heads.clear()
+        codec.heads[key] = _head(codec, message)
+    return message
+
+
+def _head(codec: Codec, message: Message) -> Head:
+    """Return what the header of a sound message says, whatever its data are."""
+    bare = copy(message)
+    bare.values, bare.flags, bare.data, bare.numbers = {}, {}, b"", message.numbers.copy()
+    packing = codec.packing(message.pdo) if message.service == "pdo" else None
+    return Head(bare, message.size, packing, VERSION in message.flags)
+
+
+def _again(codec: Codec, known: Head, octets: Octets, at: int, tid: int) -> Message | None:
+    """Return a message whose header is known; None when it is not whole and sound, which is looked at more closely."""
+    envelope = codec.envelope
+    whole = bytes(octets[at : at + known.size])
+    tail_at = known.size - envelope.tail_size
+    if len(whole) != known.size or envelope.checked(whole, tail_at) is not None:
+        return None
+    message = copy(known.message)
+    message.numbers = numbers = message.numbers.copy()
+    if envelope.tid_mask:
+        message.tid = numbers["tid"] = tid
+    message.data = data = whole[envelope.head_size : tail_at]
+    flags: Flags = {}
+    message.flags = flags
+    packing = known.packing
+    if packing is None:
+        message.values = {}
+        try:
+            _decode(codec, message)
+        except Error:
+            return None
+    elif len(data) == packing.size:
+        message.values = dict(zip(packing.keys, packing.unpack(data, flags, codec.strict_pad)))  # noqa: B905 - as many
+        if known.version:
+            flag(flags, VERSION)
+    else:
+        return None
+    return message
+
+
+def _parse(codec: Codec, octets: Octets, at: int) -> Message:
     wrapped = codec.envelope.parse(octets, at)
     numbers = wrapped.numbers
     read = numbers.get

@@ -20,8 +20,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.wire.digits import SHORT
 from dissect.wire.octets import u16
+from dissect.wire.text import SHORT
 
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000

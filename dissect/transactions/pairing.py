@@ -1,4 +1,8 @@
-"""Pairing: which answer belongs to which request (reference section 5).
+"""Pairing: which response belongs to which request; transactions are opened, completed and closed (reference section 5).
+
+`Dialogue` is given every S7 PDU in order. It returns the transaction a PDU completes and puts those that end beside it (a
+request whose reference was used again, an orphan that waited long enough) into ``also``. It states facts, as `flags` of the
+transaction; what they are worth is judged elsewhere.
 
 One table of open requests per connection and asking side, because either end asks and their references are independent and
 may collide. The key is (ROSCTR, PDU reference); a reference is opaque, zero is valid, it wraps and is used again at once. So
@@ -17,12 +21,39 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import USERDATA
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import Parameters, header_size
+from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.transactions.results import (
+    COUNT_MISMATCH,
+    EXPECTED,
+    FUNCTION_MISMATCH,
+    REORDERED,
+    SIZE_MISMATCH,
+    check_answer,
+    check_data_codes,
+    check_notification,
+    check_other_answer,
+    check_written,
+    error_code,
+    mismatch,
+)
+from dissect.transactions.transaction import (
+    ANSWERED,
+    CAPTURE_ENDED,
+    HOLE,
+    ORPHAN,
+    PUSH,
+    REFERENCE_REUSED,
+    TABLE_FULL,
+    UNANSWERED,
+    Transaction,
+)
 
 if TYPE_CHECKING:
-    from dissect.transactions.transaction import Transaction
+    from dissect.transactions.table import Side
 
 #: Requests open at once per connection and side; the granted AmQ is 8 or less in practice.
 MAX_OPEN: Final = 4096
@@ -39,6 +70,9 @@ MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
 #: Clients wait two seconds at least before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
+
+#: Sides that asked are sought out of those whose connection is over when there are this many; more than can be open.
+_MANY_ASKING: Final = MAX_OPEN_ALL
 
 #: Requests given up from the front of a table before it is made anew.
 _FRESH: Final = 1024
@@ -300,6 +334,355 @@ class OpenRequests:
         if not orphans:
             self.orphans = None
         return gone
+
+
+class Dialogue:
+    """Pairs the PDUs of all connections."""
+
+    def __init__(self) -> None:
+        self.count: i64 = 0
+        self.open: i64 = 0  # requests without answer on all connections
+        self.also: list[Transaction] = []
+        self.holding: list[Side] = []  # sides with an answer held since somebody last looked
+        self.watching: bool = False  # somebody looks after `asking`
+        self.asking: list[Side] = []  # sides that asked since somebody last looked, and are not `Side.watched`
+
+    def ask(
+        self,
+        side: Side,
+        rosctr: i64,
+        pdu_ref: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> Transaction | None:
+        """A request: open a transaction. Returns it only when its answer was captured before it."""
+        connection = side.connection
+        side.requests += 1
+        connection.last_request = parameters
+        connection.last_request_ns = time_ns
+        self.count += 1
+        transaction = Transaction(self.count, connection, side.index, rosctr, pdu_ref, parameters)
+        transaction.request_frame = frame
+        transaction.request_ns = time_ns
+        transaction.request_ack = side.last_ack
+        transaction.request_buf = buf
+        transaction.request_offset = at
+        transaction.request_size = size
+        if not connection.client_known:
+            connection.note_request(side.index, parameters)
+        if parameters.function == WRITE_VAR:
+            transaction.flags |= check_written(parameters, buf, at, size)
+        key: i64 = key_of(rosctr, pdu_ref)
+        requests = connection.open_requests[side.index]
+        if requests.orphans is not None:
+            orphan = requests.find_orphan(key, side.end_seq)
+            if orphan is not None and not (_holes(side) and _strange(transaction, orphan.transaction)):
+                requests.release_orphan(orphan)
+                if orphan.transaction.response_frame < frame:
+                    transaction.flags |= REORDERED
+                self._join(transaction, orphan.transaction)
+                return transaction
+        answering = side.peer
+        waiting = requests.table.get(key)
+        self.open += 1
+        if self.watching and not side.watched:
+            self._watch(side)
+        if waiting is None:
+            requests.add(key, transaction)
+        else:
+            expected: bool = answering is not None and _unseen(transaction, answering)
+            kept: bool = expected and requests.supersede(key, transaction, waiting)
+            replaced = None if kept else requests.add_again(key, transaction, waiting)
+            if replaced is not None:
+                self._replace(replaced, answering)
+        if requests.count > MAX_OPEN or (self.open > MAX_OPEN_ALL and requests.count > FEW_OPEN):
+            oldest = requests.oldest()
+            if oldest is not None:
+                self._give_up(oldest, answering, TABLE_FULL)
+        return None
+
+    def _watch(self, side: Side) -> None:
+        side.watched = True
+        if len(self.asking) >= _MANY_ASKING:
+            self.asking = [one for one in self.asking if one.peer is not None]
+        self.asking.append(side)
+
+    def answer(
+        self,
+        side: Side,
+        rosctr: i64,
+        pdu_ref: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        data_at: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> Transaction | None:
+        """An answer: complete the oldest request it fits, or hold it for a moment. Returns the completed transaction."""
+        connection = side.connection
+        requests = connection.open_requests[1 - side.index]
+        key: i64 = key_of(rosctr, pdu_ref)
+        waiting = requests.table.get(key)
+        if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
+            # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
+            older = requests.take_superseded(waiting, side.end_seq)
+            if older is not None and not (
+                _holes(side) and contradicts(older, rosctr, parameters, buf, at, size, data_at)
+            ):
+                wrong = mismatch(older.parameters, parameters)
+                return self._complete(older, wrong, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns)
+            if older is not None:
+                self._give_up(older, side, REFERENCE_REUSED)
+            waiting = None
+        misfit: bool = False
+        if waiting is not None and (
+            parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA
+        ):
+            misfit = mismatch(waiting.parameters, parameters)
+        if waiting is None or (_holes(side) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
+            # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
+            self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+            return None
+        if waiting.earlier is not None and side.hole_frame:
+            lost = requests.lose(waiting, frame, side.hole_frame)
+            if lost is not None:
+                self._replace(lost, side)
+        if waiting.superseded is not None:  # what was asked before it would have been answered by now
+            for lost in requests.drop_superseded(waiting):
+                self._give_up(lost, side, REFERENCE_REUSED)
+        return self._complete(
+            requests.take(key, waiting), misfit, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns
+        )
+
+    def _complete(
+        self,
+        transaction: Transaction,
+        misfit: bool,
+        side: Side,
+        rosctr: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        data_at: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> Transaction:
+        """Give an open request, out of the table already, the answer at hand."""
+        self.open -= 1
+        if misfit:
+            transaction.flags |= FUNCTION_MISMATCH
+        transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+        self._answered(transaction, parameters, data_at)
+        return transaction
+
+    def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
+        """Look at the answer that a request has got, and count it."""
+        transaction.outcome = ANSWERED
+        check_answer(transaction, parameters, data_at)
+        if transaction.parameters.answer_unjudged:
+            check_data_codes(transaction)
+        connection = transaction.connection
+        connection.answered += 1
+        connection.last_answer = transaction.parameters
+        connection.last_answer_ns = transaction.response_ns
+
+    def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
+        """Return whether a request is open that an answer of ``side`` with this reference would complete."""
+        key: i64 = key_of(rosctr, pdu_ref)
+        return key in side.connection.open_requests[1 - side.index].table
+
+    def tell(
+        self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
+    ) -> Transaction:
+        """An S7comm-plus request that wants no answer: a transaction of its own, with an asking half only."""
+        self.count += 1
+        transaction = Transaction(self.count, side.connection, side.index, PLUS, pdu_ref, parameters)
+        transaction.request_frame = frame
+        transaction.request_ns = time_ns
+        transaction.request_buf = octets
+        transaction.request_size = len(octets)
+        transaction.outcome = PUSH
+        side.connection.unsolicited += 1
+        return transaction
+
+    def push(
+        self,
+        side: Side,
+        pdu_ref: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> Transaction:
+        """An unsolicited indication: a transaction of its own, with an answering half only."""
+        self.count += 1
+        rosctr: i64 = parameters.rosctr
+        transaction = Transaction(self.count, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
+        transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+        transaction.outcome = PUSH
+        head = parameters.userdata
+        if head is not None and head.error_code:
+            transaction.error_code = head.error_code
+            transaction.has_errors = True
+        elif rosctr > USERDATA:
+            check_notification(transaction)
+        side.connection.unsolicited += 1
+        return transaction
+
+    def expire(self, side: Side, time_ns: i64) -> None:
+        """Give up held answers of ``side`` whose time is over; they go to ``also``."""
+        requests = side.connection.open_requests[1 - side.index]
+        for transaction in requests.expired_orphans(time_ns, side.tcp.packets):
+            self._give_up_orphan(transaction, side)
+
+    def end(self, side: Side, reason: str) -> None:
+        """The connection of ``side`` ends: close everything open that ``side`` asked, and held answers to it."""
+        connection = side.connection
+        requests = connection.open_requests[side.index]
+        answering = side.peer
+        for transaction in requests.drain():
+            self._give_up(transaction, answering, reason)
+            if reason != CAPTURE_ENDED:
+                connection.open_at_end += 1
+        if requests.orphans is not None and answering is not None:
+            for orphan in requests.orphans:
+                self._give_up_orphan(orphan.transaction, answering)
+            requests.orphans = None
+
+    def _replace(self, replaced: Transaction, answering: Side | None) -> None:
+        """The reference of a request was used again while it waited: it and what waited before it stay unanswered."""
+        requests = replaced.connection.open_requests[replaced.asked_by]
+        for transaction in requests.drop_superseded(replaced):
+            self._give_up(transaction, answering, REFERENCE_REUSED)
+        chain: list[Transaction] = []
+        link: Transaction | None = replaced
+        while link is not None:
+            chain.append(link)
+            link = link.earlier
+        for transaction in reversed(chain):
+            transaction.earlier = None
+            self._give_up(transaction, answering, REFERENCE_REUSED)
+
+    def _give_up(self, transaction: Transaction, answering: Side | None, reason: str) -> None:
+        """Close a request that got no answer; a hole on the answering side since it was asked explains it best."""
+        self.open -= 1
+        transaction.outcome = UNANSWERED
+        transaction.reason = reason
+        if answering is not None:
+            if answering.hole_frame >= transaction.request_frame:
+                transaction.reason = HOLE
+            elif not answering.captured:
+                transaction.flags |= EXPECTED
+        transaction.connection.unanswered += 1
+        self.also.append(transaction)
+
+    def _orphan(
+        self,
+        side: Side,
+        key: i64,
+        rosctr: i64,
+        pdu_ref: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> None:
+        transaction = Transaction(0, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
+        transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+        transaction.outcome = ORPHAN
+        asking = side.peer
+        if asking is not None and asking.requests == 0 and (side.connection.mid_stream or not asking.captured):
+            transaction.flags |= EXPECTED
+        requests = side.connection.open_requests[1 - side.index]
+        if not side.waiting:
+            self.holding.append(side)
+        pushed_out = requests.hold_orphan(key, transaction, side.last_ack, side.tcp.packets)
+        if pushed_out is not None:
+            self._give_up_orphan(pushed_out, side)
+
+    def _give_up_orphan(self, transaction: Transaction, side: Side) -> None:
+        """No request turned up: the answer becomes a transaction of its own."""
+        self.count += 1
+        transaction.number = self.count
+        if transaction.rosctr > USERDATA:
+            check_other_answer(transaction)
+        else:
+            if transaction.rosctr != USERDATA:
+                transaction.rosctr = JOB  # what was asked, though nobody saw it
+            octets = transaction.response_octets
+            transaction.error_code = error_code(transaction.response_rosctr, octets, transaction.parameters)
+            transaction.has_errors = parse_pdu(octets).refused
+        asking = side.peer
+        if asking is not None and asking.holes:
+            transaction.flags |= EXPECTED
+            transaction.reason = HOLE
+        side.connection.orphans += 1
+        self.also.append(transaction)
+
+    def _join(self, transaction: Transaction, answer: Transaction) -> None:
+        """Give a request the answer that was captured before it."""
+        parameters = answer.parameters
+        if mismatch(transaction.parameters, parameters):
+            transaction.flags |= FUNCTION_MISMATCH
+        rosctr: i64 = answer.response_rosctr
+        at: i64 = answer.response_offset
+        transaction.set_response(
+            rosctr, parameters, answer.response_buf, at, answer.response_size, answer.response_frame, answer.response_ns
+        )
+        head: i64 = 12 if rosctr == ACK or rosctr == ACK_DATA else 10
+        self._answered(transaction, parameters, at + head + len(parameters.octets))
+
+
+def _strange(request: Transaction, answer: Transaction) -> bool:
+    """Return whether a held answer cannot be that of a request."""
+    rosctr: i64 = answer.response_rosctr
+    at: i64 = answer.response_offset
+    parameters = answer.parameters
+    data_at: i64 = at + header_size(rosctr) + len(parameters.octets)
+    return contradicts(request, rosctr, parameters, answer.response_buf, at, answer.response_size, data_at)
+
+
+def contradicts(
+    request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
+) -> bool:
+    """Return whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
+
+    For when gaps make it likely that an answer belongs to a request that was not seen.
+    """
+    if mismatch(request.parameters, parameters):
+        return True
+    if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
+        return False
+    trial = Transaction(0, request.connection, request.asked_by, request.rosctr, request.pdu_ref, request.parameters)
+    trial.response_buf = buf
+    trial.response_offset = at
+    trial.response_size = size
+    trial.response_rosctr = rosctr
+    check_answer(trial, parameters, data_at)
+    return trial.flags & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
+
+
+def _unseen(request: Transaction, answering: Side) -> bool:
+    """Return whether a request acknowledges octets of the answering side that the capture has not shown yet."""
+    ahead: i64 = (request.request_ack - answering.stream.next_seq) & MASK
+    return request.request_ack >= 0 and answering.stream.next_seq >= 0 and 0 < ahead < HALF_SPACE
+
+
+def _holes(side: Side) -> bool:
+    """Return whether octets of either side of a connection are missing from the capture."""
+    peer = side.peer
+    return side.holes > 0 or (peer is not None and peer.holes > 0)
 
 
 def _number(transaction: Transaction) -> int:

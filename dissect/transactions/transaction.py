@@ -195,6 +195,18 @@ class Transaction:
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
 
+    def set_response(
+        self, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
+    ) -> None:
+        """Keep the answer: a PDU of ``size`` octets at ``at`` of ``buf``, which came whole with packet ``frame``."""
+        self.response_frame = frame
+        self.response_ns = time_ns
+        self.response_buf = buf
+        self.response_offset = at
+        self.response_size = size
+        self.response_rosctr = rosctr
+        self.response_parameters = parameters
+
     def acknowledged(self, end_seq: i64) -> bool:
         """Return whether the request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
         return self.request_ack >= 0 and ((self.request_ack - end_seq) & MASK) < HALF_SPACE
@@ -263,11 +275,15 @@ class Transaction:
     @property
     def request_octets(self) -> bytes:
         """The request's S7 PDU, empty when there is none."""
+        if self.request_offset == 0 and self.request_size == len(self.request_buf):
+            return self.request_buf  # no copy
         return self.request_buf[self.request_offset : self.request_offset + self.request_size]
 
     @property
     def response_octets(self) -> bytes:
         """The answer's S7 PDU, empty when there is none."""
+        if self.response_offset == 0 and self.response_size == len(self.response_buf):
+            return self.response_buf  # no copy
         return self.response_buf[self.response_offset : self.response_offset + self.response_size]
 
     @property
@@ -451,8 +467,8 @@ class Transaction:
             TransactionError(
                 ITEM,
                 item.return_code,
-                PLUS_CODES.name(item.return_code),
-                PLUS_CODES.text(item.return_code),
+                item.codes.name(item.return_code),
+                item.codes.text(item.return_code),
                 item.number,
                 printable(item.label),
             )

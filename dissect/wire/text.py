@@ -11,11 +11,12 @@ import os
 import re
 import time
 import unicodedata
+from json.encoder import encode_basestring_ascii
 from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.wire.digits import SHORT, THREE
+from dissect.wire.build import COMPILED
 
 #: Categories that are not shown as they are: control, format (bidi overrides, zero widths), surrogate, private, unassigned,
 #: line and paragraph separators.
@@ -26,6 +27,37 @@ _FORMULA: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 #: The same behind a semicolon, which separates cells where the comma separates decimals.
 _LATER_FORMULA: Final = re.compile("(;\\s*)(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])")
 _NUMBER: Final = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
+
+#: Numbers below 1000, as they are and with three digits: most of what the bulk outputs write are digits, and `str` takes
+#: several times as long as looking them up.
+SHORT: Final[list[str]] = [str(number) for number in range(1000)]
+THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
+#: Bytes as two hexadecimal digits.
+_HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
+
+
+def decimal(number: i64) -> str:
+    """Return ``str(number)``."""
+    if not COMPILED or number < 0 or number >= 1_000_000_000:
+        return str(number)
+    if number < 1000:
+        return SHORT[number]
+    if number < 1_000_000:
+        return SHORT[number // 1000] + THREE[number % 1000]
+    return f"{SHORT[number // 1_000_000]}{THREE[number // 1000 % 1000]}{THREE[number % 1000]}"
+
+
+def hexadecimal(octets: bytes) -> str:
+    """Return ``octets.hex()``."""
+    if COMPILED:
+        size: i64 = len(octets)
+        if size == 1:
+            return _HEX[octets[0]]
+        if size == 2:
+            return _HEX[octets[0]] + _HEX[octets[1]]
+        if size == 4:
+            return f"{_HEX[octets[0]]}{_HEX[octets[1]]}{_HEX[octets[2]]}{_HEX[octets[3]]}"
+    return octets.hex()
 
 
 def printable(text: str) -> str:
@@ -44,6 +76,11 @@ def _escape(character: str) -> str:
     if code < 0x100:
         return f"\\x{code:02x}"
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def json_text(value: str) -> str:
+    """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
+    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
 
 
 def encodable(text: str) -> str:

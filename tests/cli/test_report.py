@@ -126,7 +126,7 @@ def test_a_tag_of_which_nothing_was_seen_is_named(capfdbinary: Capture, tmp_path
 def test_a_capture_without_s7_gives_a_report(capfdbinary: Capture, tmp_path: Path) -> None:
     out = tmp_path / "o.html"
     assert run(capfdbinary, "report", saved(tmp_path / "a.pcapng", []), "-o", out).code == 0
-    assert "The capture holds no packet." in out.read_text(encoding="utf-8")
+    assert "The capture holds no packets." in out.read_text(encoding="utf-8")
 
 
 def test_a_damaged_capture_says_so_in_the_page(capfdbinary: Capture, tmp_path: Path) -> None:

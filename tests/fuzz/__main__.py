@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import math
 import os
 import pkgutil
 import re
@@ -28,6 +29,13 @@ RSS_MB: Final = 512
 #: libFuzzer gives up when one input takes this long.
 HANG_SECONDS: Final = 20
 NAMES: Final = ("container", "frames", "segments", "streams", "pdus", "plus", "blocks", "tls", "files", "inputs")
+#: Every target, one after the other.
+ALL: Final = "all"
+#: Parts of a long run by executions: more of the targets that take less of the processor for one.
+SHARES: Final = {
+    "container": 15, "frames": 10, "segments": 3, "streams": 15, "pdus": 20, "plus": 15, "blocks": 2, "tls": 10,
+    "files": 1, "inputs": 9,
+}  # fmt: skip
 #: Rooms not imported as a whole, which takes long or needs what is not there: targets import what they reach of them.
 _LEFT_OUT: Final = (
     "cli",
@@ -146,11 +154,22 @@ def fuzz(options: argparse.Namespace) -> int:
 
 
 def dice(options: argparse.Namespace) -> int:
-    """Run the target on the installed package, without a fuzzer; 1 when anything failed."""
+    """Run a target, or each for its share, on the installed package, without a fuzzer; 1 when anything failed."""
+    names = NAMES if options.target == ALL else (options.target,)
+    return max([_dice(options, name) for name in names])
+
+
+def _dice(options: argparse.Namespace, name: str) -> int:
     # The folder of the tests last: what is installed must be found before the package of the tree.
     begin = "import sys; sys.path.append('.'); from tests.fuzz.dice import main; sys.exit(main(sys.argv[1:]))"
-    arguments = [sys.executable, "-P", "-c", begin, options.target, str(options.seconds), str(options.seed)]
-    arguments += [str(options.artifacts.absolute()), *([str(options.corpus.absolute())] if options.corpus else [])]
+    arguments = [sys.executable, "-P", "-c", begin, name, "--seed", str(options.seed), "--jobs", str(options.jobs)]
+    if options.executions:
+        share = SHARES[name] / sum(SHARES.values()) if options.target == ALL else 1
+        arguments += ["--executions", str(math.ceil(options.executions * share))]
+    else:
+        arguments += ["--seconds", str(options.seconds)]
+    for option, path in (("--artifacts", options.artifacts), ("--corpus", options.corpus), ("--done", options.done)):
+        arguments += [option, str(path.absolute())] if path else []
     others = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     return subprocess.run(arguments, cwd=Path(__file__).parents[2], env=others, check=False).returncode
 
@@ -173,7 +192,7 @@ def again(options: argparse.Namespace) -> int:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one target."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("target", choices=NAMES)
+    parser.add_argument("target", choices=(*NAMES, ALL), help=f"what is fed; {ALL}: every one, with --installed")
     parser.add_argument("--seconds", type=int, default=60, help="how long (default 60)")
     parser.add_argument("--corpus", type=Path, help="folder that keeps what raised the coverage, for the next time")
     parser.add_argument("--artifacts", type=Path, default=Path(tempfile.gettempdir()) / "s7dissect-fuzz",
@@ -183,12 +202,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--installed", action="store_true", help="the installed package, compiled: damaged seeds and inputs "
                         "of --corpus without atheris, for --seconds of CPU time")  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="with --installed: which damage is done (default 0)")
+    parser.add_argument("--executions", type=int, default=0, help="with --installed: so many inputs instead of --seconds, in "
+                        "rounds that each have dice of their own")  # fmt: skip
+    parser.add_argument("--jobs", type=int, default=1, help="with --executions: processes side by side (default 1)")
+    parser.add_argument("--done", type=Path, help="with --executions: file that notes the rounds that are done, so that the "
+                        "run goes on after them when it is started again")  # fmt: skip
     parser.add_argument("--child", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.run:
         return again(options)
     if options.installed:
         return dice(options)
+    if options.target == ALL or options.executions or options.done:
+        parser.error(f"{ALL}, --executions and --done are for --installed")
     if importlib.util.find_spec("atheris") is None:
         print(_HINT, file=sys.stderr)
         return 2

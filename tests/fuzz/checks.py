@@ -15,12 +15,14 @@ def check_line(line: str) -> None:
 
 
 def check_lines(lines: Iterable[str]) -> int:
-    """Check every line; return how many there are."""
-    count = 0
-    for line in lines:
-        check_line(line)
-        count += 1
-    return count
+    """Check every line; return how many there are. All at once, which is much faster, and each only where one fails."""
+    given = list(lines)
+    text = " ".join(given)
+    if UNSAFE.search(text):
+        for line in given:
+            check_line(line)
+    text.encode("utf-8")
+    return len(given)
 
 
 def _only_numbers(name: str) -> float:

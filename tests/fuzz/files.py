@@ -55,7 +55,7 @@ from tests.fuzz.containers import MOST_STEPS, Packets, read
 from tests.fuzz.inputs import plant, plant_bindings
 from tests.fuzz.played import ServedReader, check_replayed, check_served
 from tests.fuzz.scripts import Script
-from tests.fuzz.watched import Watcher, check_events, check_metrics, check_screens
+from tests.fuzz.watched import check_events, check_metrics, check_screens, new_watcher
 from tests.properties.books import check_books
 from tests.properties.captures import Memory
 from tests.properties.packets import Packet
@@ -317,7 +317,7 @@ def _learned(octets: bytes, way: Way) -> None:
 
 
 def _watched(octets: bytes, way: Way) -> None:
-    watcher, metrics = Watcher(), Metrics()
+    watcher, metrics = new_watcher(), Metrics()
     driven = drive(octets, watcher, way.carrier())
     counted = drive(octets, metrics, way.carrier())
     if driven is None or counted is None:

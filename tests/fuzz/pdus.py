@@ -35,12 +35,15 @@ from dissect.wire.part import Part
 from dissect.wire.text import Clock
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.played import check_harmless
+from tests.fuzz.turns import TURNS
 from tests.properties.books import Result
 from tests.properties.messages import dt
 from tests.report.support import begun
 
 CUT: Final = 1
 PLUS: Final = 0x72
+#: What is made of a PDU in turns (`tests.fuzz.turns`): its tree, its line and values, its JSON, what else is read of it.
+TREE, LINE, JSON, MORE, THINGS = range(5)
 #: Transport sizes whose values are tried on the first octets of a data item, beside the one that was asked for.
 _SIZES: Final = (0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0A, 0x0B, 0x0C, 0x0F, 0x13, 0x1C, 0x1D, 0x30)
 
@@ -83,16 +86,20 @@ def _s7(octets: bytes, cut: bool) -> None:
         wanted = items[number].transport_size if number < len(items) else item.transport_size
         assert len(item.data) <= size
         decode_value(wanted, item.data)
-        for code in _SIZES:
-            decode_value(code, item.data[:64])
+        if TURNS.has(octets, LINE, THINGS):
+            for code in _SIZES:
+                decode_value(code, item.data[:64])
     assert len(pdu.return_codes()) <= size
     assert isinstance(pdu.refused, bool)
-    packet = dt(octets) if size + HEADER + 3 <= MAX_LENGTH and not cut else b""
-    check_lines(tree_lines(pdu, packet))
-    check_line(pdu_line(pdu, _connection(), Clock(), Places([], False)))
-    check_json(PduLines().line(pdu, _connection()))
+    if TURNS.has(octets, TREE, THINGS):
+        packet = dt(octets) if size + HEADER + 3 <= MAX_LENGTH and not cut else b""
+        check_lines(tree_lines(pdu, packet))
+    if TURNS.has(octets, LINE, THINGS):
+        check_line(pdu_line(pdu, _connection(), Clock(), Places([], False)))
+    if TURNS.has(octets, JSON, THINGS):
+        check_json(PduLines().line(pdu, _connection()))
     head = pdu.parameters.userdata
-    if head is not None:
+    if head is not None and TURNS.has(octets, MORE, THINGS):
         told: list[Malformed] = []
         joined = pdu.data * 2
         _check_cover(parse_joined(head.group, head.subfunction, head.type, joined, told), 0, len(joined))
@@ -102,15 +109,20 @@ def _s7(octets: bytes, cut: bool) -> None:
 def _plus(octets: bytes, cut: bool) -> None:
     pdu = parse_plus(octets, 1, 0, 1, 0, cut)
     _check_malformed(pdu.malformed, len(octets))
-    check_lines(plus_tree_lines(pdu, b"" if cut else dt(octets)))
-    check_line(plus_line(pdu, _connection(), Clock(), Places([], False)))
-    check_json(PduLines().plus_line(pdu, _connection()))
+    if TURNS.has(octets, TREE, THINGS):
+        check_lines(plus_tree_lines(pdu, b"" if cut else dt(octets)))
+    if TURNS.has(octets, LINE, THINGS):
+        check_line(plus_line(pdu, _connection(), Clock(), Places([], False)))
+    if TURNS.has(octets, JSON, THINGS):
+        check_json(PduLines().plus_line(pdu, _connection()))
     found = parse_contents(pdu)
     if found.parts:
         _check_cover(found.parts, found.parts[0].offset, len(pdu.data))
     _check_malformed(found.malformed, len(pdu.data))
     assert [value for _, value in parse_contents(pdu, shown=False).items] == [value for _, value in found.items]
     refuses_items(pdu)
+    if not TURNS.has(octets, MORE, THINGS):
+        return
     session = PlusSession(Program(), Identity())
     take(session, pdu.function, octets, b"")
     facts = take(session, pdu.function, octets, octets)

@@ -18,7 +18,7 @@ from dissect.s7plus.events import take
 from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import join_items
 from dissect.s7plus.layouts import VALUE
-from dissect.s7plus.message import fixed_part, parse_plus
+from dissect.s7plus.message import PlusPdu, fixed_part, parse_plus
 from dissect.s7plus.objects import build_elements, every_object, read_elements
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
@@ -27,10 +27,13 @@ from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.values import Value, build_value
 from dissect.s7plus.walk import MAX_DEPTH, Walk
 from tests.fuzz.checks import check_line, check_lines
+from tests.fuzz.turns import TURNS
 
 _FUNCTIONS: Final = [row.number for row in FUNCTIONS] + [0x1234]
 _OPCODES: Final = [row.number for row in OPCODES]
 _VERSIONS: Final = (1, 2, 3, SYSTEM_EVENT)
+#: What is made of contents in turns (`tests.fuzz.turns`): their tree, the items of a session, the proof of their structure.
+TREE, ITEMS, PROOF, THINGS = range(4)
 #: Octets of a frame, so that long bodies come in several.
 _FRAME: Final = 700
 
@@ -77,18 +80,24 @@ def _check_built_again(found: Contents, data: bytes) -> None:
     """What was read is built and read again the same; values from their own octets, objects with all they hold."""
     for one in found.objects:
         octets = build_elements([one])
-        walk = Walk(octets, 0, len(octets), False)
-        assert build_elements(read_elements(walk)) == octets
+        assert build_elements(read_elements(_walk(octets, data))) == octets
     values = [value for _, value in found.items]
     values += [found.value] if found.value is not None else []
     for value in values:
         octets = build_value(value)
-        assert build_value(_read(octets)) == octets
+        assert build_value(_read(octets, data)) == octets
         assert value.end <= len(data)
 
 
-def _read(octets: bytes) -> Value:
+def _walk(octets: bytes, data: bytes) -> Walk:
+    """Return a walk that may cost what the one through ``data`` may: an array of Null has more elements than octets."""
     walk = Walk(octets, 0, len(octets), False)
+    walk.budget = max(walk.budget, Walk(data, 0, len(data), False).budget)
+    return walk
+
+
+def _read(octets: bytes, data: bytes) -> Value:
+    walk = _walk(octets, data)
     value = read_value(walk, VALUE, 0)
     assert walk.left == 0
     return value
@@ -113,13 +122,21 @@ def plus(octets: bytes) -> None:
         assert 0 <= begin < end <= len(pdu.data)
     assert len(every_object(found.objects)) <= len(octets)
     _check_built_again(found, pdu.data)
-    check_lines(plus_tree_lines(pdu, b""))
+    if TURNS.has(octets, TREE, THINGS):
+        check_lines(plus_tree_lines(pdu, b""))
+    if TURNS.has(octets, ITEMS, THINGS):
+        _check_shown(pdu, whole)
+    if TURNS.has(octets, PROOF, THINGS):
+        proof = PlusProof()
+        proof.take(whole, 1, 1, 0, cut=False)
+        check_line(str(proof))
+
+
+def _check_shown(pdu: PlusPdu, whole: bytes) -> None:
+    """What a session says of it is safe."""
     session = PlusSession(Program(), Identity())
     take(session, pdu.function, whole, whole)
     half = shown_half(pdu)
     for item in [*join_items(half, half, session), *join_items(None, half, session)]:
         check_line(item_text(item))
         json.dumps(item.json_value, allow_nan=False)
-    proof = PlusProof()
-    proof.take(whole, 1, 1, 0, cut=False)
-    check_line(str(proof))

@@ -59,6 +59,10 @@ FOUND = {
             f"s7dissect golden 1\n\nconnection 1\n  client TSAP <{'41 ' * 121}>\n  server TSAP <{'42 ' * 121}>\n"
             "  TPDU size 1024, asked 1024\n\n1 client READ\n  no answer: hole\n  M20.1 BIT\n").encode()),
     ),
+    "an array of Null, whose elements take no octets, read again from fewer octets": (
+        "plus",
+        bytes.fromhex("04000000896a0013008900000034019077000801000004e88969001200000000896a001300896b00040000000900000000001300896b00040000000900000000"),
+    ),
 }  # fmt: skip
 
 

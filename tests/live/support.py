@@ -14,7 +14,8 @@ import snap7
 from snap7.server import Server
 from snap7.type import SrvArea
 
-from dissect.live.session import Event, Session
+from dissect.live.events import Event
+from dissect.live.session import Session
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import PacketSink
 from tests.properties.packets import Packet

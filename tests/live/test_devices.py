@@ -64,7 +64,8 @@ def test_nothing_that_a_station_states_steers_a_terminal(capfdbinary: Capture, t
 
 def test_screens_take_no_notice() -> None:
     from dissect.engine.pipeline import Options
-    from dissect.live.session import DEVICE, Session
+    from dissect.live.events import DEVICE
+    from dissect.live.session import Session
     from dissect.source.files import open_capture
 
     session = Session(lambda: open_capture(str(SZL)), Options())

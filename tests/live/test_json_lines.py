@@ -4,9 +4,9 @@ import json
 from typing import Any
 
 from dissect.findings.catalogue import CATALOGUE
+from dissect.live.events import PROBLEM, TRANSACTION, Event
 from dissect.live.json_lines import JsonLines
 from dissect.live.lines import kinds_of
-from dissect.live.session import PROBLEM, TRANSACTION, Event
 from dissect.source.live.reader import Drops
 from tests.live.test_lines import conversation, events_of, status
 from tests.properties.packets import EPOCH_NS

@@ -15,8 +15,9 @@ import snap7.error
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.findings.reporter import Finding
+from dissect.live.events import CLOSED, Event
 from dissect.live.run import Companion
-from dissect.live.session import CLOSED, Event, Session
+from dissect.live.session import Session
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
 from dissect.source.live.opening import open_live

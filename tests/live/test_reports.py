@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -38,7 +39,11 @@ def test_each_period_has_its_page(capfdbinary: Capture, tmp_path: Path) -> None:
     assert list(made) == ["s7dissect-20240304T050600Z.html", "s7dissect-20240304T050800Z.html"]
     first, last = [session_of(page) for page in made.values()]
     assert [sum([sum(one[1:]) for one in session["rates"]["bins"]]) for session in (first, last)] == [8, 2]
-    assert "transaction.item_error, 1 time" in made["s7dissect-20240304T050600Z.html"]
+    assert "transaction.item_error, once" in made["s7dissect-20240304T050600Z.html"]
+    for page, began, transactions in zip(made.values(), ("05:06:07", "05:08:00"), (8, 2), strict=True):
+        (about,) = re.findall(r'<p class="quiet">(from .*?)</p>', page)
+        assert about.startswith(f"from 2024-03-04 {began}"), about
+        assert f", 1 connection, {transactions} transactions" in about
     assert "transaction.item_error" not in made["s7dissect-20240304T050800Z.html"]
     for session in (first, last):
         (connections,) = [table for table in session["tables"] if table["name"] == "connections"]

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from dissect.engine.pipeline import Options
+from dissect.live.events import CLOSED, FINDING, OPENED, OPERATION, PROBLEM, TRANSACTION, Event
 from dissect.live.run import Companion, Limits
-from dissect.live.session import CLOSED, FINDING, OPENED, OPERATION, PROBLEM, TRANSACTION, Event, Session
+from dissect.live.session import Session
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
 from dissect.source.packet import CaptureError, PacketSink, Reader
@@ -178,3 +179,11 @@ def test_limits_are_handed_on(tmp_path: Path) -> None:
     to_the_end(session)
     assert session.status().packets == 9
     assert session.engine == "file"
+
+
+def test_what_nobody_wants_is_counted_and_not_made() -> None:
+    session = Session(lambda: Line(Clock(), [packets()], ends=True), Options(strict=True), kinds=(FINDING, PROBLEM))
+    session.start()
+    assert [event.kind for event in to_the_end(session)] == [FINDING]
+    status = session.status()
+    assert (status.connections, status.connections_open, status.transactions, status.lost_events) == (1, 0, 3, 0)

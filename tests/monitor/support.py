@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.engine.pipeline import Options
-from dissect.live.session import Event, Session
+from dissect.live.events import Event
+from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.model import Model
 from dissect.source.files import open_capture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.live.session import PROBLEM, TRANSACTION, Event
+from dissect.live.events import PROBLEM, TRANSACTION, Event
 from dissect.monitor import filter as wanted_module
 from dissect.monitor import model as model_module
 from dissect.monitor.entries import Entry

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.engine.pipeline import Options
-from dissect.page.gathered import Gathered
+from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, render
 from dissect.page.rows import Rows
 from dissect.report.words import Places
@@ -56,7 +56,7 @@ def gathered_of(paths: Sequence[Path], tags: Sequence[str] = (), options: Option
     gathered.files = run.files
     while run.step():
         pass
-    gathered.take(run.pipeline, run.files)
+    gathered.take(run.pipeline, run.files, span_of(run.pipeline))
     return gathered
 
 

@@ -16,6 +16,7 @@ import pytest
 from dissect.page.rendering import Side, render
 from tests.page.support import NAUGHTY, data_of, gathered_of, naughty_packets, page_of
 from tests.promises import hostile
+from tests.properties.messages import Item
 from tests.properties.packets import EPOCH_NS, MS, Flow
 from tests.report.schemas import ROOT
 from tests.report.support import UNSAFE, WORD, begun, read, saved
@@ -266,6 +267,80 @@ def test_nothing_leaves_the_page_and_nothing_overflows(browser: Browser, busy: t
     assert any("Content Security Policy" in line for line in browser.console())
 
 
+def test_bins_below_a_second_are_counted_as_such(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    """One request in a bin of 10 ms is one, not 100 in a second; longer bins are counted per second."""
+    path, data = busy
+    browser.open(path)
+    width = round(data["rates"]["width"] * 1000)
+    assert browser.texts("#plot-rates h3") == [f"Transactions per {width} ms"]
+    most = max([sum(one[1:2] + one[4:]) for one in data["rates"]["bins"]])
+    ticks = [text for text in browser.texts("#plot-rates svg.timed text[text-anchor=end]") if text.isdigit()]
+    assert most <= max([int(tick) for tick in ticks]) <= most * 3
+    packets = begun(Flow(ports=(40002, 102))).packets(step_ns=60 * 1000 * MS)
+    browser.open(written(path.parent, "slow", page_of(saved(path.parent / "slow.pcapng", packets))))
+    assert browser.texts("#plot-rates h3") == ["Transactions per second"]
+
+
+def test_times_past_midnight_have_their_day(browser: Browser, folder: Path) -> None:
+    late = begun(Flow(ports=(40003, 102))).packets(start_ns=EPOCH_NS + 18 * 3600 * 10**9, step_ns=600 * 1000 * MS)
+    browser.open(written(folder, "late", page_of(saved(folder / "late.pcapng", late))))
+    assert re.match(r"03-04 \d\d:\d\d:\d\d", browser.texts("#table-connections td.short")[0])
+
+
+def test_labels_stay_in_their_plot(browser: Browser, folder: Path) -> None:
+    """Long subjects of polls and axes of a few minutes at every width: nothing leaves the figure, no two labels touch."""
+    talk = begun()
+    for ref in range(1, 40):
+        read(talk, ref, Item(0x02, 200, 65000, 0x84, 65000 * 8))
+    path = written(folder, "long", page_of(saved(folder / "long.pcapng", talk.packets(step_ns=1000 * MS))))
+    script = """const found = [];
+        for (const figure of document.querySelectorAll('figure')) {
+          const frame = figure.getBoundingClientRect(), rows = new Map();
+          for (const text of figure.querySelectorAll('svg text')) {
+            const box = text.getBoundingClientRect();
+            if (!box.width) continue;
+            if (box.left < frame.left || box.right > frame.right) found.push(`outside: ${text.textContent}`);
+            const row = rows.get(text.getAttribute('y')) || [];
+            if (row.some((one) => one.left < box.right && box.left < one.right)) found.push(`touches: ${text.textContent}`);
+            rows.set(text.getAttribute('y'), [...row, box]);
+          }
+        }
+        return found;"""
+    for width in WIDTHS:
+        browser.open(path, width)
+        assert browser.count("#plot-rates svg.timed text") >= 4
+        assert browser.run(script) == [], width
+
+
+def test_a_table_wider_than_the_page_says_so_and_scrolls_by_keyboard(
+    browser: Browser, busy: tuple[Path, dict[str, Any]]
+) -> None:
+    browser.open(busy[0], 390)
+    hint = "return [...document.querySelectorAll('#table-connections .aside')].map((one) => one.hidden)"
+    assert browser.run(hint) == [False]
+    box = "document.querySelector('#table-connections .scroll')"
+    assert browser.run(f"return [{box}.tabIndex, {box}.getAttribute('role'), {box}.ariaLabel]") == [
+        0, "region", "Connections",
+    ]  # fmt: skip
+    browser.driver.execute_async_script(
+        f"const [done] = arguments, box = {box};"
+        "box.addEventListener('scroll', () => requestAnimationFrame(done)); box.scrollLeft = 1e6;"
+    )
+    assert browser.run(hint) == [True]
+    browser.open(busy[0], 1920)
+    assert browser.run("return document.querySelector('#table-functions .aside').hidden")
+    assert browser.run("return document.querySelector('#table-functions .scroll').tabIndex") == -1
+
+
+def test_paper_shows_what_is_folded(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    browser.open(busy[0])
+    folded = "return [...document.querySelectorAll('details')].filter((one) => !one.open).length"
+    every = browser.run(folded)
+    assert every > 1
+    assert browser.run(f"dispatchEvent(new Event('beforeprint')); {folded}") == 0
+    assert browser.run(f"dispatchEvent(new Event('afterprint')); {folded}") == every
+
+
 def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
     browser.open(busy[0])
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
@@ -307,7 +382,10 @@ def test_text_from_the_wire_neither_runs_nor_breaks_the_layout(browser: Browser,
 def test_two_sessions_are_overlaid(browser: Browser, folder: Path) -> None:
     path = written(folder, "both", page_of(OWN / "nodes7-poll.pcapng", OWN / "nodes7-poll-missing.pcapng"))
     browser.open(path)
-    assert browser.count("#plot-rates path.line.s0") == browser.count("#plot-rates path.line.s1") == 2
+    assert browser.count("#plot-rates path.outline.s0") == 1
+    assert browser.count("#plot-rates path.outline.s1") == 2  # what failed as well
+    one, other = data_of(path.read_text(encoding="utf-8"))["sessions"]
+    assert (one["rates"]["width"], one["times"]["width"]) == (other["rates"]["width"], other["times"]["width"])
     assert browser.count("#plot-times path.line") == 2
     assert browser.count("#plot-a-talks") == browser.count("#plot-b-talks") == 1
     assert browser.texts("#differences li") == ["one difference"]

@@ -70,7 +70,7 @@ def test_a_column_of_texts_that_no_row_has_is_left_out() -> None:
         columns[name] = [column for column, _ in devices["columns"]]
     assert {"order number", "firmware"} <= set(columns["szl"])
     assert columns["nodes7-poll"] == [
-        "device", "role", "asks", "connections", "transactions", "median answer", "first seen",
+        "device", "role", "sends requests to", "connections", "transactions", "median answer", "first seen",
     ]  # fmt: skip
 
 

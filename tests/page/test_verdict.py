@@ -8,7 +8,7 @@ from dissect.page.verdict import by_weight, verdict
 from tests.page.support import gathered_of
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import Flow, Talk
+from tests.properties.packets import EPOCH_NS, Flow, Talk
 from tests.report.schemas import ROOT
 from tests.report.support import WORD, begun, read, saved
 
@@ -22,10 +22,21 @@ def test_what_broke_since_when_and_who() -> None:
     assert said.severity == "warning"
     what, since, who = said.sentences
     assert what == "An item of a read or write was refused. Read Var DB2.DBB400: 0x05 Invalid address (packets 10, 11)."
-    assert since.startswith("It happened 4 times: the first at 2026-11-21 01:31:15.5")
+    assert since.startswith("It happened 4 times: the first time at 2026-11-21 01:31:15.5")
     assert who == "It concerns 127.0.0.1 → 127.0.0.1; there is no other error or warning."
     assert said.finding is not None
     assert said.finding.frames == [10, 11]
+
+
+def test_since_when_counts_from_the_first_packet_of_the_capture(tmp_path: Path) -> None:
+    """Not from the first thing that the report draws: an hour of other traffic may come before."""
+    talk = begun()
+    read(talk, 1, WORD, 0x0A)
+    web = Talk(Flow(ports=(40000, 80))).handshake().packets()
+    later = talk.packets(start_ns=EPOCH_NS + 3600 * 10**9)
+    gathered = gathered_of([saved(tmp_path / "a.pcapng", [*web, *later])])
+    assert gathered.start_ns == EPOCH_NS
+    assert ", 1 h 0 min 0 s after the capture began" in verdict(gathered).sentences[1]
 
 
 def test_nothing_broke(tmp_path: Path) -> None:
@@ -33,13 +44,15 @@ def test_nothing_broke(tmp_path: Path) -> None:
     read(talk, 1, WORD)
     said = verdict(gathered_of([saved(tmp_path / "a.pcapng", talk.close().packets())]))
     assert (said.severity, said.finding) == ("", None)
-    assert said.sentences[0] == "Nothing broke: 2 requests answered, no error and no warning."
+    assert said.sentences[0] == "Nothing broke: 2 requests answered, no errors, no warnings."
 
 
 def test_without_a_failure_what_stands_out_is_no_breakdown() -> None:
     said = verdict(gathered_of([OWN / "crafted" / "plus-plant.pcapng"]))
     assert said.severity == "error"
-    assert said.sentences[0].startswith("No request failed, 16 answers came. What stands out: A client sent a PLC stop")
+    assert said.sentences[0].startswith(
+        "No request failed; 16 answers arrived. What stands out: A client sent a PLC stop"
+    )
 
 
 def test_a_capture_without_s7_says_what_was_there(tmp_path: Path) -> None:
@@ -58,7 +71,7 @@ def test_a_capture_without_s7_says_what_was_there(tmp_path: Path) -> None:
 
 def test_an_empty_capture(tmp_path: Path) -> None:
     said = verdict(gathered_of([saved(tmp_path / "a.pcapng", [])]))
-    assert said.sentences[0] == "The capture holds no packet."
+    assert said.sentences[0] == "The capture holds no packets."
 
 
 def test_the_heaviest_finding_comes_first() -> None:

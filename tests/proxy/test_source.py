@@ -13,7 +13,8 @@ import snap7.error
 
 from dissect.engine.pipeline import Options
 from dissect.findings.reporter import Finding
-from dissect.live.session import CLOSED, Event, Session
+from dissect.live.events import CLOSED, Event
+from dissect.live.session import Session
 from dissect.proxy.capture_file import CaptureFile
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.relay import Relay

@@ -13,7 +13,7 @@ from dissect.baseline.watch import KINDS as NEW
 from dissect.findings.catalogue import KINDS as FINDINGS
 from dissect.findings.catalogue import SEVERITIES
 from dissect.golden.difference import KINDS as DIFFERENCES
-from dissect.live import session
+from dissect.live import events
 from dissect.oracle import facts, known
 from dissect.scd.difference import Level
 from dissect.scd.records import Role
@@ -21,7 +21,7 @@ from dissect.source.live.opening import ENGINES
 from dissect.transactions import ending, operation
 from tests.report.schemas import ROOT, load
 
-EVENTS = {session.OPENED, session.CLOSED, session.FINDING, session.DEVICE, session.PROBLEM}
+EVENTS = {events.OPENED, events.CLOSED, events.FINDING, events.DEVICE, events.PROBLEM}
 ENDINGS = {
     ending.FIN,
     ending.RESET,
@@ -48,7 +48,7 @@ PLACES: list[tuple[str, str, set[str]]] = [
         {operation.WRONG_ID, operation.BEYOND_END, operation.WRONG_SIZE, operation.CUT_SHORT},
     ),
     ("event", "properties/event/enum", {*EVENTS, "events_lost", "summary"}),
-    ("event", "properties/counts/propertyNames/enum", {*EVENTS, session.TRANSACTION, session.OPERATION, session.SCD}),
+    ("event", "properties/counts/propertyNames/enum", {*EVENTS, events.TRANSACTION, events.OPERATION, events.SCD}),
     ("alert", "properties/when/enum", set(WHENS)),
     ("alert", "properties/severity/enum", set(SEVERITIES)),
     ("alert", "properties/new/properties/kind/enum", set(NEW)),

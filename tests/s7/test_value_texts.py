@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7.tables import BYTE, DINT, DWORD, INT, REAL, WORD
-from dissect.s7.value_texts import number_texts
-from dissect.s7.values import decode_value
+from dissect.s7.values import decode_value, number_texts
 
 NUMBERS = (BYTE, WORD, INT, DWORD, DINT, REAL)
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from binascii import crc_hqx
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from dissect.scd.codec import Codec
 from dissect.scd.errors import Error
 from dissect.scd.layout import Key
-from dissect.scd.messages import Message
+from dissect.scd.messages import MOST_HEADS, Message
 from dissect.scd.records import EnvelopeField, EnvelopeRecord, FieldRecord, ObjectRecord
 from dissect.scd.types import Value
 from tests.scd import making
@@ -223,3 +225,59 @@ def test_values_of_a_message_may_go_by_name() -> None:
     octets = codec.encode_message(Message(service="write", phase="request", index=0x6000, values={"v6000": -2}))
     assert octets[10:12] == b"\xfe\xff"
     assert codec.decode_message(octets).values == {(0x6000, 0): -2}
+
+
+_WIRE_OCTETS = [bytes.fromhex(row[0]) for row in WIRE]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(_WIRE_OCTETS),
+            st.integers(0, 20),
+            st.integers(0, 255),
+            st.sampled_from(("as is", "sealed", "cut")),
+        ),
+        min_size=1,
+        max_size=6,
+    )
+)
+def test_what_was_read_before_changes_nothing(changes: list[tuple[bytes, int, int, str]]) -> None:
+    """A header that is known is a shorter way to the same message: its number, data and checksum are looked at each time."""
+    warm = plant()
+    for octets in _WIRE_OCTETS:
+        known = warm.parse_message(octets)
+        known.numbers.clear()  # what somebody does with a message is not remembered
+        known.values.clear()
+        known.flags["trailing"] = ()
+    for octets, at, octet, what in changes:
+        damaged = bytearray(octets)
+        damaged[at % len(damaged)] = octet
+        if what == "sealed":
+            damaged[-2:] = crc_hqx(bytes(damaged[:-2]), 0).to_bytes(2, "little")
+        elif what == "cut":
+            del damaged[at:]
+        cold = plant()
+        found, wanted = warm.parse_message(b"\x01" + damaged, 1), cold.parse_message(damaged)
+        assert str(found) == str(wanted)
+        assert found.numbers == wanted.numbers
+    assert 0 < len(warm.heads) <= MOST_HEADS
+
+
+def test_headers_that_are_remembered_are_bounded() -> None:
+    codec = plant()
+    for err in range(1, 3 * MOST_HEADS):
+        octets = codec.encode_message(
+            Message(
+                service="pdo",
+                phase="push",
+                pdo="T1",
+                tid=err & 255,
+                err=err % 100,
+                port=err & 255,
+                values=codec.parse_message(_WIRE_OCTETS[4]).values,
+            )
+        )
+        message = codec.parse_message(octets)
+        assert (message.tid, message.err, message.port) == (err & 255, err % 100, err & 255)
+    assert len(codec.heads) <= MOST_HEADS

@@ -11,7 +11,7 @@ from typing import Any, Final
 from snap7 import util
 
 import dissect
-from dissect.live.session import CLOSED
+from dissect.live.events import CLOSED
 from dissect.s7.tables import READ_VAR, WRITE_VAR
 from dissect.tags import load_tags
 from dissect.transactions.naming import NamedValue, named_values

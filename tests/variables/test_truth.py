@@ -9,7 +9,7 @@ from typing import Final
 from snap7 import util
 
 import dissect
-from dissect.live.session import CLOSED
+from dissect.live.events import CLOSED
 from dissect.tags import load_tags
 from tests.live.support import client, plc, taken
 from tests.proxy.test_source import dissected

@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.wire.digits import decimal, hexadecimal
+from dissect.wire.text import decimal, hexadecimal
 
 
 @given(st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(0, 2_000_000_000)))

@@ -13,7 +13,6 @@ from typing import Any, Final
 from dissect.engine.observer import Observer
 from dissect.export.forms import Export, Request
 from dissect.export.keys import connection_community_id, connection_uid
-from dissect.export.tables import TRANSACTIONS
 from dissect.export.transaction_rows import TransactionRows
 from dissect.export.zeek.columns import LOGS
 from dissect.export.zeek.log import Log
@@ -27,7 +26,6 @@ from dissect.transactions.transaction import Transaction
 
 #: Connections of which uids, devices and open answers are remembered.
 _MOST_KNOWN: Final = 16_384
-_STORED: Final = [column.name for column in TRANSACTIONS.stored]
 _TRUSTED_VERSION: Final = 3  # of S7comm-plus: the only one that ICSNPP reads
 
 
@@ -128,7 +126,7 @@ class ZeekExport(Export, Observer):
         side = int(transaction.asked_by if asked else 1 - transaction.asked_by)
         connection = transaction.connection
         items = transaction.plus_items() if transaction.is_plus else transaction.results()
-        row = dict(zip(_STORED, self._rows.transaction(transaction, len(items)), strict=True))
+        row = self._rows.row(transaction, len(items))
         function = row["function"]
         self._log(
             "s7comm_transaction",

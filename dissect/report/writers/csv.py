@@ -14,14 +14,12 @@ from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import Item
 from dissect.s7.tables import BYTE, REAL, RETURN_CODES, SUCCESS, USERDATA
-from dissect.s7.value_texts import number_texts
-from dissect.s7.values import Value, decode_value, spelled
+from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction, TransactionError
-from dissect.wire.digits import SHORT, decimal, hexadecimal
-from dissect.wire.text import Clock, cell
+from dissect.wire.text import SHORT, Clock, cell, decimal, hexadecimal
 
 #: Of the transaction, the same in all of its rows; with several files `FILE_COLUMNS` stand behind ``response_frame``.
 _COLUMNS: Final[list[str]] = [

@@ -33,8 +33,7 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import ItemResult
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
-from dissect.wire.digits import decimal
-from dissect.wire.text import Clock, shortened
+from dissect.wire.text import Clock, decimal, shortened
 
 #: Characters of a packet comment that are shown.
 _COMMENT: Final = 1000

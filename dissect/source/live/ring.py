@@ -20,8 +20,6 @@ import time
 from contextlib import suppress
 from typing import Final
 
-from mypy_extensions import i64
-
 from dissect.source.live import advice
 from dissect.source.live import program as bpf
 from dissect.source.live.advice import shown
@@ -30,53 +28,11 @@ from dissect.source.live.interfaces import NetworkInterface, find_interface
 from dissect.source.live.program import Instruction, compile_with_libpcap
 from dissect.source.live.reader import Drops, LiveError, LiveReader, UnavailableError
 from dissect.source.packet import PacketSink
+from dissect.source.ring_blocks import deliver_block
 
 #: Of a block: (status, packets, offset of the first, octets used), from `STATUS_AT` on.
 BLOCK: Final = struct.Struct("=IIII")
 STATUS_AT: Final = 8
-
-#: Of a packet, from its ``tpacket3_hdr`` on: offset of the next, seconds, nanoseconds, captured, on the wire, status, offset of
-#: the link layer, VLAN TCI, VLAN TPID; and from the ``sockaddr_ll`` after it, the kind of packet.
-_PACKET: Final = struct.Struct("=IIIIIIH6xIH20xB")
-
-_VLAN_VALID: Final = 0x10
-_TPID_VALID: Final = 0x40
-_DEFAULT_TPID: Final = 0x8100
-_OUTGOING: Final = 4
-#: A tag stands behind the two addresses.
-_TAG_AT: Final = 12
-_TAG: Final = struct.Struct(">HH")
-
-
-def deliver_block(block: bytes, first: i64, count: i64, sink: PacketSink, link_type: i64, skip_outgoing: bool) -> i64:
-    """Give the ``count`` packets of ``block``, the first of them at ``first``, to ``sink``; return how many it got.
-
-    VLAN tags, which the kernel takes out of a frame and keeps beside it, are put back. ``skip_outgoing`` leaves out what is
-    being sent: on a loopback interface the same packet is received as well.
-    """
-    size: i64 = len(block)
-    at: i64 = first
-    delivered: i64 = 0
-    left: i64 = count
-    while left > 0 and at + _PACKET.size <= size:
-        left -= 1
-        next_at, seconds, nanoseconds, captured, wire, status, mac, tci, tpid, kind = _PACKET.unpack_from(block, at)
-        if not (skip_outgoing and kind == _OUTGOING):
-            start: i64 = at + mac
-            end: i64 = min(start + captured, size)
-            time_ns: i64 = seconds * 1_000_000_000 + nanoseconds
-            if (tci or status & _VLAN_VALID) and link_type == 1 and end - start >= _TAG_AT:
-                tag = _TAG.pack(tpid if status & _TPID_VALID else _DEFAULT_TPID, tci & 0xFFFF)
-                frame = block[start : start + _TAG_AT] + tag + block[start + _TAG_AT : end]
-                sink.frame(time_ns, frame, 0, len(frame), wire + 4, link_type)
-            else:
-                sink.frame(time_ns, block, start, end, wire, link_type)
-            delivered += 1
-        if not next_at:
-            break
-        at += next_at
-    return delivered
-
 
 _SOL_PACKET: Final = 263
 _ADD_MEMBERSHIP: Final = 1

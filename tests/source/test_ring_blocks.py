@@ -7,7 +7,7 @@ import struct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.source.live.ring import deliver_block
+from dissect.source.ring_blocks import deliver_block
 from tests.source.live_support import Sink
 
 FIRST = 48

@@ -1,0 +1,293 @@
+"""Rows of the items of transactions, column by column, compiled: most rows of an export, for which no row is made.
+
+Most items come again and again with other values. What a request asks for, what a return code means and what the items of one
+transaction share is kept once, and each row only says which of these it has.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionRows
+from dissect.report.writers.jsonl import value_text
+from dissect.s7.items import Item
+from dissect.s7.parameters import Parameters
+from dissect.s7.singles import real
+from dissect.s7.tables import (
+    AREA_LETTERS,
+    AREAS,
+    BIT,
+    BYTE,
+    INT,
+    NUMBERED_AREAS,
+    REAL,
+    RETURN_CODES,
+    SUCCESS,
+    TRANSPORT_SIZES,
+    WORD,
+    WRITE_VAR,
+)
+from dissect.s7.values import Value, decode_value, number_texts, spelled
+from dissect.s7plus.items import WRITES
+from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.transactions.naming import Naming
+from dissect.transactions.results import ItemResult
+from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.octets import u16
+from dissect.wire.text import encodable
+
+#: The columns that the items of a transaction share, those of what is asked for, and those of the return code.
+BEGIN: Final = ("transaction", "connection", "ts_ns", "server_host", "client_host", "operation")
+ASKED: Final = ("area", "db", "byte", "bit", "address", "type", "count")
+CODE: Final = ("return_code", "return_name", "refused")
+
+_NO_ITEM: Final[Row] = (None,) * len(ASKED)
+#: Return code, its name, and whether it refuses, of each code, and of no answer.
+_CODES: Final[list[Row]] = [(code, RETURN_CODES.name(code), code != SUCCESS) for code in range(256)]
+_NO_CODE: Final[Row] = (None, None, False)
+_NO_CODE_AT: Final = 256
+#: Transport sizes of elements of two bytes.
+_SHORT: Final = frozenset((WORD, INT))
+#: For any count of items that a request may have: their numbers.
+_NUMBERS: Final[list[array[int]]] = [array("q", range(1, count + 1)) for count in range(256)]
+_GOOD: Final[array[int]] = array("i", [SUCCESS])
+_NO_NAME: Final[list[str | None]] = [None]
+
+
+class ItemColumns:
+    """Collects the items of transactions; the columns have an entry for each, or say with ``…_at`` which of another it has.
+
+    ``others`` gives the items of other protocols: of each a name, the columns `ASKED` and `CODE`, number, text and bytes.
+    It is `full` with ``most`` items, or with those of ``most_octets`` of PDUs.
+    """
+
+    def __init__(
+        self, rows: TransactionRows, others: Callable[[Transaction], list[Row]], most: int, most_octets: int
+    ) -> None:
+        self._rows: TransactionRows = rows
+        self._others: Callable[[Transaction], list[Row]] = others
+        self._most: i64 = most
+        self._most_octets: i64 = most_octets
+        self._octets: i64 = 0
+        self.begins: list[Row] = []
+        self.begins_at: array[int] = array("i")
+        self.numbers: array[int] = array("q")
+        self.names: list[str | None] = []
+        self.asked: Shared = Shared([_NO_ITEM])
+        self.asked_at: array[int] = array("i")
+        self.codes: Shared = Shared([*_CODES, _NO_CODE])
+        self.codes_at: array[int] = array("i")
+        self.values: list[float | None] = []
+        self.texts: list[str | None] = []
+        self.data: list[bytes | None] = []
+        self._item_at: dict[Item, int] = {}
+        self._request_at: dict[Parameters, array[int]] = {}
+
+    @property
+    def full(self) -> bool:
+        """True when it is time to hand on what was collected, and to `clear`."""
+        return len(self.data) >= self._most or self._octets >= self._most_octets
+
+    def clear(self) -> None:
+        """Begin with new columns: those at hand are somebody else's now."""
+        self._octets = 0
+        self.begins = []
+        self.begins_at = array("i")
+        self.numbers = array("q")
+        self.names = []
+        self.asked_at = array("i")
+        self.codes_at = array("i")
+        self.values = []
+        self.texts = []
+        self.data = []
+        self.codes.bounded()
+        if self.asked.bounded():
+            self._item_at = {}
+            self._request_at = {}
+
+    def add(self, transaction: Transaction) -> int:
+        """Take the items of a transaction in wire order, those of S7comm first; return how many these are."""
+        others: list[Row] | None = None
+        if transaction.carried is not None or transaction.rosctr >= PLUS:
+            others = self._others(transaction)
+        else:
+            answers = transaction.good_octets()
+            if answers is not None:
+                return self._read(transaction, answers)
+        results = transaction.results()
+        count = len(results) + (len(others) if others is not None else 0)
+        if not count:
+            return 0
+        self._begin(transaction, count)
+        naming = transaction.connection.naming
+        for result in results:
+            item = result.item
+            data = result.data
+            self.asked_at.append(self._asked(item) if item is not None else 0)
+            self.codes_at.append(self._code(result))
+            self.data.append(data)
+            if naming is not None:
+                self._named(naming, result)
+                continue
+            self.names.append(None)
+            self._value(item, data)
+        if others is not None:
+            for row in others:
+                self.names.append(row[0])
+                self.asked_at.append(self.asked.at(row[1:8]))
+                self.codes_at.append(self.codes.at(row[8:11]))
+                self._add(row[11], row[12])
+                self.data.append(row[13])
+        return count
+
+    def _begin(self, transaction: Transaction, count: int) -> None:
+        """Note what the next items share, and number them."""
+        connection = transaction.connection
+        ends = self._rows.ends(connection)
+        asked: bool = transaction.request_frame != 0
+        self._octets += transaction.request_size + transaction.response_size
+        self.begins_at.extend(array("i", [len(self.begins)]) * count)
+        self.begins.append((
+            int(transaction.number),
+            int(connection.number),
+            int(transaction.request_ns if asked else transaction.response_ns),
+            ends[2],
+            ends[0],
+            _operation(transaction),
+        ))  # fmt: skip
+        self.numbers.extend(_NUMBERS[count] if count < len(_NUMBERS) else array("q", range(1, count + 1)))
+
+    def _read(self, transaction: Transaction, answers: list[bytes]) -> int:
+        """Take the items of a read that was answered as asked: most of all."""
+        count = len(answers)
+        if not count:
+            return 0
+        self._begin(transaction, count)
+        parameters = transaction.parameters
+        items = parameters.items
+        known = self._request_at
+        found = known.get(parameters)
+        if found is None:
+            if len(known) >= MOST_KNOWN:
+                known.clear()
+            found = known[parameters] = array("i", [self._asked(item) for item in items])
+        self.asked_at.extend(found)
+        self.codes_at.extend(_GOOD * count)
+        self.names.extend(_NO_NAME * count)
+        self.data.extend(answers)
+        for index in range(count):
+            self._value(items[index], answers[index])
+        return count
+
+    def _asked(self, item: Item) -> int:
+        """Return where the columns of a request item are kept."""
+        known = self._item_at
+        found = known.get(item)
+        if found is None:
+            if len(known) >= MOST_KNOWN:
+                known.clear()
+            found = known[item] = self.asked.at(_asked(item))
+        return found
+
+    def _code(self, result: ItemResult) -> int:
+        """Return where the columns of a return code are kept."""
+        code: i64 = result.return_code
+        if code < 0 or code >= _NO_CODE_AT:
+            return _NO_CODE_AT
+        if result.unchanged:
+            told = _CODES[code]
+            return self.codes.at((told[0], told[1], False))
+        return int(code)
+
+    def _named(self, naming: Naming, result: ItemResult) -> None:
+        """Add the names of the tags in an item, and its value: that of the tag where there is only one."""
+        known = [named for named in naming.named(result) if named.name]
+        self.names.append(", ".join([named.name for named in known]) if known else None)
+        if len(known) == 1 and known[0].whole and known[0].value is not None:
+            self._shown(known[0].value)
+        else:
+            self._value(result.item, result.data)
+
+    def _value(self, item: Item | None, data: bytes | None) -> None:
+        """Add the value of an item as a number, else as text."""
+        if item is None or data is None:
+            self._add(None, None)
+            return
+        kind: i64 = item.transport_size
+        size: i64 = len(data)
+        if kind == BYTE:
+            if size == 1:
+                self._add(float(data[0]), None)
+            elif item.size == size or item.fits(size):
+                self._add(None, spelled(data) or None)
+            else:
+                self._add(None, None)
+            return
+        if item.size != size and not item.fits(size):
+            self._add(None, None)
+            return
+        if kind == REAL and size == 4:
+            self._add(real(data), None)
+            return
+        if kind == BIT and size == 1:
+            self._add(1.0 if data[0] & 1 else 0.0, None)
+            return
+        if kind == WORD and size == 2:
+            self._add(float(u16(data, 0)), None)
+            return
+        if size > 4 or (size == 4 and kind in _SHORT):  # several
+            text = ",".join(number_texts(kind, data, False, size))
+            if text and "n" not in text:  # NaN and the infinities are no numbers of JSON
+                self._add(None, f"[{text}]")
+                return
+        self._shown(decode_value(kind, data))
+
+    def _shown(self, value: Value) -> None:
+        if value is None:
+            self._add(None, None)
+        elif isinstance(value, bool):
+            self._add(1.0 if value else 0.0, None)
+        elif isinstance(value, int):
+            self._add(float(value), None)
+        elif isinstance(value, float):
+            self._add(value, None)
+        elif isinstance(value, str):
+            self._add(None, encodable(value))
+        else:
+            self._add(None, value_text(value))
+
+    def _add(self, value: float | None, text: str | None) -> None:
+        self.values.append(value)
+        self.texts.append(text)
+
+
+def _operation(transaction: Transaction) -> str:
+    """Return what a transaction does with its items, in a word."""
+    if transaction.outcome == PUSH:
+        return "notify"
+    parameters = transaction.parameters
+    if isinstance(parameters, PlusParameters):
+        return "write" if int(parameters.code) in WRITES else "read"
+    return "write" if transaction.function == WRITE_VAR else "read"
+
+
+def _asked(item: Item) -> Row:
+    """Return the columns of a request item, from its area to its count."""
+    area: i64 = item.area
+    kind = TRANSPORT_SIZES.name(int(item.transport_size)) if item.transport_size >= 0 else None
+    known = int(item.count) if item.count >= 0 else None
+    address = encodable(item.address)
+    if area < 0:
+        return (None, None, None, None, address, kind, known)
+    letters = AREA_LETTERS.get(int(area), AREAS.name(int(area)))
+    db = int(item.db) if item.db > 0 else None
+    start: i64 = item.start_bit
+    if start < 0:
+        return (letters, db, None, None, address, kind, known)
+    if int(area) in NUMBERED_AREAS:
+        return (letters, db, int(start), None, address, kind, known)
+    return (letters, db, int(start >> 3), int(start & 7), address, kind, known)

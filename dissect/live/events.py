@@ -1,0 +1,121 @@
+"""What happens on a line, as events for whoever shows it, and the observer that makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine.observer import Observer
+from dissect.findings.reporter import Finding
+from dissect.stations.facts import BLOCK, MAC, Fact
+from dissect.transactions.connection import Connection
+from dissect.transactions.operation import Operation
+from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
+
+#: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself.
+OPENED: Final = "connection_opened"
+CLOSED: Final = "connection_closed"
+TRANSACTION: Final = "transaction"
+OPERATION: Final = "operation"
+FINDING: Final = "finding"
+SCD: Final = "scd"
+DEVICE: Final = "device"
+PROBLEM: Final = "problem"
+KINDS: Final = frozenset((OPENED, CLOSED, TRANSACTION, OPERATION, FINDING, SCD, DEVICE, PROBLEM))
+
+
+class Event:
+    """Something happened: ``what`` it is about, by ``kind``, and when by the clock of the capture.
+
+    What it is about may go on changing where it is a connection that is open; ``facts`` are those of a connection, as JSON has
+    them, when it happened.
+    """
+
+    __slots__ = ("facts", "kind", "time_ns", "what")
+
+    def __init__(
+        self,
+        kind: str,
+        time_ns: int,
+        what: Connection | Transaction | Operation | Finding | Fact | tuple[ScdMessage, Connection] | str,
+        facts: dict[str, object] | None = None,
+    ) -> None:
+        self.kind = kind
+        self.time_ns = time_ns
+        self.what = what
+        self.facts = facts
+
+    def __repr__(self) -> str:
+        return f"Event({self.kind!r}, {self.time_ns}, {self.what!r})"
+
+
+class Collector(Observer):
+    """Counts what happens, and keeps events of the wanted ``kinds`` in ``fresh`` until they are taken.
+
+    ``describe`` returns the facts of a connection; ``scd`` says whether SCD messages of their own are to be read.
+    """
+
+    def __init__(
+        self, describe: Callable[[Connection], dict[str, object]], kinds: Collection[str] = KINDS, scd: bool = True
+    ) -> None:
+        super().__init__()
+        self.wants_pdus = scd
+        self.fresh: list[Event] = []
+        self.opened: i64 = 0
+        self.closed: i64 = 0
+        self.transactions: i64 = 0
+        self.unanswered: i64 = 0
+        self.with_errors: i64 = 0
+        self.now_ns: Callable[[], int] = lambda: 0  # by the clock of the capture, for what ends without a packet
+        self._describe = describe
+        self._kinds: frozenset[str] = frozenset(kinds)
+        self._shows_transactions: bool = TRANSACTION in kinds
+
+    def connection_opened(self, connection: Connection) -> None:
+        """Count a connection."""
+        self.opened += 1
+        if OPENED in self._kinds:
+            self.fresh.append(Event(OPENED, connection.tcp.last_ns, connection, self._describe(connection)))
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Count a connection that is over."""
+        self.closed += 1
+        if CLOSED in self._kinds:
+            ending = connection.ending
+            time_ns = ending.time_ns if ending is not None else self.now_ns()
+            self.fresh.append(Event(CLOSED, time_ns, connection, self._describe(connection)))
+
+    def transaction(self, transaction: Transaction) -> None:
+        """Count a transaction."""
+        self.transactions += 1
+        if transaction.missed:
+            self.unanswered += 1
+        if transaction.has_errors:
+            self.with_errors += 1
+        if self._shows_transactions:
+            time_ns: i64 = max(transaction.request_ns, transaction.response_ns)
+            self.fresh.append(Event(TRANSACTION, time_ns, transaction))
+
+    def operation(self, operation: Operation) -> None:
+        """Keep an operation."""
+        if OPERATION in self._kinds:
+            self.fresh.append(Event(OPERATION, operation.begin_ns + operation.duration_ns, operation))
+
+    def finding(self, finding: Finding) -> None:
+        """Keep a finding."""
+        if FINDING in self._kinds:
+            self.fresh.append(Event(FINDING, finding.time_ns, finding))
+
+    def fact(self, fact: Fact) -> None:
+        """Keep what is new; of the card behind an address only that it is a different one now, and not every block by name."""
+        if DEVICE in self._kinds and fact.fresh and fact.key != BLOCK and (fact.before or fact.key != MAC):
+            self.fresh.append(Event(DEVICE, fact.time_ns, fact))
+
+    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        """Keep a message."""
+        if SCD in self._kinds:
+            self.fresh.append(Event(SCD, time_ns, (found, side.connection)))

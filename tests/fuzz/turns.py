@@ -1,0 +1,24 @@
+"""What is made of an input: everything, or in long runs one thing each time, chosen by the input itself.
+
+Most of an execution's time goes into what is shown of an input: a tree, a line, JSON, all of which is read back. In the same
+time a run that makes one of them each time reads several times as many inputs, and shows more of each kind.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+from zlib import crc32
+
+
+class Turns:
+    """``one``: only one of the things that can be made of an input is made, the same one whenever it comes again."""
+
+    def __init__(self) -> None:
+        self.one = False
+
+    def has(self, octets: bytes, number: int, count: int) -> bool:
+        """Return whether the thing ``number`` of ``count`` is made of an input."""
+        return not self.one or crc32(octets) % count == number
+
+
+TURNS: Final = Turns()
