@@ -37,16 +37,24 @@ def test_every_pattern_names_a_module(setup: ModuleType) -> None:
     assert [pattern for pattern in setup.COLD if hot.isdisjoint(ROOT.glob(pattern))] == []
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Give every statement below a node; `ast.walk` would look into each expression as well."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for below in getattr(node, part, ()):
+            yield below
+            yield from statements(below)
+
+
 def classes(path: Path) -> Iterator[tuple[ast.ClassDef, dict[str, tuple[str, str]]]]:
     """Give every class of a module, and where the names come from that the module imports from others of ours."""
-    tree = ast.parse(path.read_bytes())
+    found = list(statements(ast.parse(path.read_bytes())))
     names = {
         alias.asname or alias.name: (f"{node.module.replace('.', '/')}.py", alias.name)
-        for node in ast.walk(tree)
+        for node in found
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("dissect")
         for alias in node.names
     }
-    for node in ast.walk(tree):
+    for node in found:
         if isinstance(node, ast.ClassDef):
             yield node, names
 

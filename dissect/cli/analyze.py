@@ -82,7 +82,7 @@ def command(
     if (brief or per_file) and format_ is not formats_for(ANALYSIS)[0]:
         raise click.UsageError(f"{'--brief' if brief else '--per-file'} is for text, not for -T {format_.name}.")
     if brief and per_file:
-        raise click.UsageError("--brief and --per-file are two reports: choose one.")
+        raise click.UsageError("--brief and --per-file cannot be combined.")
     check_jobs(separate, jobs)
     analysis = Analysis()
     options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)

@@ -46,7 +46,7 @@ def config_option() -> click.Option:
         expose_value=False,
         callback=_apply,
         metavar="FILE",
-        help="Settings instead of s7dissect.toml of this folder or one above it; none for no settings at all.",
+        help="Settings file to use instead of the s7dissect.toml of this folder or one above it; none for no settings.",
     )
 
 

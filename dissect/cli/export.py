@@ -90,7 +90,7 @@ def command(
     every form (`s7dissect help tables`). Parquet, Arrow and DuckDB need the extra [data].
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. With several files Parquet is
-    divided into folders by day. OUT appears when all is written, or not at all.
+    divided into folders by day. OUT is written whole or not at all.
     """
     from dissect.engine.pipeline import Options
     from dissect.export.extras import MissingLibraryError

@@ -111,7 +111,7 @@ def command(
 
     Install it once with --install. Wireshark and tshark then list two more interfaces: s7dissect captures from a network
     interface, s7dissect-file reads a capture. The display filter `frame.comment contains "s7dissect:"` shows the packets with
-    findings. All other options are given by Wireshark.
+    findings. Wireshark itself gives all other options.
     """
     if folder is not None:
         return _install(folder, force)

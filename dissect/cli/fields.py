@@ -27,7 +27,7 @@ _MOST_NAMES: Final = 24
 def command(names: tuple[str, ...], format_: Format) -> int:
     """List the fields of -Y expressions and of -T fields: name, type, meaning, an example.
 
-    With FIELD only these, with the names their values can have; part of a name lists all that contain it.
+    With FIELD, only these, with the names their values can have; part of a name lists all fields that contain it.
     """
     write_outcome(format_, OUTCOME, Listing(_found(names), bool(names)))
     return EXIT_OK

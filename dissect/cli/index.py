@@ -40,10 +40,10 @@ _NAMED: Final = 3
     "or the output could not be written, 130 interrupted.",
 )
 @click.argument("folder", type=click.Path(file_okay=False), metavar="DIR")
-@where_option(help="Only the names of the files from which this expression can select something, one on each line.")
+@where_option(help="Only the names of the files from which this expression can select something, one per line.")
 @format_option(OUTCOME)
 @click.option("-0", "--null", is_flag=True, help="With -Y: the names alone, each ended by a NUL byte, for xargs -0.")
-@click.option("--no-update", is_flag=True, help="Use what the index knows; look at no file.")
+@click.option("--no-update", is_flag=True, help="Use the index as it is, without looking at the files.")
 @click.option(
     "--file",
     "index_file",
@@ -56,7 +56,7 @@ def command(
 ) -> int:
     """Keep an index of the captures in a folder: what each holds, and which of them can answer a question.
 
-    A file is read once; after that only when it was changed. For each file the index has the time range, the addresses of the
+    A file is read once, and again only after it changed. For each file the index has the time range, the addresses of the
     connections, the number of messages, transactions and errors, and the findings. With -Y it names the files from which
     the expression can select something, so that other commands need not open the rest; addresses, ports, times and findings
     rule files out, whatever else the expression says.

@@ -44,7 +44,7 @@ COMMANDS: Final = {
     "devices": "List devices: what each is, and who talks to whom.",
     "show": "List S7 PDUs, or dissect them field by field.",
     "cut": "Extract part of a capture, findings as packet comments.",
-    "open": "Open it in Wireshark, findings as packet comments.",
+    "open": "Open a capture in Wireshark, findings as comments.",
     "anonymize": "Replace addresses, names and values for sharing.",
     "baseline": "Learn what is normal, or report what is not.",
     "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",

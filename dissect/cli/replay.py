@@ -204,7 +204,7 @@ def _place(tsap: bytes | None, rack: int | None, slot: int | None) -> bytes | tu
     if rack is None and slot is None:
         return tsap
     if tsap is not None or rack is None or slot is None:
-        raise click.UsageError("--rack and --slot need each other, and exclude --tsap.")
+        raise click.UsageError("--rack and --slot must be given together, and without --tsap.")
     return rack, slot
 
 

@@ -98,7 +98,7 @@ def command(
     naming: Naming | None,
     tls_keys: KeyLog | None,
 ) -> int:
-    """Write captures as one HTML page: what broke, since when and who, plots, and tables to sort and search.
+    """Write captures as one HTML page: what broke, since when and who is affected, plots, and tables to sort and search.
 
     The page is one file that works offline and loads nothing from a network. Its size is bounded: it says what it left
     out. FILE is as for `analyze`; several files are read as one capture.

@@ -71,7 +71,7 @@ def object_key(text: str) -> int | str:
 @selectors
 @click.option("--message", is_flag=True, help="Messages in their envelope, one after another.")
 @click.option("--raw", is_flag=True, help="FILE or - contains raw bytes, not hexadecimal text.")
-@click.option("--strict-pad", is_flag=True, help="Flag undefined bits that are set.")
+@click.option("--strict-pad", is_flag=True, help="Report undefined bits that are set.")
 @format_option(OUTCOME)
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 def decode_command(

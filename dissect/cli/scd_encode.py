@@ -69,9 +69,9 @@ def encode_command(
     if message is None:
         only_one(pdo=pdo, type=struct, object=whole, value=value, message=message)
         if any(numbers.values()):
-            raise click.UsageError(f"--{next(name for name in _NUMBERS if numbers[name])} is of a message.")
+            raise click.UsageError(f"--{next(name for name in _NUMBERS if numbers[name])} needs --message.")
     elif struct or whole or value or (message == "pdo") != bool(pdo):
-        raise click.UsageError("--message goes with --pdo for `pdo` and with no other selector.")
+        raise click.UsageError("--message pdo needs --pdo; --message takes no other selector.")
     codec = Codec(open_dictionary(path, node=node)[0], limits=not no_limits)
     if message is not None:
         octets = _message(codec, message, pdo, values, numbers, partial)
@@ -148,7 +148,7 @@ def _struct(codec: Codec, name: str, words: Sequence[str], partial: bool) -> byt
 
 def _object(codec: Codec, name: str, words: Sequence[str], partial: bool) -> bytes:
     if partial:
-        raise click.UsageError("--partial goes with --pdo and --type.")
+        raise click.UsageError("--partial needs --pdo or --type.")
     return codec.encode_object(object_key(name), _by_address(codec.dictionary, words))
 
 
@@ -176,7 +176,7 @@ def _message(
         message.data = codec.encode(pdo, _by_address(codec.dictionary, words), partial=partial)
         return codec.encode_message(message)
     if partial or len(words) != 1:
-        raise click.UsageError(f"a {kind} is about one variable: VARIABLE, or VARIABLE=VALUE.")
+        raise click.UsageError(f"a {kind} concerns one variable: give VARIABLE, or VARIABLE=VALUE.")
     carries = phase == ("response" if service == "read" else "request")
     if carries and not message.err:
         ((variable, value),) = _given(words, codec.dictionary.variable)

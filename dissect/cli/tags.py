@@ -11,7 +11,7 @@ from dissect.cli.main import LazyGroup
 
 #: Each command, the name of its click command in `dissect.cli.tags_files`, and the line the list of commands shows for it.
 _COMMANDS: Final = {
-    "check": ("check_command", "Check files of tags, list every mistake."),
+    "check": ("check_command", "Check tag files and list every mistake."),
     "list": ("list_command", "List the tags with addresses and types."),
     "convert": ("convert_command", "Write the tags as one CSV table."),
 }
@@ -34,8 +34,8 @@ class _TagsGroup(LazyGroup):
 
 @click.command("tags", cls=_TagsGroup)
 def command() -> None:
-    """Files of tags: names, types and units for addresses. Check, list and convert them.
+    """Tag files (names, types and units for addresses): check, list and convert them.
 
     A file is a CSV, a TIA Portal tag table (XLSX, XML, SDF), an Openness export, a STEP 7 symbol table (ASC, SDF, SEQ, DIF), a
-    source of blocks (AWL, SCL, DB, UDT) or a list of another program; its content says which.
+    source of blocks (AWL, SCL, DB, UDT) or a list of a different program; the content tells them apart.
     """

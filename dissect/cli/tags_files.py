@@ -53,13 +53,13 @@ _WRITING: Final = "Exit code: 0 success, 2 wrong use, or tags that cannot be use
     multiple=True,
     type=click.Path(),
     metavar="CAPTURE",
-    help="Also report what of the traffic in this capture the tags cover. Repeatable.",
+    help="Also report how much of the traffic in this capture the tags cover. Repeatable.",
 )
 @tag_reading_options
 def check_command(
     files: tuple[str, ...], format_: Format, captures: tuple[str, ...], encoding: str, numbers: dict[str, int]
 ) -> int:
-    """Check files of tags together: every mistake with its line and what to do, overlaps, and what a capture uses of them.
+    """Check tag files together: every mistake with its line and remedy, overlaps, and which tags a capture uses.
 
     Files are joined: a source takes the number of its block from a symbol table, a block its types from other files.
     """
@@ -215,7 +215,7 @@ def _coverage_json(coverage: Coverage, tags: int) -> dict[str, object]:
 def list_command(files: tuple[str, ...], format_: Format, encoding: str, numbers: dict[str, int]) -> int:
     """List tags in the order of their addresses: address, type, name, unit, comment, and what is not certain.
 
-    A capture is a file of tags as well, where declarations of S7comm-plus passed in it: its variables are listed last, each
+    A capture that holds declarations of S7comm-plus is a tag file as well: its variables are listed last, each
     with the address it has in transactions.
     """
     write_outcome(format_, OUTCOME, _Listed(load(files, encoding, numbers)))

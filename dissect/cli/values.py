@@ -73,7 +73,7 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
     "every_ns",
     callback=_interval,
     metavar="TIME",
-    help="At most one value of a variable in each stretch of time, such as 500ms, 1s or 5min: the first in it.",
+    help="At most one value of a variable per interval, such as 500ms, 1s or 5min: the first.",
 )
 @click.option(
     "--summary", is_flag=True, help="One row for each variable: how often, extremes, period, who reads, who writes."
@@ -110,7 +110,7 @@ def command(
     members) choose variables: their values are found wherever an item covers them, and put together where it covers a part.
     """
     if summary and (changes or every_ns):
-        raise click.UsageError("--summary is of all values: leave out --changes and --every, or --summary.")
+        raise click.UsageError("--summary covers all values; it cannot be combined with --changes or --every.")
     captures, wanted = _split(files, naming, decoder)
     writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
     collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dissect.oracle.verification import Verification
 
 _EXIT_CODES = (
-    "Exit code: 0 all differences explained, 1 unexplained differences or S7comm-plus that does not hold, 2 wrong use, an "
+    "Exit code: 0 all differences explained, 1 unexplained differences, or a check of S7comm-plus failed, 2 wrong use, an "
     "unreadable file, or tshark or pyshark is missing, 3 a damaged or truncated file (what could be read was compared), 5 the "
     "output could not be written, 130 interrupted."
 )

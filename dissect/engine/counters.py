@@ -7,9 +7,10 @@ from mypy_extensions import i64
 from dissect.findings.reporter import Reporter
 from dissect.tcp.ip import TCP, FragmentStore
 from dissect.tcp.segment import Segment, find_segment
-from dissect.transactions.accounts import CATEGORIES, OctetAccount
+from dissect.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, OctetAccount
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.table import Side, endpoints
+from dissect.wire.tally import Tally
 
 
 class Counters:
@@ -23,7 +24,7 @@ class Counters:
         self.cut_frames: i64 = 0
         self.first_ns: i64 = 0
         self.now_ns: i64 = 0
-        self.packets: list[int] = [0] * len(CATEGORIES)
+        self.packets: Tally = Tally(len(CATEGORIES), PAYLOAD, NO_PAYLOAD)
 
     def note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about the packet at hand."""
@@ -34,7 +35,7 @@ class Counters:
 
     def packet_counts(self) -> dict[str, int]:
         """Return what became of every packet, by category; the numbers add up to ``frames``."""
-        counts = dict(zip(CATEGORIES, self.packets, strict=True))
+        counts = dict(zip(CATEGORIES, self.packets.counts(), strict=True))
         # A fragment's fate is known later than its packet: the store keeps the books.
         counts["fragment_waiting"] = self.fragments.waiting
         counts["fragment_used"] = self.fragments.used

@@ -34,6 +34,7 @@ from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
 from dissect.wire.octets import u16
+from dissect.wire.tally import Tally
 
 #: TSDU counts that are described even when zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
@@ -52,8 +53,8 @@ class IsoOnTcp(Protocol):
         self._s7: Protocol = s7
         self._plus: Protocol = plus
         self._tls: Tls = tls
-        self.tpdus: list[int] = [0] * 17  # by type, the last for TPDUs too short to have one
-        self.tsdus: list[int] = [0] * len(UPPER_NAMES)
+        self.tpdus: Tally = Tally(17, DT, CR)  # by type, the last for TPDUs too short to have one
+        self.tsdus: Tally = Tally(len(UPPER_NAMES), S7COMM, S7COMM_PLUS)
 
     def begin(self, side: Side, at_start: bool) -> None:
         """A connection speaks ISO-on-TCP; garbage before the first TPKT is reported only when nothing was missed."""
@@ -145,7 +146,7 @@ class IsoOnTcp(Protocol):
         if buf[at + 1] != 0:
             self._note_reserved(side, buf[at + 1], frame, time_ns)
         if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
-            self.tpdus[DT] = self.tpdus[DT] + 1
+            self.tpdus.add(DT)
             if length - 4 > side.connection.dt_limit:
                 judge_data(exchange.reporter, side, length - 4, frame, time_ns)
             if buf[at + 6] & 0x7F:
@@ -206,7 +207,7 @@ class IsoOnTcp(Protocol):
         reporter = self._exchange.reporter
         connection = side.connection
         type_: i64 = tpdu.type
-        self.tpdus[type_ if 0 <= type_ < 16 else 16] += 1
+        self.tpdus.add(type_ if 0 <= type_ < 16 else 16)
         connecting: bool = (type_ == CR or type_ == CC) and not connection.established
         if connecting and tpdu.variable and is_rdp_connect(tpdu.variable):
             self._connections.foreign.take(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
@@ -255,7 +256,7 @@ class IsoOnTcp(Protocol):
     def _tsdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         decoder = self._exchange.decoder
         if decoder is not None and decoder.tsdu(side, buf[at : at + size], frame, time_ns):
-            self.tsdus[SCD] += 1
+            self.tsdus.add(SCD)
             return
         self.message(side, buf, at, size, frame, time_ns)
 
@@ -263,13 +264,13 @@ class IsoOnTcp(Protocol):
         """Take a whole message, a TSDU or what stands for one (IBH-NetLink): hand it to what speaks in it."""
         session = side.connection.tls
         if session is not None and self._tls.wants(side, session, buf, at, size):
-            self.tsdus[TLS] = self.tsdus[TLS] + 1
+            self.tsdus.add(TLS)
             self._tls.feed(side, buf, at, size, frame, time_ns)
             return
         upper: i64 = (
             S7COMM if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7 else classify(buf, at, at + size)
         )
-        self.tsdus[upper] = self.tsdus[upper] + 1
+        self.tsdus.add(upper)
         if upper == S7COMM:
             self._s7.feed(side, buf, at, size, frame, time_ns)
         elif upper == S7COMM_PLUS:
@@ -307,13 +308,13 @@ class IsoOnTcp(Protocol):
         pdu = packet[7:]
         if len(pdu) < 10 or (pdu[0] != 0x32 and pdu[0] != 0x72):
             return
-        self.tpdus[DT] = self.tpdus[DT] + 1
+        self.tpdus.add(DT)
         self.cut(side, pdu, frame, time_ns)
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Take the beginning of a message that begins as one of S7comm or S7comm-plus."""
         plus: bool = octets[0] == 0x72
-        self.tsdus[S7COMM_PLUS if plus else S7COMM] += 1
+        self.tsdus.add(S7COMM_PLUS if plus else S7COMM)
         (self._plus if plus else self._s7).cut(side, octets, frame, time_ns)
 
     def _note_reserved(self, side: Side, value: i64, frame: i64, time_ns: i64) -> None:
@@ -351,10 +352,11 @@ class IsoOnTcp(Protocol):
 
     def describe(self) -> dict[str, object]:
         """Return the sections ``tsdus`` and ``tpdus``."""
-        tpdus = {TPDU_TYPES.name(code): count for code, count in enumerate(self.tpdus[:16]) if count}
-        if self.tpdus[16]:
-            tpdus["too_short"] = self.tpdus[16]
-        named = zip(UPPER_NAMES, self.tsdus, strict=True)
+        *typed, too_short = self.tpdus.counts()
+        tpdus = {TPDU_TYPES.name(code): count for code, count in enumerate(typed) if count}
+        if too_short:
+            tpdus["too_short"] = too_short
+        named = zip(UPPER_NAMES, self.tsdus.counts(), strict=True)
         return {
             "tsdus": {name: count for name, count in named if count or name in _ALWAYS},
             "tpdus": tpdus,

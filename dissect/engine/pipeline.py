@@ -210,8 +210,7 @@ class Pipeline(PacketSink):
                 raise
             category = accounts.FAILED
             self.exchange.note_bug(bug, counters.frames, time_ns)
-        # Not `+=`: on an element of a list, mypyc makes that a call of the generic addition.
-        counters.packets[category] = counters.packets[category] + 1
+        counters.packets.add(category)
         dialogue = self.exchange.dialogue
         if dialogue.holding:
             for side in dialogue.holding:
@@ -254,7 +253,7 @@ class Pipeline(PacketSink):
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
             return self._slow_frame(buf, start, end, link_type)
-        key: bytes
+        side: Side | None
         seq: i64
         ack: i64
         word: i64
@@ -268,7 +267,7 @@ class Pipeline(PacketSink):
             ):
                 return self._slow_frame(buf, start, end, link_type)
             total = u16(buf, start + 16)
-            key = buf[start + 26 : start + 38]
+            side = self.table.find(buf, start + 26)
             seq = u32(buf, start + 38)
             ack = u32(buf, start + 42)
             word = u16(buf, start + 46)
@@ -276,14 +275,14 @@ class Pipeline(PacketSink):
             ethertype, version, total, fragment, protocol, key, seq, ack, word = _FUSED.unpack_from(buf, start)
             if ethertype != 0x0800 or version != 0x45 or protocol != 6 or fragment & 0x3FFF:
                 return self._slow_frame(buf, start, end, link_type)
+            side = self.table.sides.get(key)
         data: i64 = start + 34 + ((word >> 12) << 2)
         stop: i64 = start + 14 + total
         if stop > end or data > stop or word < 0x5000:
             return self._slow_frame(buf, start, end, link_type)
-        side = self.table.sides.get(key)
         if side is None or word & 7:  # SYN, FIN, RST
             self._link = buf[start : start + 12]
-            return self._lifecycle(side, key, 0, seq, ack, word & 0x3F, buf[data:stop], 0)
+            return self._lifecycle(side, buf[start + 26 : start + 38], 0, seq, ack, word & 0x3F, buf[data:stop], 0)
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
 
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:

@@ -20,13 +20,14 @@ from dissect.s7.parameters import (
     is_plc_push,
     read_header,
 )
-from dissect.s7.tables import ACK, ACK_DATA, JOB, ROSCTR, SETUP_COMMUNICATION, USERDATA
+from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.results import BAD_DATA
 from dissect.transactions.table import Side
 from dissect.wire.octets import u16
+from dissect.wire.tally import Tally
 
 
 class S7(Protocol):
@@ -35,8 +36,8 @@ class S7(Protocol):
     def __init__(self, exchange: Exchange) -> None:
         super().__init__()
         self._exchange: Exchange = exchange
-        self.rosctrs: list[int] = [0] * 256
-        self.functions: list[int] = [0] * 256
+        self.rosctrs: Tally = Tally(256, JOB, ACK_DATA)
+        self.functions: Tally = Tally(256, READ_VAR, WRITE_VAR)
         self.pdus: i64 = 0
         self.cut_pdus: i64 = 0
         self.unpaired: i64 = 0  # PDUs of a kind that cannot be paired, or too damaged for it
@@ -47,7 +48,7 @@ class S7(Protocol):
         exchange = self._exchange
         connection = side.connection
         self.pdus += 1
-        self.rosctrs[buf[at + 1]] = self.rosctrs[buf[at + 1]] + 1
+        self.rosctrs.add(buf[at + 1])
         if connection.pdus == 0:
             self._first_pdu(connection, frame, time_ns)
         connection.pdus += 1
@@ -64,9 +65,9 @@ class S7(Protocol):
         if data_at + data_length != at + size or (rosctr > ACK_DATA and rosctr != USERDATA):
             self._damaged(side, buf[at : at + size], frame, time_ns)
             return
-        parameters = self._parameters.get(buf[at + head : data_at], rosctr)
+        parameters = self._parameters.get(buf, at + head, data_at, rosctr)
         if parameters.function >= 0:
-            self.functions[parameters.function] = self.functions[parameters.function] + 1
+            self.functions.add(parameters.function)
         if parameters.malformed:
             self._note_malformed(side, buf[at : at + size], frame, time_ns)
         if parameters.unjudged:
@@ -158,7 +159,7 @@ class S7(Protocol):
         """Take a PDU of which the capture kept ten octets or more: its header still tells what was asked or answered."""
         self.pdus += 1
         self.cut_pdus += 1
-        self.rosctrs[octets[1]] += 1
+        self.rosctrs.add(octets[1])
         if side.connection.pdus == 0:
             self._first_pdu(side.connection, frame, time_ns)
         side.connection.pdus += 1
@@ -186,9 +187,9 @@ class S7(Protocol):
             return
         pdu_ref: i64 = u16(octets, 4)
         data_at: i64 = min(head + u16(octets, 6), size)
-        parameters = self._parameters.get(octets[head:data_at], rosctr)
+        parameters = self._parameters.get(octets, head, data_at, rosctr)
         if parameters.function >= 0:
-            self.functions[parameters.function] = self.functions[parameters.function] + 1
+            self.functions.add(parameters.function)
         userdata = parameters.userdata
         kind: i64 = userdata.type if userdata is not None else -1
         if rosctr == JOB or (rosctr == USERDATA and kind == REQUEST):
@@ -220,8 +221,8 @@ class S7(Protocol):
                 "pdus": self.pdus,
                 "cut": self.cut_pdus,
                 "unpaired": self.unpaired,
-                "rosctr": {str(code): count for code, count in enumerate(self.rosctrs) if count},
-                "functions": {f"0x{code:02x}": count for code, count in enumerate(self.functions) if count},
+                "rosctr": {str(code): count for code, count in enumerate(self.rosctrs.counts()) if count},
+                "functions": {f"0x{code:02x}": count for code, count in enumerate(self.functions.counts()) if count},
             }
         }
 

@@ -6,6 +6,7 @@ for a timestamp with a zone in nanoseconds.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -81,11 +82,13 @@ class Batches:
         if part.at is None:
             return made
         self._shared[part.names] = (part.rows, len(part.rows), made)
-        at = pa.array(part.at, pa.int32())
+        at = _array(pa, part.at, pa.int32())
         return [one.take(at) for one in made]
 
 
 def _array(pa: Any, values: Sequence[Any], kind: Any) -> Any:
+    if isinstance(values, array):
+        return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(values)])
     encoded = pa.types.is_dictionary(kind)  # made in two steps, which is thirty times faster than in one
     plain = kind.value_type if encoded else kind
     try:

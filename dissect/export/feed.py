@@ -12,7 +12,7 @@ from dissect.export.batch import Batch, Part
 from dissect.export.item_columns import ASKED, BEGIN, CODE, ItemColumns
 from dissect.export.rows import Rows
 from dissect.export.tables import CONNECTIONS, DEVICES, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
-from dissect.export.transaction_rows import ENDS, FUNCTION, OWN, Row, TransactionColumns
+from dissect.export.transaction_rows import ENDS, FUNCTION, OWN, STATE, Row, TransactionColumns
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
 from dissect.select.things import Context
@@ -54,15 +54,13 @@ class TableFeed(Observer):
         self.wants_pdus = PDUS.name in names
         self.counts = dict.fromkeys([table.name for table in self.tables], 0)
         self._sink = sink
-        self._made = Rows([])
+        self._collect([])
         self._context = Context()
         self._bulk = [table for table in self.tables if table in _BULK]
         self._waiting: dict[str, list[Row]] = {table.name: [] for table in self.tables if table not in _BULK}
         self._connections = self._waiting.get(CONNECTIONS.name)
         self._wants_items = ITEMS in self._bulk
         self._wants_transactions = TRANSACTIONS in self._bulk
-        self._transactions = TransactionColumns(self._made.transactions)
-        self._items = ItemColumns(self._made.transactions)
         self._operations = self._waiting.get(OPERATIONS.name)
         self._findings = self._waiting.get(FINDINGS.name)
         self._pdus = self._waiting.get(PDUS.name)
@@ -70,13 +68,15 @@ class TableFeed(Observer):
         self._collector = Collector()
         self._devices = self._waiting.get(DEVICES.name)
         self._inventory = Inventory()
-        self._bytes = 0
 
     def begin(self, files: Sequence[SourceFile]) -> None:
         """Name packets by ``files``, which may grow."""
+        self._collect(files)
+
+    def _collect(self, files: Sequence[SourceFile]) -> None:
         self._made = Rows(files)
         self._transactions = TransactionColumns(self._made.transactions)
-        self._items = ItemColumns(self._made.transactions)
+        self._items = ItemColumns(self._made.transactions, self._made.other_items, ROWS, _MOST_BYTES)
 
     def flush(self) -> None:
         """Hand on the rows that wait."""
@@ -90,14 +90,18 @@ class TableFeed(Observer):
                 rows.clear()
         self._transactions.clear()
         self._items.clear()
-        self._bytes = 0
 
     def _batch(self, table: Table) -> Batch:
         """Return what was collected of one of the two tables that are collected by columns."""
         if table is TRANSACTIONS:
             done = self._transactions
-            ends = Part(ENDS, done.ends.rows, done.ends_at)
-            return Batch(table, [Part(OWN, done.own), ends, Part(FUNCTION, done.functions.rows, done.functions_at)], {})
+            parts = [
+                Part(OWN, done.own),
+                Part(ENDS, done.ends.rows, done.ends_at),
+                Part(FUNCTION, done.functions.rows, done.functions_at),
+                Part(STATE, done.states.rows, done.states_at),
+            ]
+            return Batch(table, parts, {})
         items = self._items
         parts = [
             Part(BEGIN, items.begins, items.begins_at),
@@ -147,20 +151,9 @@ class TableFeed(Observer):
                 self.flush()
         if not self._bulk:
             return
-        waiting = 0
-        if self._wants_items:
-            others: list[Row] = []
-            if transaction.carried is not None or transaction.is_plus or transaction.is_scd:
-                others = self._made.other_items(transaction)
-            count = self._items.add(transaction, others)
-            waiting = len(self._items.numbers)
-        else:
-            count = self._made.item_count(transaction)
-        if self._wants_transactions:
-            waiting = max(waiting, self._transactions.add(transaction, count))
-        if count:
-            self._bytes += int(transaction.request_size + transaction.response_size)
-        if waiting >= ROWS or self._bytes >= _MOST_BYTES:
+        count = self._items.add(transaction) if self._wants_items else self._made.item_count(transaction)
+        full = self._wants_transactions and self._transactions.add(transaction, count) >= ROWS
+        if full or self._items.full:
             self.flush()
 
     def operation(self, operation: Operation) -> None:

@@ -6,7 +6,8 @@ transaction share is kept once, and each row only says which of these it has.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Callable
 from typing import Final
 
 from mypy_extensions import i64
@@ -19,6 +20,7 @@ from dissect.s7.singles import real
 from dissect.s7.tables import (
     AREA_LETTERS,
     AREAS,
+    BIT,
     BYTE,
     INT,
     NUMBERED_AREAS,
@@ -29,13 +31,13 @@ from dissect.s7.tables import (
     WORD,
     WRITE_VAR,
 )
-from dissect.s7.value_texts import number_texts
-from dissect.s7.values import Value, decode_value, spelled
+from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.s7plus.items import WRITES
-from dissect.s7plus.parameters import PlusParameters
+from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.naming import Naming
 from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.octets import u16
 from dissect.wire.text import encodable
 
 #: The columns that the items of a transaction share, those of what is asked for, and those of the return code.
@@ -50,37 +52,55 @@ _NO_CODE: Final[Row] = (None, None, False)
 _NO_CODE_AT: Final = 256
 #: Transport sizes of elements of two bytes.
 _SHORT: Final = frozenset((WORD, INT))
-#: The first numbers of items, of as many items as a request has.
-_NUMBERS: Final[list[int]] = list(range(1, 257))
+#: For any count of items that a request may have: their numbers.
+_NUMBERS: Final[list[array[int]]] = [array("q", range(1, count + 1)) for count in range(256)]
+_GOOD: Final[array[int]] = array("i", [SUCCESS])
+_NO_NAME: Final[list[str | None]] = [None]
 
 
 class ItemColumns:
-    """Collects the items of transactions; the lists have an entry for each, or say with ``…_at`` which of another it has."""
+    """Collects the items of transactions; the columns have an entry for each, or say with ``…_at`` which of another it has.
 
-    def __init__(self, rows: TransactionRows) -> None:
+    ``others`` gives the items of other protocols: of each a name, the columns `ASKED` and `CODE`, number, text and bytes.
+    It is `full` with ``most`` items, or with those of ``most_octets`` of PDUs.
+    """
+
+    def __init__(
+        self, rows: TransactionRows, others: Callable[[Transaction], list[Row]], most: int, most_octets: int
+    ) -> None:
         self._rows: TransactionRows = rows
+        self._others: Callable[[Transaction], list[Row]] = others
+        self._most: i64 = most
+        self._most_octets: i64 = most_octets
+        self._octets: i64 = 0
         self.begins: list[Row] = []
-        self.begins_at: list[int] = []
-        self.numbers: list[int] = []
+        self.begins_at: array[int] = array("i")
+        self.numbers: array[int] = array("q")
         self.names: list[str | None] = []
         self.asked: Shared = Shared([_NO_ITEM])
-        self.asked_at: list[int] = []
+        self.asked_at: array[int] = array("i")
         self.codes: Shared = Shared([*_CODES, _NO_CODE])
-        self.codes_at: list[int] = []
+        self.codes_at: array[int] = array("i")
         self.values: list[float | None] = []
         self.texts: list[str | None] = []
         self.data: list[bytes | None] = []
         self._item_at: dict[Item, int] = {}
-        self._request_at: dict[Parameters, list[int]] = {}
+        self._request_at: dict[Parameters, array[int]] = {}
+
+    @property
+    def full(self) -> bool:
+        """True when it is time to hand on what was collected, and to `clear`."""
+        return len(self.data) >= self._most or self._octets >= self._most_octets
 
     def clear(self) -> None:
-        """Begin with new lists: those at hand are somebody else's now."""
+        """Begin with new columns: those at hand are somebody else's now."""
+        self._octets = 0
         self.begins = []
-        self.begins_at = []
-        self.numbers = []
+        self.begins_at = array("i")
+        self.numbers = array("q")
         self.names = []
-        self.asked_at = []
-        self.codes_at = []
+        self.asked_at = array("i")
+        self.codes_at = array("i")
         self.values = []
         self.texts = []
         self.data = []
@@ -89,16 +109,17 @@ class ItemColumns:
             self._item_at = {}
             self._request_at = {}
 
-    def add(self, transaction: Transaction, others: Sequence[Row]) -> int:
-        """Take the items of a transaction of S7comm in wire order, then ``others``; return how many these are.
-
-        Others are those of other protocols: a name, the columns `ASKED` and `CODE`, number, text and bytes of each.
-        """
-        answers = transaction.good_octets()
-        if answers is not None and not others:
-            return self._read(transaction, answers)
+    def add(self, transaction: Transaction) -> int:
+        """Take the items of a transaction in wire order, those of S7comm first; return how many these are."""
+        others: list[Row] | None = None
+        if transaction.carried is not None or transaction.rosctr >= PLUS:
+            others = self._others(transaction)
+        else:
+            answers = transaction.good_octets()
+            if answers is not None:
+                return self._read(transaction, answers)
         results = transaction.results()
-        count = len(results) + len(others)
+        count = len(results) + (len(others) if others is not None else 0)
         if not count:
             return 0
         self._begin(transaction, count)
@@ -114,13 +135,13 @@ class ItemColumns:
                 continue
             self.names.append(None)
             self._value(item, data)
-        for row in others:
-            self.names.append(row[0])
-            self.asked_at.append(self.asked.at(row[1:8]))
-            self.codes_at.append(self.codes.at(row[8:11]))
-            self.values.append(row[11])
-            self.texts.append(row[12])
-            self.data.append(row[13])
+        if others is not None:
+            for row in others:
+                self.names.append(row[0])
+                self.asked_at.append(self.asked.at(row[1:8]))
+                self.codes_at.append(self.codes.at(row[8:11]))
+                self._add(row[11], row[12])
+                self.data.append(row[13])
         return count
 
     def _begin(self, transaction: Transaction, count: int) -> None:
@@ -128,7 +149,8 @@ class ItemColumns:
         connection = transaction.connection
         ends = self._rows.ends(connection)
         asked: bool = transaction.request_frame != 0
-        self.begins_at.extend([len(self.begins)] * count)
+        self._octets += transaction.request_size + transaction.response_size
+        self.begins_at.extend(array("i", [len(self.begins)]) * count)
         self.begins.append((
             int(transaction.number),
             int(connection.number),
@@ -137,7 +159,7 @@ class ItemColumns:
             ends[0],
             _operation(transaction),
         ))  # fmt: skip
-        self.numbers.extend(_NUMBERS[:count] if count <= len(_NUMBERS) else range(1, count + 1))
+        self.numbers.extend(_NUMBERS[count] if count < len(_NUMBERS) else array("q", range(1, count + 1)))
 
     def _read(self, transaction: Transaction, answers: list[bytes]) -> int:
         """Take the items of a read that was answered as asked: most of all."""
@@ -152,10 +174,10 @@ class ItemColumns:
         if found is None:
             if len(known) >= MOST_KNOWN:
                 known.clear()
-            found = known[parameters] = [self._asked(item) for item in items]
+            found = known[parameters] = array("i", [self._asked(item) for item in items])
         self.asked_at.extend(found)
-        self.codes_at.extend([SUCCESS] * count)
-        self.names.extend([None] * count)
+        self.codes_at.extend(_GOOD * count)
+        self.names.extend(_NO_NAME * count)
         self.data.extend(answers)
         for index in range(count):
             self._value(items[index], answers[index])
@@ -210,6 +232,12 @@ class ItemColumns:
             return
         if kind == REAL and size == 4:
             self._add(real(data), None)
+            return
+        if kind == BIT and size == 1:
+            self._add(1.0 if data[0] & 1 else 0.0, None)
+            return
+        if kind == WORD and size == 2:
+            self._add(float(u16(data, 0)), None)
             return
         if size > 4 or (size == 4 and kind in _SHORT):  # several
             text = ",".join(number_texts(kind, data, False, size))

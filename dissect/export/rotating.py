@@ -64,7 +64,7 @@ class RotatingSink(Sink):
         with TemporaryDirectory() as folder:
             for name, batches in self._batches.items():
                 file = ParquetFile(Path(folder, name), batches)
-                file.add([(None,) * len(batches.table.stored)])
+                file.add(batches.batch([(None,) * len(batches.table.stored)]))
                 file.close()
 
     def _begin(self, table: Table, day: str, time_ns: int | None) -> tuple[Saving, ParquetFile]:

@@ -6,6 +6,7 @@ which of these it has (`Shared`). All of these memories are bounded.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -25,30 +26,24 @@ Row = tuple[Any, ...]
 MOST_KNOWN: Final = 8192
 _FAR: Final = 1 << 62
 
-#: The columns of `TransactionRows.own`, `TransactionRows.ends` and `TransactionRows.function`.
+#: The columns of `TransactionRows.own`, `ends`, `state` and `function`.
 OWN: Final = (
     "transaction",
     "connection",
-    "file",
     "request_frame",
     "response_frame",
-    "response_file",
     "ts_ns",
     "response_ns",
     "latency_ns",
-    "from_client",
     "pdu_ref",
     "about",
-    "outcome",
-    "reason",
-    "failed",
-    "error_code",
     "errors",
     "item_count",
     "request_bytes",
     "response_bytes",
 )
 ENDS: Final = ("client_host", "client_port", "server_host", "server_port")
+STATE: Final = ("file", "response_file", "from_client", "outcome", "reason", "failed", "error_code")
 FUNCTION: Final = ("protocol", "rosctr", "function", "function_name", "userdata_group", "subfunction")
 
 
@@ -83,20 +78,32 @@ class Files:
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._files: Sequence[SourceFile] = files
-        self._count: int = 0
+        self._count: i64 = 0
         self._name: str | None = None
-        self._first: int = 0
-        self._end: int = 0
+        self._first: i64 = 0
+        self._end: i64 = 0
 
     def locate(self, frame: int) -> tuple[str | None, int | None]:
         """Return (file, number) of the packet that is number ``frame`` of the run; (None, None) for 0, no packet."""
-        if not frame:
-            return None, None
-        if not (self._count == len(self._files) and self._first <= frame < self._end):
-            self._find(frame)
-        return self._name, frame - self._first + 1
+        return self.name(frame), self.number(frame)
 
-    def _find(self, frame: int) -> None:
+    def name(self, frame: i64) -> str | None:
+        """Return the file of the packet that is number ``frame`` of the run, None for 0."""
+        if not frame:
+            return None
+        if self._count != len(self._files) or frame < self._first or frame >= self._end:
+            self._find(frame)
+        return self._name
+
+    def number(self, frame: i64) -> int | None:
+        """Return the number in its file of the packet that is number ``frame`` of the run, None for 0."""
+        if not frame:
+            return None
+        if self._count != len(self._files) or frame < self._first or frame >= self._end:
+            self._find(frame)
+        return frame - self._first + 1
+
+    def _find(self, frame: i64) -> None:
         files = self._files
         self._count = len(files)
         self._name, self._first, self._end = None, 1, _FAR
@@ -135,31 +142,34 @@ class TransactionRows:
         """Return the columns `OWN` of a transaction that has so many items."""
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
-        file, asked_at = self.files.locate(int(asked))
-        told_file, told_at = self.files.locate(int(told))
         connection = transaction.connection
-        errors = [_error(error) for error in transaction.errors] if transaction.has_errors else []
         return (
             int(transaction.number),
             int(connection.number),
-            file if asked else told_file,
-            asked_at,
-            told_at,
-            told_file,
+            self.files.number(asked),
+            self.files.number(told),
             int(transaction.request_ns if asked else transaction.response_ns),
             int(transaction.response_ns) if told else None,
             transaction.latency_ns,
-            transaction.asked_by == connection.client_side,
             _reference(transaction),
             None if item_count or transaction.function == SETUP_COMMUNICATION else _about(transaction),
+            [_error(error) for error in transaction.errors] if transaction.has_errors else [],
+            item_count,
+            int(transaction.request_size) if asked else None,
+            int(transaction.response_size) if told else None,
+        )
+
+    def state(self, transaction: Transaction) -> Row:
+        """Return the columns `STATE`."""
+        told_file = self.files.name(transaction.response_frame)
+        return (
+            self.files.name(transaction.request_frame) if transaction.request_frame else told_file,
+            told_file,
+            transaction.asked_by == transaction.connection.client_side,
             OUTCOMES[transaction.outcome],
             transaction.reason or None,
             transaction.failed,
             int(transaction.error_code),
-            errors,
-            item_count,
-            int(transaction.request_size) if asked else None,
-            int(transaction.response_size) if told else None,
         )
 
     def function(self, transaction: Transaction) -> Row:
@@ -183,20 +193,23 @@ class TransactionRows:
         """Return the columns of a transaction by their names."""
         row: dict[str, Any] = dict(zip(OWN, self.own(transaction, item_count), strict=True))
         row.update(zip(ENDS, self.ends(transaction.connection), strict=True))
+        row.update(zip(STATE, self.state(transaction), strict=True))
         row.update(zip(FUNCTION, self.function(transaction), strict=True))
         return row
 
 
 class TransactionColumns:
-    """Collects transactions: ``own`` columns of each, and where its ``ends`` and ``functions`` are kept."""
+    """Collects transactions: ``own`` columns of each, and where its ends, function and state are kept."""
 
     def __init__(self, rows: TransactionRows) -> None:
         self._rows: TransactionRows = rows
         self.own: list[Row] = []
         self.ends: Shared = Shared([])
-        self.ends_at: list[int] = []
+        self.ends_at: array[int] = array("i")
         self.functions: Shared = Shared([])
-        self.functions_at: list[int] = []
+        self.functions_at: array[int] = array("i")
+        self.states: Shared = Shared([])
+        self.states_at: array[int] = array("i")
         self._function_of: dict[Any, int] = {}
 
     def add(self, transaction: Transaction, item_count: int) -> int:
@@ -204,6 +217,7 @@ class TransactionColumns:
         rows = self._rows
         self.own.append(rows.own(transaction, item_count))
         self.ends_at.append(self.ends.at(rows.ends(transaction.connection)))
+        self.states_at.append(self.states.at(rows.state(transaction)))
         key = (transaction.parameters, int(transaction.rosctr))
         known = self._function_of
         found = known.get(key)
@@ -217,9 +231,11 @@ class TransactionColumns:
     def clear(self) -> None:
         """Begin with new lists: those at hand are somebody else's now."""
         self.own = []
-        self.ends_at = []
-        self.functions_at = []
+        self.ends_at = array("i")
+        self.functions_at = array("i")
+        self.states_at = array("i")
         self.ends.bounded()
+        self.states.bounded()
         if self.functions.bounded():
             self._function_of = {}
 

@@ -59,7 +59,6 @@ _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
 #: Commands of which is said that they were accepted.
 _COMMANDS: Final = frozenset((STOP, START, RESET))
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
-_ALL_WRITTEN: Final = WRITTEN_IO | WRITTEN_ELSEWHERE
 #: Return values that say that a client lacks the rights for a request: access denied.
 _PROTECTED: Final = frozenset((0xFF9C,))
 #: Explore requests of a connection that make it a reconnaissance, when its client subscribes to nothing at that CPU.
@@ -153,7 +152,8 @@ class PlusWatch:
         if traits.written & area:
             return
         traits.written |= area
-        session.all_written = traits.written & _ALL_WRITTEN == _ALL_WRITTEN
+        session.outputs_told = traits.written & WRITTEN_IO != 0
+        session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
         if transaction.error_code or transaction.outcome == UNANSWERED:
             return
         self._security.tell(slug, transaction, shortened(event.text, _TEXT))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
@@ -37,10 +39,13 @@ class PlusSessions:
         octets = transaction.request_octets
         if transaction.function == INIT_SSL:
             session.tls = transaction.outcome == ANSWERED and transaction.error_code < _ERROR
-        at = _SESSION + (_DIGEST if octets[1:2] == bytes((V3,)) else 0)
-        if at + 4 > len(octets):
+        size: i64 = len(octets)
+        if size < _SESSION:
             return
-        number = int(u32(octets, at))
+        at: i64 = _SESSION + (_DIGEST if octets[1] == V3 else 0)
+        if at + 4 > size:
+            return
+        number = u32(octets, at)
         if number > _NO_SESSION and number not in session.given:
             self._judge_owner(number, transaction)
         if session.challenged and not session.authenticated and not _in_tls(session, transaction.connection):

@@ -16,8 +16,9 @@ from dissect.jobs.sending import Offsets, receive, send
 from dissect.report.analysis import Analysis, add_counts
 from dissect.source.packet import SourceFile
 from dissect.transactions.naming import Naming
+from dissect.wire.tally import Tally
 
-#: What of a pipeline is added up: numbers, lists and dictionaries of numbers.
+#: What of a pipeline is added up: numbers, tallies, lists and dictionaries of numbers.
 _COUNTERS: Final = (
     *[f"counters.{name}" for name in ("frames", "cut_frames", "packets")],
     *[f"counters.octets.{name}" for name in ("delivered", "framed", "skipped", "buffered", "missing", "holes")],
@@ -55,7 +56,7 @@ class _Counted(NamedTuple):
 def part_of(analysis: Analysis, pipeline: Pipeline, files: list[SourceFile]) -> AnalysisPart:
     """Return what a run over one file found, after it has finished."""
     counted = _Counted(
-        [attrgetter(path)(pipeline) for path in _COUNTERS],
+        [_sendable(attrgetter(path)(pipeline)) for path in _COUNTERS],
         int(pipeline.counters.fragments.waiting),
         pipeline.first_ns,
         pipeline.now_ns,
@@ -65,6 +66,10 @@ def part_of(analysis: Analysis, pipeline: Pipeline, files: list[SourceFile]) -> 
     return AnalysisPart(
         file.name, file.loss, int(file.octets), pipeline.first_ns, pipeline.now_ns, send((analysis, counted, files))
     )
+
+
+def _sendable(counted: Any) -> Any:
+    return counted.counts() if isinstance(counted, Tally) else counted
 
 
 def unread(name: str, why: str) -> AnalysisPart:
@@ -129,6 +134,8 @@ class Analyses:
             known = getattr(holder, name)
             if isinstance(known, dict):
                 add_counts(known, more)
+            elif isinstance(known, Tally):
+                known.add_counts(more)
             elif isinstance(known, list):
                 known[:] = [one + other for one, other in zip(known, more, strict=True)]
             else:

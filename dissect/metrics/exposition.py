@@ -198,9 +198,9 @@ def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
     types = {row.number: row.name for row in TPDU_TYPES}
     findings = pipeline.finding_counts.copy()
     return {
-        "tpdus": _named(pipeline.iso.tpdus, types),
-        "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus.copy(), strict=True)],
-        "s7_pdus": _named(pipeline.s7.rosctrs, rosctrs),
+        "tpdus": _named(pipeline.iso.tpdus.counts(), types),
+        "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus.counts(), strict=True)],
+        "s7_pdus": _named(pipeline.s7.rosctrs.counts(), rosctrs),
         "s7plus_pdus": _named(pipeline.plus.opcodes, opcodes),
         "ibh_packets": [Sample((kind,), count) for kind, count in zip(KINDS, pipeline.ibh.packets.copy(), strict=True)],
         "open_requests": [Sample((), int(pipeline.exchange.dialogue.open))],

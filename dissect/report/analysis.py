@@ -65,7 +65,8 @@ class Latencies:
             if len(self._recent) > EXACT:
                 self._buckets = [0] * _BUCKETS
             return
-        buckets[_bucket(latency_ns)] += 1
+        bucket: i64 = _bucket(latency_ns)
+        buckets[bucket] = buckets[bucket] + 1  # `+=` on an element of a list is slower (mypyc)
         if self._recent:
             self._fold(_AT_ONCE)
 
@@ -257,6 +258,8 @@ class Analysis(Observer):
         self.unsolicited: i64 = 0
         self.with_errors: i64 = 0
         self.functions: dict[int, FunctionStatistics] = {}
+        self._latest_key: i64 = -1  # of `functions`, as one is followed by another of the same most often
+        self._latest: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
         self.connections_not_listed: i64 = 0
@@ -409,6 +412,8 @@ class Analysis(Observer):
             key = 0x10000 | (userdata.group << 8) | userdata.subfunction
         elif key > 0xFF and isinstance(parameters, PlusParameters):
             key = parameters.statistics_key
+        if key == self._latest_key and self._latest is not None:
+            return self._latest
         found = self.functions.get(key)
         if found is None:
             name = parameters.function_name
@@ -416,6 +421,8 @@ class Analysis(Observer):
                 name = parameters.statistics_name
             found = FunctionStatistics(name)
             self.functions[key] = found
+        self._latest_key = key
+        self._latest = found
         return found
 
     def _keep_slow(self, latency: i64, transaction: Transaction) -> None:

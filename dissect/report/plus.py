@@ -13,7 +13,7 @@ from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import shown_contents, without_secrets
 from dissect.s7plus.ids import DATA_BLOCK
-from dissect.s7plus.items import REFUSED, Half, PlusItem, join_items
+from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PlusParameters, names_function
 from dissect.s7plus.summary import summary
@@ -21,7 +21,7 @@ from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUE
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
-from dissect.wire.text import shortened
+from dissect.wire.text import json_text, shortened
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
@@ -37,6 +37,7 @@ DB_AREA: Final = 0x84
 #: Functions whose items stand beside what else they are about.
 _ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
 
+_ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 _NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
 
 
@@ -122,7 +123,7 @@ def item_text(item: PlusItem) -> str:
     """Return an item with what became of it: ``DB3."tank".level = Int 5``, ``MW100: refused``; safe to show."""
     label = shortened(item.label, _MESSAGE)
     if item.return_code > 0:
-        return f"{label}: {'refused' if item.return_code == REFUSED else RETURN_CODES.name(item.return_code)}"
+        return f"{label}: {item.codes.name(item.return_code)}"
     text = item.text
     note = f" ({shortened(item.note, _MESSAGE)})" if item.note else ""
     return f"{label} = {shortened(text, _MESSAGE)}{note}" if text else f"{label}{note}"
@@ -132,89 +133,98 @@ def _some(texts: list[str]) -> list[str]:
     return texts if len(texts) <= _ITEMS else [*texts[:_ITEMS], f"and {len(texts) - _ITEMS} more"]
 
 
-def plus_as_dict(pdu: PlusPdu) -> dict[str, object]:
+def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
     """Return what only S7comm-plus has; keys that the PDU does not have are left out."""
-    values: dict[str, object] = {"kind": pdu.kind, "version": pdu.version if pdu.version >= 0 else None}
-    values["frames"] = pdu.frames
-    numbers = {
-        "opcode": pdu.opcode,
-        "session_id": pdu.session_id,
-        "subscription_id": pdu.subscription_id,
-        "number": pdu.sequence if pdu.opcode == NOTIFICATION else pdu.number,
-        "credit_tick": pdu.credit_tick,
-        "transport_flags": pdu.transport_flags,
-    }
-    values |= {name: value for name, value in numbers.items() if value >= 0}
+    version = str(pdu.version) if pdu.version >= 0 else "null"
+    said = f'{{"kind":{json_text(pdu.kind)},"version":{version},"frames":{pdu.frames}'
+    if pdu.opcode >= 0:
+        said += f',"opcode":{pdu.opcode}'
+    if pdu.session_id >= 0:
+        said += f',"session_id":{pdu.session_id}'
+    if pdu.subscription_id >= 0:
+        said += f',"subscription_id":{pdu.subscription_id}'
+    number = pdu.sequence if pdu.opcode == NOTIFICATION else pdu.number
+    if number >= 0:
+        said += f',"number":{number}'
+    if pdu.credit_tick >= 0:
+        said += f',"credit_tick":{pdu.credit_tick}'
+    if pdu.transport_flags >= 0:
+        said += f',"transport_flags":{pdu.transport_flags}'
     if pdu.opcode == REQUEST:
-        values["wants_response"] = pdu.wants_response
+        said += f',"wants_response":{"true" if pdu.wants_response else "false"}'
     if pdu.return_value >= 0:
-        values["return_value"] = f"0x{pdu.return_value:x}"
+        said += f',"return_value":"0x{pdu.return_value:x}"'
     if pdu.integrity:
-        values["integrity"] = pdu.integrity.hex()
+        said += f',"integrity":"{pdu.integrity.hex()}"'
     if pdu.message:
-        values["message"] = pdu.message.decode("latin-1")
-    return values
+        said += f',"message":{json_text(pdu.message.decode("latin-1"))}'
+    return f'{said},"integrity_id":{integrity_id}}}' if integrity_id >= 0 else f"{said}}}"
 
 
 def plus_json(transaction: Transaction) -> str:
     """Return the keys that only transactions of S7comm-plus have, behind a comma."""
     asked, told = transaction.plus_halves()
-    halves: dict[str, object] = {"request": _half_as_dict(asked), "response": _half_as_dict(told)}
-    alarms = (
-        [Alarm(one).as_dict() for one in told.contents.objects if one.class_id == ALARM] if told is not None else []
+    items = [_item_json(item) for item in join_items(asked, told, transaction.connection.plus)]
+    alarms = ""
+    if told is not None and told.contents.objects:
+        alarms = ",".join([_json(Alarm(one).as_dict()) for one in told.contents.objects if one.class_id == ALARM])
+        alarms = f',"alarms":[{alarms}]' if alarms else ""
+    return (
+        f',"asks":[{_noted(asked)}],"tells":[{_noted(told)}]'
+        f',"s7plus":{{"request":{_half_json(asked)},"response":{_half_json(told)}{alarms}}}'
+        f',"items":[{",".join(items)}]'
     )
-    if alarms:
-        halves["alarms"] = alarms
-    values = {
-        "asks": _noted(asked),
-        "tells": _noted(told),
-        "s7plus": halves,
-        "items": [_item_as_dict(item) for item in join_items(asked, told, transaction.connection.plus)],
-    }
-    return "," + _json(values)[1:-1]
 
 
-def _noted(half: Half | None) -> list[str]:
-    return plus_notes(half.pdu) + summary(half.pdu, half.contents) if half is not None else []
-
-
-def _half_as_dict(half: Half | None) -> dict[str, object] | None:
+def _noted(half: Half | None) -> str:
     if half is None:
-        return None
-    values = plus_as_dict(half.pdu)
-    if half.contents.integrity_id >= 0:
-        values["integrity_id"] = half.contents.integrity_id
-    return values
+        return ""
+    return ",".join([json_text(text) for text in plus_notes(half.pdu) + summary(half.pdu, half.contents)])
 
 
-def _item_as_dict(item: PlusItem) -> dict[str, object]:
+def _half_json(half: Half | None) -> str:
+    return head_json(half.pdu, half.contents.integrity_id) if half is not None else "null"
+
+
+def _item_json(item: PlusItem) -> str:
     """Return an item with the keys that those of S7comm have, and its own behind them.
 
     Success is 255 there as well, so that one question finds refusals in both protocols.
     """
     address = item.address
     value = item.value
-    db = address.area & 0xFFFF if address is not None and address.area >> 16 == DATA_BLOCK else None
-    area = None
+    label = path = start = area = db = crc = code = "null"
     if address is not None:
-        area = DB_AREA if db is not None else S7_AREAS.get(address.area)
-    return {
-        "address": item.label if address is not None else None,
-        "syntax_id": None,
-        "area": area,
-        "db": db if db is not None else (0 if area is not None else None),
-        "start_bit": address.start_bit if address is not None and address.start_bit >= 0 else None,
-        "transport_size": None,
-        "count": None,
-        "return_code": SUCCESS if item.return_code == 0 else (item.return_code if item.return_code > 0 else None),
-        "data": item.data.hex() if item.data is not None else None,
-        "value": item.json_value,
-        "number": item.number,
-        "type": value.type_name if value is not None else None,
-        "crc": f"0x{address.crc:08x}" if address is not None and address.crc else None,
-        "path": [address.area, address.sub_area, *address.lids] if address is not None else None,
-        **({"note": item.note} if item.note else {}),
-    }
+        label = json_text(item.label)
+        path = f"[{','.join([str(id_) for id_ in (address.area, address.sub_area, *address.lids)])}]"
+        start = str(address.start_bit) if address.start_bit >= 0 else "null"
+        if address.area >> 16 == DATA_BLOCK:
+            area, db = str(DB_AREA), str(address.area & 0xFFFF)
+        elif address.area in S7_AREAS:
+            area, db = str(S7_AREAS[address.area]), "0"
+        if address.crc:
+            crc = f'"0x{address.crc:08x}"'
+    if item.return_code >= 0:
+        code = str(item.return_code or SUCCESS)
+    data = f'"{item.data.hex()}"' if item.data is not None else "null"
+    name = json_text(value.type_name) if value is not None else "null"
+    note = f',"note":{json_text(item.note)}' if item.note else ""
+    return (
+        f'{{"address":{label},"syntax_id":null,"area":{area},"db":{db},"start_bit":{start}'
+        f',"transport_size":null,"count":null,"return_code":{code},"data":{data},"value":{_value_json(item.json_value)}'
+        f',"number":{item.number},"type":{name},"crc":{crc},"path":{path}{note}}}'
+    )
+
+
+def _value_json(value: object) -> str:
+    """Return JSON of a value: numbers and texts, which most are, directly."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    return json_text(value) if isinstance(value, str) else _json(value)
 
 
 def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[str, int] | None) -> str:
@@ -233,17 +243,14 @@ def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[
     values |= {"param_length": None, "data_length": None, "error_class": None, "error_code": None}
     values["function"] = {"code": pdu.function, "name": pdu.function_name} if pdu.function >= 0 else _NO_FUNCTION
     found, hidden = shown_contents(pdu)
-    head = plus_as_dict(pdu)
-    if found.integrity_id >= 0:
-        head["integrity_id"] = found.integrity_id
-    values["s7plus"] = head
+    parts: dict[str, object] = {}
     if found.parts:
-        values["parts"] = [_part_as_dict(part, pdu, hidden) for part in found.parts]
-    values["octets"] = without_secrets(pdu, hidden).hex()
-    values["cut"] = pdu.cut
+        parts["parts"] = [_part_as_dict(part, pdu, hidden) for part in found.parts]
+    parts["octets"] = without_secrets(pdu, hidden).hex()
+    parts["cut"] = pdu.cut
     facts = [fact.as_dict() for fact in pdu.malformed]
-    values["malformed"] = facts + [fact.as_dict() | {"offset": pdu.place(fact.offset)} for fact in found.malformed]
-    return _json(values)
+    parts["malformed"] = facts + [fact.as_dict() | {"offset": pdu.place(fact.offset)} for fact in found.malformed]
+    return f'{_json(values)[:-1]},"s7plus":{head_json(pdu, found.integrity_id)},{_json(parts)[1:]}'
 
 
 def _part_as_dict(part: Part, pdu: PlusPdu, hidden: list[tuple[int, int]]) -> dict[str, object]:
@@ -270,4 +277,4 @@ def _part_as_dict(part: Part, pdu: PlusPdu, hidden: list[tuple[int, int]]) -> di
 
 def _json(values: object) -> str:
     """Return JSON in ASCII; DEL, which JSON would leave as it is, is escaped like every other control."""
-    return json.dumps(values, separators=(",", ":")).replace("\x7f", "\\u007f")
+    return _ENCODER.encode(values).replace("\x7f", "\\u007f")

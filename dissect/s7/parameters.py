@@ -337,9 +337,21 @@ class ParameterCache:
         self._old: list[dict[bytes, Parameters]] = [{} for _ in range(8)]
         self._blocks: i64 = 0
         self._octets: i64 = 0
+        #: Function and item count are the whole block of half of all PDUs: these, by both of them.
+        self._short: list[Parameters | None] = [None] * 512
 
-    def get(self, octets: bytes, rosctr: i64) -> Parameters:
-        """Return the parsed block for ``octets`` of a PDU with ROSCTR 0 to 7."""
+    def get(self, buf: bytes, at: i64, end: i64, rosctr: i64) -> Parameters:
+        """Return the parsed block ``buf[at:end]`` of a PDU with ROSCTR 0 to 7."""
+        if rosctr == ACK_DATA and end - at == 2 and (buf[at] == READ_VAR or buf[at] == WRITE_VAR):
+            place: i64 = (buf[at] - READ_VAR) * 256 + buf[at + 1]
+            short = self._short[place]
+            if short is None:
+                short = parse_parameters(buf[at:end], rosctr)
+                self._short[place] = short
+            return short
+        return self._distinct(buf[at:end], rosctr)
+
+    def _distinct(self, octets: bytes, rosctr: i64) -> Parameters:
         parameters = self._young[rosctr].get(octets)
         if parameters is None:
             parameters = self._old[rosctr].pop(octets, None)

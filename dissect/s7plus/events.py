@@ -7,8 +7,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object
@@ -48,7 +51,7 @@ from dissect.s7plus.tables import (
     V3,
 )
 from dissect.s7plus.value_showing import value_text
-from dissect.s7plus.values import Value
+from dissect.s7plus.values import Blob, Value
 from dissect.s7plus.walk import MAX_WORK, Wanted
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
@@ -87,7 +90,6 @@ _LANGUAGE: Final = 2523
 _CODE: Final = frozenset((2533, 2580))
 #: Attributes of objects that are read, those that are only sought included.
 _WANTED: Final = table(ASKED_OF_OBJECTS | _CODE | {NAME, _NUMBER, _LANGUAGE, _CYCLE})
-_OUTPUTS: Final = frozenset((81,))
 #: Blocks that are named.
 _NAMED: Final = 5
 
@@ -103,17 +105,9 @@ _COUNTED: Final = frozenset((
     CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
 ))  # fmt: skip
 _ALWAYS: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, EXPLORE))
+#: Those of which a glance tells what matters, when they are plain.
+GLANCED: Final = frozenset((GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES, DELETE_OBJECT))
 _REQUEST_SIZE: Final = 14
-_RESPONSE_SIZE: Final = 10
-# Within the fixed part of a request.
-_SEQUENCE: Final = 7
-_SESSION_ID: Final = 9
-#: Reads whose latest answers are kept of one connection, and the octets of the largest that are.
-_POLLS: Final = 64
-_LARGEST_POLL: Final = 4096
-#: What ends most PDUs, and the octets that an integrity id may have beside its last one.
-_FILL: Final = bytes(4)
-_MORE_OF_ID: Final = 4
 _HEADER: Final = 4
 _INTEGRITY: Final = 33
 
@@ -159,11 +153,10 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
         session.explores += 1
         if not _tells(response):
             return None
-    polled = answered = b""
-    if function == GET_MULTI_VARIABLES:
-        polled, answered = _steady(request, _REQUEST_SIZE), _steady(response, _RESPONSE_SIZE)
-        if answered and session.polls.get(polled) == answered:
-            return _polled_again(session, request, len(polled))
+    if response and function in GLANCED:
+        seen = glance(function, request, response, session.outputs_told, session.elsewhere_told)
+        if seen is not None:
+            return _seen(session, function, seen)
     facts = Facts()
     asked = _read(request, facts)
     _judge_integrity(session, facts, *asked)
@@ -171,44 +164,22 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
     answer = told[1] if told is not None and told[0].function == function else None
     good = answer is None or (told is not None and told[0].return_code < 0x8000)
     _judge(session, facts, function, asked[1], answer, good)
-    if polled and answered and not facts.malformed:
-        while len(session.polls) >= _POLLS:
-            del session.polls[next(iter(session.polls))]
-        session.polls[polled] = answered
     return facts
 
 
-def _steady(octets: bytes, head: int) -> bytes:
-    """Return of a PDU of GetMultiVariables in one frame what is the same when the same is read or answered again.
-
-    That is all but its numbers, its digest and its integrity id. In front of the id a list ends with 0; where none does, or
-    something else than four zeros ends the PDU, empty: such PDUs are always read.
-    """
-    size = len(octets)
-    if size < _HEADER or size > _LARGEST_POLL or _HEADER + u16(octets, 2) + _HEADER != size:
-        return b""
-    at = _HEADER + head + (_INTEGRITY if octets[1] == V3 else 0)
-    end = size - _HEADER - len(_FILL)
-    if end <= at or octets[end : end + len(_FILL)] != _FILL:
-        return b""
-    end -= 1
-    least = end - _MORE_OF_ID
-    while end > at and end > least and octets[end - 1] >= 0x80:
-        end -= 1
-    return octets[at:end] if end > at and octets[end - 1] == 0 else b""
-
-
-def _polled_again(session: PlusSession, octets: bytes, size: int) -> Facts | None:
-    """Judge a request that asks the same as before, ``size`` octets behind its head, and got the same: by its integrity id."""
-    at = _HEADER + (_INTEGRITY if octets[1] == V3 else 0)
-    id_, _ = read_varint(octets, at + _REQUEST_SIZE + size, len(octets), VLQ)
-    if id_ <= 0 or u32(octets, at + _SESSION_ID) not in session.given:
-        return None  # as when it is read: zeros alone are no id
-    if not session.repeats(False, u16(octets, at + _SEQUENCE), id_):
-        return None
+def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
+    """Judge a plain transaction, of which a glance told all that matters."""
     facts = Facts()
-    facts.events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(GET_MULTI_VARIABLES), id_)))
-    return facts
+    _judge_id(session, facts, function, seen.session_id, seen.sequence, seen.integrity_id)
+    if seen.stated:
+        _state(session, facts, seen.state)
+    if seen.record:
+        session.identified(seen.record)
+    if seen.authenticated:
+        session.authenticated = True
+    if function == DELETE_OBJECT:
+        _gone(session, facts, seen.deleted, True)
+    return facts if facts.events else None
 
 
 def _replayed(function: str, id_: int) -> str:
@@ -238,9 +209,12 @@ def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> t
 
 
 def _judge_integrity(session: PlusSession, facts: Facts, pdu: PlusPdu, found: Contents) -> None:
-    id_ = found.integrity_id
-    if id_ >= 0 and pdu.session_id in session.given and session.repeats(pdu.function in _COUNTED, pdu.sequence, id_):
-        facts.events.append(Event(REPLAYED, _replayed(pdu.function_name, id_)))
+    _judge_id(session, facts, pdu.function, pdu.session_id, pdu.sequence, found.integrity_id)
+
+
+def _judge_id(session: PlusSession, facts: Facts, function: int, session_id: int, sequence: int, id_: int) -> None:
+    if id_ >= 0 and session_id in session.given and session.repeats(function in _COUNTED, sequence, id_):
+        facts.events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(function), id_)))
 
 
 def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
@@ -255,7 +229,7 @@ def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
         return True
     object_id = u32(octets, at)
     if function == SET_MULTI_VARIABLES:
-        return object_id != 0 or not session.all_written
+        return object_id != 0 or not (session.outputs_told and session.elsewhere_told)
     if function == SET_VAR_SUBSTREAMED or object_id == CPU_EXEC_UNIT or object_id in AREAS:
         return True
     if (object_id >> 16) in BLOCK_KINDS:
@@ -282,12 +256,7 @@ def _judge(
     if function == CREATE_OBJECT:
         _created(session, facts, asked, told, good)
     elif function == DELETE_OBJECT:
-        block = block_name(asked.object_id)
-        if block:
-            facts.events.append(Event(CHANGED, f"delete {block}", asked.object_id))
-        elif good:
-            session.unsubscribe(asked.object_id)
-            facts.events.append(Event(DELETED, "", asked.object_id))
+        _gone(session, facts, asked.object_id, good)
     elif function == EXPLORE:
         if told is not None and good:
             _explored(session, facts, told)
@@ -297,6 +266,16 @@ def _judge(
         _states(session, facts, asked, told)
     elif asked.ids:
         _one(session, facts, function, asked, told, good)
+
+
+def _gone(session: PlusSession, facts: Facts, object_id: int, good: bool) -> None:
+    """An object is deleted."""
+    block = block_name(object_id)
+    if block:
+        facts.events.append(Event(CHANGED, f"delete {block}", object_id))
+    elif good:
+        session.unsubscribe(object_id)
+        facts.events.append(Event(DELETED, "", object_id))
 
 
 def _created(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None, good: bool) -> None:
@@ -373,7 +352,7 @@ def _written(session: PlusSession, facts: Facts, asked: Contents, good: bool) ->
 def _write(session: PlusSession, facts: Facts, address: Address, value: Value | None) -> None:
     if address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS:
         return
-    kind = WRITTEN_OUTPUTS if address.area in _OUTPUTS else WRITTEN
+    kind = WRITTEN_OUTPUTS if address.area in OUTPUTS else WRITTEN
     facts.events.append(
         Event(kind, f"{session.label(address)}{f' = {value_text(value)}' if value is not None else ''}")
     )
@@ -386,9 +365,10 @@ def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, tol
         if told is None or told.value is None or not good:
             return
         if ids[-1] == OPERATING_STATE:
-            _state(session, facts, told.value)
+            _state(session, facts, _number(told.value))
         elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
-            session.identified(told.value)
+            record = told.value.content
+            session.identified(record.octets if isinstance(record, Blob) else b"")
         return
     value = asked.value
     if asked.pieces:
@@ -417,12 +397,16 @@ def _states(session: PlusSession, facts: Facts, asked: Contents, told: Contents 
     for number, address in enumerate(asked.addresses, 1):
         value = values.get(number)
         if value is not None and _is_state(address):
-            _state(session, facts, value)
+            _state(session, facts, _number(value))
 
 
-def _state(session: PlusSession, facts: Facts, value: Value) -> None:
+def _number(value: Value) -> int:
+    """Return what a value holds, -1 unless it is a number."""
+    return value.content if isinstance(value.content, int) else -1
+
+
+def _state(session: PlusSession, facts: Facts, state: int) -> None:
     """Note the operating state of the CPU; an event where it is a different one from before."""
-    state = value.content if isinstance(value.content, int) else -1
     before, session.identity.state = session.identity.state, state
     session.identity.tell(OPERATING_MODE, OPERATING_STATES.name(state) if state in _STATES else "", IN_VARIABLE)
     if state in _STATES and before >= 0 and state != before:
@@ -431,8 +415,11 @@ def _state(session: PlusSession, facts: Facts, value: Value) -> None:
 
 def subscription_of(octets: bytes) -> int:
     """Return the subscription of a notification, read in place; -1 when it is too short."""
-    at = _HEADER + 1 + (_INTEGRITY if octets[1:2] == bytes((V3,)) else 0)
-    return int(u32(octets, at)) if at + 4 <= len(octets) else -1
+    size: i64 = len(octets)
+    if size < _HEADER:
+        return -1
+    at: i64 = _HEADER + 1 + (_INTEGRITY if octets[1] == V3 else 0)
+    return u32(octets, at) if at + 4 <= size else -1
 
 
 def _notified(session: PlusSession, octets: bytes) -> Facts | None:
@@ -443,5 +430,5 @@ def _notified(session: PlusSession, octets: bytes) -> Facts | None:
     for reference, value in found.items:
         address = session.address_of(pdu.subscription_id, reference)
         if address is not None and address.lids[-1:] == [OPERATING_STATE]:
-            _state(session, facts, value)
+            _state(session, facts, _number(value))
     return facts

@@ -19,6 +19,8 @@ from dissect.s7plus.tables import (
     GET_VAR_SUBSTREAMED,
     GET_VARIABLE,
     NOTIFICATION,
+    NOTIFIED,
+    RETURN_CODES,
     SET_MULTI_VARIABLES,
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
@@ -26,11 +28,10 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_showing import as_json, value_said
 from dissect.s7plus.value_tables import WSTRING
 from dissect.s7plus.values import Packed, Value
+from dissect.wire.codes import CodeTable
 
 READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
 WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
-#: Of a notification: the CPU refuses an item, and says no more about why.
-REFUSED: Final = 0xFFFF
 
 #: Elements of an array that are shown.
 _SHOWN: Final = 8
@@ -41,18 +42,20 @@ _NEGATIVE: Final = 0x8000
 class PlusItem:
     """One item. ``number`` counts from 1, in a notification it is the reference.
 
-    ``return_code`` is 0 when all is well, -1 when no answer says, else the lower 16 bits of a return value, or `REFUSED`.
+    ``return_code`` is 0 when all is well, -1 when no answer says, else the lower 16 bits of a return value, in a notification
+    0x13 or 0x03; ``codes`` names it.
     ``found`` is what the program calls it, where that passed; ``note`` says in what the value or the checksum of its symbol
     contradicts that.
     """
 
-    __slots__ = ("address", "data", "found", "note", "number", "program", "return_code", "value")
+    __slots__ = ("address", "codes", "data", "found", "note", "number", "program", "return_code", "value")
 
     def __init__(self, number: int, address: Address | None, value: Value | None, return_code: int) -> None:
         self.number = number
         self.address = address
         self.value = value
         self.return_code = return_code
+        self.codes: CodeTable = RETURN_CODES
         self.data: bytes | None = None
         self.found: Found | None = None
         self.program: Program | None = None
@@ -217,8 +220,10 @@ def _notified(told: Half, session: PlusSession | None) -> list[PlusItem]:
         item = PlusItem(reference, _subscribed(session, subscription, reference), value, 0)
         item.data = _data(value, told)
         items.append(item)
-    for reference, _ in told.contents.refusals:
-        items.append(PlusItem(reference, _subscribed(session, subscription, reference), None, REFUSED))
+    for reference, kind in told.contents.refusals:
+        item = PlusItem(reference, _subscribed(session, subscription, reference), None, kind)
+        item.codes = NOTIFIED
+        items.append(item)
     return items
 
 

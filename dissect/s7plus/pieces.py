@@ -16,7 +16,7 @@ from dissect.wire.varint import VLQ, VLQ64
 
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
 #: The qualifier of every capture, with its three members, and what reading those costs.
-_USUAL_QUALIFIER: Final = _QUALIFIER + bytes.fromhex("896900120000000089 6a001300 896b000400 00")
+USUAL_QUALIFIER: Final = _QUALIFIER + bytes.fromhex("896900120000000089 6a001300 896b000400 00")
 _COST: Final = 3 * STEP
 
 
@@ -64,8 +64,8 @@ def take_reserved(walk: Walk, size: int) -> None:
 def take_qualifier(walk: Walk) -> None:
     """Read the qualifier, which was the same in every capture. Raises `FormatError`."""
     at = walk.at
-    if not walk.shown and walk.octets.startswith(_USUAL_QUALIFIER, at, walk.end):
-        walk.at = at + len(_USUAL_QUALIFIER)
+    if not walk.shown and walk.octets.startswith(USUAL_QUALIFIER, at, walk.end):
+        walk.at = at + len(USUAL_QUALIFIER)
         walk.spend(_COST, "qualifier")
         return
     if walk.take(4, "qualifier") != _QUALIFIER:

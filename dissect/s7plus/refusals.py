@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.message import DIGEST_SIZE, PlusPdu
-from dissect.s7plus.tables import GET_MULTI_VARIABLES, SET_MULTI_VARIABLES
+from dissect.s7plus.message import DIGEST_SIZE, SHORT_HEADS, PlusPdu
+from dissect.s7plus.skipping import Skipper
+from dissect.s7plus.tables import (
+    GET_MULTI_VARIABLES,
+    NOTIFICATION,
+    REFUSED_ITEM,
+    REFUSED_ITEM_3,
+    SET_MULTI_VARIABLES,
+    V1,
+    VALUE_ITEM,
+)
 from dissect.s7plus.walk import MAX_WORK
-from dissect.wire.varint import VLQ64, read_varint
+from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 _FILL: Final = bytes(4)
+#: Octets of an item of a notification before its value, and those of the longest end of one without a second part.
+_REFERENCE: Final = 5
+_LONGEST_END: Final = 5
 #: Octets of a return value of 64 bits, of which all but the last have bit 7 set.
 _LONGEST: Final = 9
 
@@ -23,6 +37,37 @@ def refuses_items(pdu: PlusPdu) -> bool:
     if pdu.function != GET_MULTI_VARIABLES or _surely_none(pdu.body):
         return False
     return bool(parse_contents(pdu, False, MAX_WORK).refusals)
+
+
+def notifies_refusal(pdu: PlusPdu) -> bool:
+    """Tell whether a notification refuses items of its subscription. Never raises."""
+    body = pdu.body
+    if pdu.opcode != NOTIFICATION or (REFUSED_ITEM not in body and REFUSED_ITEM_3 not in body):
+        return False
+    return not _surely_notified(pdu) and bool(parse_contents(pdu, False, MAX_WORK).refusals)
+
+
+def _surely_notified(pdu: PlusPdu) -> bool:
+    """Pass over the values of a notification; True where nothing but values stands there, and then the end."""
+    body = pdu.body
+    end: i64 = len(body)
+    at: i64 = 1  # behind the count of changes
+    if pdu.version == V1 or end < 1:
+        return False
+    if pdu.subscription_id >= SHORT_HEADS:
+        _, at = read_varint(body, 0, end, VLQ)
+        if at < 0 or at >= end or body[at] == 0:
+            return False  # damaged, or with a time
+        at += 1
+    skipper = Skipper(body, at, end)
+    while skipper.at < end:
+        at = skipper.at
+        if body[at] != VALUE_ITEM:
+            return body[at] == 0 and end - at <= _LONGEST_END
+        skipper.at = at + _REFERENCE
+        if not skipper.value(0):
+            return False
+    return False
 
 
 def _surely_none(body: bytes) -> bool:

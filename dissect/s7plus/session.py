@@ -11,7 +11,7 @@ from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.program import Program, symbol
 from dissect.s7plus.program_tables import ROLES
-from dissect.s7plus.values import Blob, Struct, Value
+from dissect.s7plus.values import Struct, Value
 
 # Classes and attributes.
 SUBSCRIPTION: Final = 1001
@@ -86,24 +86,24 @@ class PlusSession:
     """What is known of one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report its
-    operating state. ``all_written`` tells that no further write is worth looking at. ``tls``: the client asked for TLS.
+    operating state. ``outputs_told`` and ``elsewhere_told`` tell that no further write to outputs, or to other
+    areas, is worth looking at. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
     sessions; ``integrity`` is the latest (sequence number, integrity id) of each of the two counters that a client has.
-    ``polls`` are the latest answers to reads that were judged, by the reads; both without what differs each time.
     """
 
     __slots__ = (
-        "all_written",
         "application",
         "authenticated",
         "challenged",
         "client_id",
+        "elsewhere_told",
         "explores",
         "given",
         "host",
         "identity",
         "integrity",
-        "polls",
+        "outputs_told",
         "program",
         "role",
         "session_name",
@@ -123,8 +123,8 @@ class PlusSession:
         self.user = ""
         self.session_name = ""
         self.explores = 0
-        self.all_written = False
-        self.polls: dict[bytes, bytes] = {}
+        self.outputs_told = False
+        self.elsewhere_told = False
         self.tls = False
         self.challenged = False
         self.authenticated = False
@@ -190,10 +190,8 @@ class PlusSession:
             self.identity.tell(ORDER_NUMBER, self.identity.order_number, IN_SESSION)
             self.identity.tell(FIRMWARE, self.identity.firmware, IN_SESSION)
 
-    def identified(self, value: Value) -> None:
+    def identified(self, octets: bytes) -> None:
         """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
-        blob = value.content
-        octets = blob.octets if isinstance(blob, Blob) else b""
         if len(octets) != IM0_SIZE or not octets.startswith(IM0_HEAD):
             return
         self.identity.order_number = octets[8:28].decode("latin-1").strip(" \0")

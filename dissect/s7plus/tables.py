@@ -134,8 +134,8 @@ PLAIN_VALUE_ITEM: Final = 0x83
 #: What begins an item of a notification.
 NOTIFIED: Final = CodeTable("S7comm-plus notified item", 2, [
     (0x00, "end", "No item follows."),
-    (REFUSED_ITEM_3, "refused", "The item cannot be read."),
-    (REFUSED_ITEM, "refused", "The item cannot be read."),
+    (REFUSED_ITEM_3, "refused", "The CPU refuses the item, and gives no reason."),
+    (REFUSED_ITEM, "refused", "The CPU refuses the item, and gives no reason."),
     (OBJECTS_ITEM, "objects", "Objects follow, as alarms."),
     (PLAIN_VALUE_ITEM, "value", "A value follows; from one source only."),
     (VALUE_ITEM, "value", "A value of the item."),

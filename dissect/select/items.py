@@ -21,7 +21,6 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.ids import DATA_BLOCK
 from dissect.s7plus.items import PlusItem
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.scd.wording import Row, json_value
 from dissect.select.literals import CodeValue, Place, place_of
 from dissect.transactions.naming import NamedValue, Naming
@@ -193,7 +192,7 @@ def plus_facts(item: PlusItem) -> ItemFacts:
     if item.return_code == 0:
         facts.return_code = CodeValue(SUCCESS, (RETURN_CODES.name(SUCCESS),))
     elif item.return_code > 0:
-        facts.return_code = CodeValue(item.return_code, (PLUS_CODES.name(item.return_code),))
+        facts.return_code = CodeValue(item.return_code, (item.codes.name(item.return_code),))
     if item.value is not None:
         facts.type = CodeValue(None, (item.value.type_name,))
     address = item.address

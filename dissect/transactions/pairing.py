@@ -34,6 +34,7 @@ from dissect.transactions.results import (
     SIZE_MISMATCH,
     check_answer,
     check_data_codes,
+    check_notification,
     check_other_answer,
     check_written,
     error_code,
@@ -532,6 +533,8 @@ class Dialogue:
         if head is not None and head.error_code:
             transaction.error_code = head.error_code
             transaction.has_errors = True
+        elif rosctr > USERDATA:
+            check_notification(transaction)
         side.connection.unsolicited += 1
         return transaction
 

@@ -46,6 +46,8 @@ _KINDS: Final[dict[str, str]] = {
 }
 #: Those that go on until their object is deleted; the others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
+#: How the order numbers of panels begin: who gets a stream says of itself that it is one.
+_PANELS: Final = "6AV"
 _DELETE: Final = "delete "
 _LOAD: Final = "load "
 _MAX_SUBJECT: Final = 200
@@ -98,6 +100,8 @@ class PlusOperations:
             return
         kind = _KINDS.get(event.kind, "")
         subject = session.describe() if event.kind == SESSION else event.text
+        if event.kind == STREAMED and session.identity.order_number.startswith(_PANELS):
+            subject = f"panel {session.identity.order_number}: {subject}"
         if event.kind == CHANGED:
             kind = kinds.DELETE if subject.startswith(_DELETE) else kinds.DOWNLOAD
             subject = subject.removeprefix(_DELETE).removeprefix(_LOAD)
@@ -161,7 +165,7 @@ class PlusOperations:
     def polled(self, session: PlusSession, transaction: Transaction) -> None:
         """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""
         octets = transaction.request_octets
-        at = _BODY + (_DIGEST if octets[1:2] == bytes((V3,)) else 0)
+        at = _BODY + (_DIGEST if len(octets) > 1 and octets[1] == V3 else 0)
         key = int(transaction.connection.number), octets[at : octets.find(_QUALIFIER, at)]
         poll = self._polls.get(key)
         if poll is None:

@@ -34,7 +34,7 @@ from dissect.s7.values import Value, decode_value
 from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
 from dissect.s7plus.message import parsed
 from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.refusals import refuses_items
+from dissect.s7plus.refusals import notifies_refusal, refuses_items
 from dissect.s7plus.tables import ERRORS, refuses
 from dissect.transactions.payloads import ScdParameters
 from dissect.wire.build import COMPILED
@@ -110,6 +110,12 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.error_code = code
         transaction.has_errors = True
     elif refuses_items(pdu):
+        transaction.has_errors = True
+
+
+def check_notification(transaction: Transaction) -> None:
+    """Look whether an S7comm-plus notification refuses items of its subscription."""
+    if transaction.is_plus and notifies_refusal(parsed(transaction.response_octets)):
         transaction.has_errors = True
 
 

@@ -1,9 +1,9 @@
 """The table of TCP connections: from the addresses in a packet to the side of a connection it belongs to.
 
-Strategy: one dictionary lookup for each packet, and a bound on everything. Connection attempts without a response wait in a
-small table of their own, so that a port scan cannot push out connections that carry traffic. When too many connections are
-open, the longest idle ones have to leave. `IdleSearch` finds them ahead of time, a few with each connection that opens,
-because a live capture must not stall while thousands of connections are searched.
+Strategy: at most one dictionary lookup for each packet, and a bound on everything. Connection attempts without a response
+wait in a small table of their own, so that a port scan cannot push out connections that carry traffic. When too many
+connections are open, the longest idle ones have to leave. `IdleSearch` finds them ahead of time, a few with each connection
+that opens, because a live capture must not stall while thousands of connections are searched.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from dissect.s7plus.stream import FrameStream
 from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Kept, Protocol
+from dissect.wire.octets import u16, u32
 
 #: Connections looked at in one step.
 LOOK_AT_ONCE: Final = 64
@@ -123,6 +124,10 @@ MAX_LINGERING: Final = 2048
 
 _PORTS: Final = 4
 _VLAN: Final = 8
+#: Octets of a key of IPv4.
+_KEY4: Final = 8 + _PORTS
+#: Sides that are found without the dictionary, at first; four times as many whenever more than that are open.
+_PLACES: Final = 1024
 
 
 class Side:
@@ -144,10 +149,13 @@ class Side:
         "last_ack",
         "missing",
         "peer",
+        "place",
         "plus",
         "probes",
         "protocol",
+        "receiver",
         "requests",
+        "sender",
         "stream",
         "tcp",
         "told_overdue",
@@ -171,6 +179,9 @@ class Side:
         self.inner: FrameStream | None = None  # of what was decrypted; there from the first of it on
         self.kept: Kept | None = None  # of another protocol that frames the stream by itself, in the place of `framer`
         self.peer: Side | None = None
+        self.place: i64 = -1  # where `ConnectionTable.find` found it last, by these two
+        self.sender: i64 = 0
+        self.receiver: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.requests: i64 = 0
@@ -253,9 +264,34 @@ class ConnectionTable:
         # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
         self._half_open: OrderedDict[bytes, _Syn] = OrderedDict()
         self._lingering: deque[Side] = deque()
+        self._places: list[Side | None] = [None] * _PLACES
         self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
+
+    def find(self, buf: bytes, at: i64) -> Side | None:
+        """Return the side that `sides` has for the IPv4 addresses and ports at ``at``, as they stand in a key.
+
+        What was found last for a packet with the same hash is tried first, which needs no bytes of its own.
+        """
+        sender: i64 = (u32(buf, at) << 16) | u16(buf, at + 8)
+        receiver: i64 = (u32(buf, at + 4) << 16) | u16(buf, at + 10)
+        places = self._places
+        place: i64 = ((sender ^ (sender >> 16)) + 5 * (receiver ^ (receiver >> 16))) & (len(places) - 1)
+        side = places[place]
+        if side is not None and side.sender == sender and side.receiver == receiver:
+            return side
+        side = self.sides.get(buf[at : at + _KEY4])
+        if side is not None:
+            side.sender = sender
+            side.receiver = receiver
+            side.place = place
+            places[place] = side
+        return side
+
+    def _leave_place(self, side: Side) -> None:
+        if 0 <= side.place < len(self._places) and self._places[side.place] is side:
+            self._places[side.place] = None
 
     def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64, link: bytes = b"") -> None:
         """Remember a connection attempt until the other side answers or data follows; ``link`` as `TcpConnection.note_link`."""
@@ -292,8 +328,14 @@ class ConnectionTable:
         side1 = Side(1, reverse_key(first), tcp, connection, self._first)
         side0.peer = side1
         side1.peer = side0
+        for key_taken in (side0.key, side1.key):
+            before = self.sides.get(key_taken)
+            if before is not None:
+                self._leave_place(before)
         self.sides[side1.key] = side1
         self.sides[side0.key] = side0  # last: it stands for the connection, also where both ends have the same address
+        if len(self.sides) > len(self._places):
+            self._places = [None] * (4 * len(self._places))
         return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:
@@ -306,6 +348,7 @@ class ConnectionTable:
         for end in (side, peer):
             if end is not None:
                 end.peer = None
+                self._leave_place(end)
                 if self.sides.get(end.key) is end:
                     del self.sides[end.key]
 

@@ -275,11 +275,15 @@ class Transaction:
     @property
     def request_octets(self) -> bytes:
         """The request's S7 PDU, empty when there is none."""
+        if self.request_offset == 0 and self.request_size == len(self.request_buf):
+            return self.request_buf  # no copy
         return self.request_buf[self.request_offset : self.request_offset + self.request_size]
 
     @property
     def response_octets(self) -> bytes:
         """The answer's S7 PDU, empty when there is none."""
+        if self.response_offset == 0 and self.response_size == len(self.response_buf):
+            return self.response_buf  # no copy
         return self.response_buf[self.response_offset : self.response_offset + self.response_size]
 
     @property
@@ -463,8 +467,8 @@ class Transaction:
             TransactionError(
                 ITEM,
                 item.return_code,
-                PLUS_CODES.name(item.return_code),
-                PLUS_CODES.text(item.return_code),
+                item.codes.name(item.return_code),
+                item.codes.text(item.return_code),
                 item.number,
                 printable(item.label),
             )

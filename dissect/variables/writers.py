@@ -12,10 +12,10 @@ from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import plain_cell, quoted
-from dissect.report.writers.jsonl import json_text, value_text
+from dissect.report.writers.jsonl import value_text
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow, Variable
-from dissect.wire.text import Clock, cell, shortened
+from dissect.wire.text import Clock, cell, json_text, shortened
 
 if TYPE_CHECKING:
     from dissect.variables.summary import Summary

@@ -11,6 +11,7 @@ import os
 import re
 import time
 import unicodedata
+from json.encoder import encode_basestring_ascii
 from typing import Final
 
 from mypy_extensions import i64
@@ -75,6 +76,11 @@ def _escape(character: str) -> str:
     if code < 0x100:
         return f"\\x{code:02x}"
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def json_text(value: str) -> str:
+    """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
+    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
 
 
 def encodable(text: str) -> str:

@@ -142,7 +142,7 @@ def test_selecting_with_an_expression(capfdbinary: Capture, tmp_path: Path) -> N
         (["--every", "1"], "a duration needs a unit"),
         (["--every", "1parsec"], "unknown unit 'parsec'"),
         (["--every", "0s"], "expected a time above 0"),
-        (["--summary", "--changes"], "--summary is of all values"),
+        (["--summary", "--changes"], "--summary covers all values"),
         (["other.pcapng"], "other.pcapng"),
     ],
 )

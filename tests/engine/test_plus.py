@@ -104,6 +104,20 @@ def test_requests_that_want_no_response_and_notifications() -> None:
     assert talk.connections[0].unsolicited == 3
 
 
+@pytest.mark.parametrize("kind", [0x13, 0x03])
+def test_an_item_that_a_notification_refuses_is_an_error(kind: int) -> None:
+    talk = begun()
+    refused = bytes((kind, 0, 0, 0, 9)) + b"\0" + bytes(4)
+    values = b"\x92\0\0\0\x13\0\x07\0\x03\0" + bytes(4)
+    head = notified()[:-1]
+    talk.tell(framed(head + refused, 3), framed(head.replace(b"\5\1", b"\6\1") + values, 3))
+    talk.close()
+    first, second = talk.transactions
+    assert [(one.part, one.code, one.name, one.item) for one in first.errors] == [("item", kind, "refused", 9)]
+    assert (second.has_errors, second.errors) == (False, [])
+    assert "transaction.errors" not in talk.slugs()
+
+
 def test_a_response_of_the_other_form_answers_too() -> None:
     talk = begun()
     talk.ask(framed(asked(1)))
@@ -330,7 +344,7 @@ def test_shared_captures(
     """The numbers are those of tshark's TPDUs, counted apart from this package."""
     analysis = dissect.analyze(str(corpus / name))
     assert analysis.pipeline is not None
-    assert analysis.pipeline.plus.pdus == analysis.pipeline.iso.tsdus[1] == pdus
+    assert analysis.pipeline.plus.pdus == analysis.pipeline.iso.tsdus.counts()[1] == pdus
     assert {code: count for code, count in enumerate(analysis.pipeline.plus.opcodes) if count} == opcodes
     assert analysis.pipeline.plus.unpaired == analysis.pipeline.plus.cut_pdus == 0
     (connection,) = [one for one in analysis.connections if one.protocol == "s7comm_plus"]

@@ -89,7 +89,7 @@ def test_without_keys_everything_is_counted_and_nothing_more_is_said() -> None:
     session = connection.tls
     assert session is not None
     assert (session.opened, session.server_name, session.version_name) == (0, "plc.local", "TLS 1.3")
-    assert talk.pipeline.iso.tsdus[TLS] == len(found.flights)
+    assert talk.pipeline.iso.tsdus.counts()[TLS] == len(found.flights)
     ending = connection.ending
     assert ending is not None
     assert "last encrypted message" in ending.last_heard() or ending.last_encrypted_ns
@@ -285,7 +285,7 @@ def test_what_only_looks_like_tls_is_told_as_before() -> None:
     session = only(talk).tls
     assert session is not None
     assert session.directions[0].reader.skipped == 15
-    assert talk.pipeline.iso.tsdus[TLS] == 1
+    assert talk.pipeline.iso.tsdus.counts()[TLS] == 1
 
 
 def test_what_the_handshake_costs_is_bounded() -> None:

@@ -121,12 +121,12 @@ def test_a_part_made_before_serves_as_long_as_no_row_is_added() -> None:
     while run.step():
         pass
     feed.finish(run.pipeline, run.files)
-    own, ends, function = kept.batch.parts
+    own, ends, *others = kept.batch.parts
     many = [*ends.rows]
     for count in (1, 2):
         many += [(f"10.0.0.{count}", count, "10.0.0.9", 102)]
         at = [len(many) - 1] * len(kept.batch)
-        made = batches.batch(Batch(TRANSACTIONS, [own, Part(ends.names, many, at), function], {}))
+        made = batches.batch(Batch(TRANSACTIONS, [own, Part(ends.names, many, at), *others], {}))
         assert set(made.column("client_host").to_pylist()) == {f"10.0.0.{count}"}
 
 

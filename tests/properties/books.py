@@ -92,7 +92,7 @@ def check_books(pipeline: Pipeline, record: Record | None = None) -> None:
     assert octets.delivered == octets.framed + octets.skipped + octets.buffered + octets.failed
     assert octets.failed == 0 or (record is None and "internal.bug" in pipeline.finding_counts)
     assert min(octets.as_dict().values()) >= 0, octets.as_dict()
-    assert pipeline.iso.tsdus[0] == pipeline.s7.pdus == sum(pipeline.s7.rosctrs)
+    assert pipeline.iso.tsdus.counts()[0] == pipeline.s7.pdus == sum(pipeline.s7.rosctrs.counts())
     if record is None:
         return
     halves = sum([bool(one.request_frame) + bool(one.response_frame) for one in record.transactions])

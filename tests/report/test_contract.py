@@ -21,7 +21,7 @@ from dissect.wire.malformed import LIMITS, REASONS
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, cut_to
-from tests.report.schemas import NAMES, ROOT, complaints, load, parts, strict, table
+from tests.report.schemas import NAMES, ROOT, complaints, load, parts, quick_validator, strict, table, validator
 from tests.report.support import OWN, WORD, Kept, analysed, begun, observed, of_files, read
 
 Told = dict[str, Any]
@@ -107,6 +107,23 @@ def test_an_unknown_key_is_welcome_but_noticed() -> None:
         assert len(complaints("analysis", told, exact=True)) >= 1
         del part["surprise"]
     assert complaints("analysis", told, exact=True) == []
+
+
+def test_what_looks_fast_and_what_explains_agree() -> None:
+    """`complaints` asks the second library only about what the first objects to."""
+    told = told_of(analysed(begun().packets()))
+    wrong: list[Told] = [{key: value for key, value in told.items() if key != left} for left in told]
+    wrong += [{**told, key: value} for key in list(told)[::4] for value in (None, "x", {"x": 1})]
+    first = told["connections"][0]
+    wrong += [{**told, "connections": [{**first, key: {}}]} for key in list(first)[::4]]
+    seen = set()
+    for each in wrong:
+        for exact in (False, True):
+            sound = quick_validator("analysis", exact=exact).is_valid(each)
+            assert sound == validator("analysis", exact=exact).is_valid(each), each
+            assert bool(complaints("analysis", each, exact=exact)) is not sound
+            seen.add(sound)
+    assert seen == {True, False}
 
 
 @pytest.mark.parametrize("key", ["schema", "packets", "connections", "loss"])

@@ -197,18 +197,37 @@ def test_any_block(rosctr: int, octets: bytes) -> None:
 # ---- the cache ------------------------------------------------------------------------------------------------------
 
 
+def found(cache: ParameterCache, octets: bytes, rosctr: int) -> Parameters:
+    return cache.get(b"?" + octets + b"?", 1, 1 + len(octets), rosctr)
+
+
+def test_cache_gives_every_short_answer() -> None:
+    cache = ParameterCache()
+    for function in (0x04, 0x05, 0xF0):
+        for count in range(256):
+            block = bytes((function, count))
+            for rosctr in (JOB, ACK_DATA):
+                first = found(cache, block, rosctr)
+                told, parsed = [
+                    (one.octets, one.rosctr, one.function, one.item_count, len(one.malformed))
+                    for one in (first, parse_parameters(block, rosctr))
+                ]
+                assert told == parsed
+                assert found(cache, block, rosctr) is first
+
+
 def test_cache_gives_the_same_object_for_the_same_octets() -> None:
     cache = ParameterCache()
     octets = b"\x04\x01" + dbw(1, 2)
-    first = cache.get(octets, JOB)
-    assert cache.get(bytes(bytearray(octets)), JOB) is first
+    first = found(cache, octets, JOB)
+    assert found(cache, bytes(bytearray(octets)), JOB) is first
     assert first.items[0].address == "DB1.DBW2"
 
 
 def test_cache_keeps_requests_and_answers_apart() -> None:
     cache = ParameterCache()
-    asked = cache.get(b"\xf0\x00\x00\x01\x00\x01\x01\xe0", JOB)
-    told = cache.get(b"\xf0\x00\x00\x01\x00\x01\x01\xe0", ACK_DATA)
+    asked = found(cache, b"\xf0\x00\x00\x01\x00\x01\x01\xe0", JOB)
+    told = found(cache, b"\xf0\x00\x00\x01\x00\x01\x01\xe0", ACK_DATA)
     assert (asked.rosctr, told.rosctr) == (JOB, ACK_DATA)
 
 
@@ -232,7 +251,7 @@ def test_cache_is_bounded_in_blocks(nothing_else: None) -> None:
     cache = ParameterCache()
     most = 0
     for number in range(3 * ParameterCache.CAPACITY):
-        cache.get(b"\x1e\x00\x00\x00" + number.to_bytes(4, "big"), JOB)
+        found(cache, b"\x1e\x00\x00\x00" + number.to_bytes(4, "big"), JOB)
         if number % 2000 == 1999:
             most = max(most, held(Parameters) - before)
     assert ParameterCache.CAPACITY < most <= 2 * ParameterCache.CAPACITY
@@ -245,7 +264,7 @@ def test_cache_is_bounded_in_octets(nothing_else: None) -> None:
     most = 0
     for number in range(40):
         kind = KINDS[number % len(KINDS)]
-        parameters = cache.get(b"\x28" + block + bytes((number,)), kind)
+        parameters = found(cache, b"\x28" + block + bytes((number,)), kind)
         assert parameters.octets[-1] == number
         del parameters
         most = max(most, held(Parameters) - before)
@@ -255,17 +274,17 @@ def test_cache_is_bounded_in_octets(nothing_else: None) -> None:
 def test_what_is_polled_stays_while_others_come_once() -> None:
     cache = ParameterCache()
     polled = b"\x04\x01" + dbw(1, 2)
-    first = cache.get(polled, JOB)
+    first = found(cache, polled, JOB)
     for number in range(3 * ParameterCache.CAPACITY):
-        cache.get(b"\x1e\x00\x00\x00" + number.to_bytes(4, "big"), JOB)
+        found(cache, b"\x1e\x00\x00\x00" + number.to_bytes(4, "big"), JOB)
         if number % 5000 == 0:
-            assert cache.get(polled, JOB) is first
+            assert found(cache, polled, JOB) is first
     for number in range(2 * ParameterCache.CAPACITY):
-        cache.get(b"\x1d\x00\x00\x00" + number.to_bytes(4, "big"), JOB)
-    assert cache.get(polled, JOB) is not first
+        found(cache, b"\x1d\x00\x00\x00" + number.to_bytes(4, "big"), JOB)
+    assert found(cache, polled, JOB) is not first
 
 
 def test_a_block_larger_than_the_cache_is_parsed_all_the_same() -> None:
     cache = ParameterCache()
     octets = b"\x28" + bytes(ParameterCache.OCTETS + 1)
-    assert cache.get(octets, JOB).octets == octets
+    assert found(cache, octets, JOB).octets == octets

@@ -4,14 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address
 from dissect.s7plus.hiding import shown_contents, shown_half, without_secrets
 from dissect.s7plus.ids import HIDDEN
-from dissect.s7plus.items import REFUSED, PlusItem, join_items
+from dissect.s7plus.items import PlusItem, join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import refuses_items
+from dissect.s7plus.refusals import notifies_refusal, refuses_items
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import (
@@ -28,6 +29,7 @@ from dissect.s7plus.values import Blob, Struct, Value, build_value
 from tests.cases import each
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.strategies import VALUES
 from tests.s7plus.test_bodies import LEVEL, LOST, WORD
 from tests.s7plus.test_program import type_of, variable
 from tests.s7plus.test_session import LIST, subscribed
@@ -92,6 +94,31 @@ def test_one_variable() -> None:
     assert told_of(refused) == [("CPUexecUnit.DIS.OperatingState", "", 0xFFF4)]
 
 
+@given(
+    st.lists(st.one_of(VALUES, st.sampled_from([0x13, 0x03, 0x9B, 0x9C, 0x55])), max_size=4),
+    st.sampled_from([0x00000386, 0x70000E51]),
+    st.booleans(),
+    st.sampled_from([1, 2, 3]),
+    st.integers(0, 3),
+)
+def test_a_notification_that_refuses_items_is_known_by_a_glance(
+    items: list[object], subscription: int, timed: bool, version: int, lost: int
+) -> None:
+    data = b"\x33" + bodies.rid(subscription) + b"\4\0\0\0\0\0\1"
+    if subscription == 0x70000E51:
+        data += b"\5" + (b"\0" * 8 if timed else b"")
+    data += b"\1"
+    for one in items:
+        reference = b"\0\0\0\x13"
+        if isinstance(one, Value):
+            data += b"\x92" + reference + build_value(one)
+        elif isinstance(one, int):
+            data += bytes((one,)) + (b"\5" + build_value(FIVE) if one == 0x9B else reference)
+    data += b"\0" + bytes(4)
+    pdu = parse_plus(framed(data[: len(data) - 5 * lost], version))
+    assert notifies_refusal(pdu) == bool(parse_contents(pdu, False).refusals)
+
+
 def test_functions_without_items() -> None:
     assert joined(DELETE_OBJECT, bodies.delete_object(5)) == []
     assert joined(GET_MULTI_VARIABLES, answer=bodies.multi_got([(1, FIVE)], [])) == []
@@ -106,7 +133,7 @@ def test_a_notification_has_the_addresses_of_its_subscription() -> None:
     half = shown_half(parse_plus(framed(data, 2)))
     assert told_of(join_items(None, half, one)) == [
         ("M LID 10 [CRC 0xa1d977b6]", "Int 5", 0),
-        ("M LID 9 [CRC 0xac43db80]", "", REFUSED),
+        ("M LID 9 [CRC 0xac43db80]", "", 0x13),
     ]
     assert told_of(join_items(None, half, None))[0] == ("item 4294967295", "Int 5", 0)
 

@@ -11,8 +11,8 @@ from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import MAX_SUBSCRIPTIONS, Identity, PlusSession, parse_reference_list
 from dissect.s7plus.tables import CREATE_OBJECT
-from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, STRUCT, UDINT, WSTRING
-from dissect.s7plus.values import Blob, Struct, Value
+from dissect.s7plus.value_tables import ADDRESS_ARRAY, STRUCT, UDINT, WSTRING
+from dissect.s7plus.values import Struct, Value
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 
@@ -62,9 +62,9 @@ def test_who_the_client_is_and_which_cpu_answers() -> None:
 
 def test_the_identification_record() -> None:
     one = session()
-    one.identified(Value(0, BLOB, Blob(0, RECORD[:-1])))
+    one.identified(RECORD[:-1])
     assert one.identity.order_number == ""
-    one.identified(Value(0, BLOB, Blob(0, RECORD)))
+    one.identified(RECORD)
     identity = one.identity
     assert (identity.order_number, identity.serial_number, identity.firmware) == (
         "6ES7 215-1AG40-0XB0",

@@ -9,8 +9,6 @@ import pytest
 
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.value_tables import BLOB
-from dissect.s7plus.values import Blob, Value
 from dissect.stations import facts
 from dissect.stations.evidence import clock_time
 from dissect.stations.facts import Fact
@@ -171,7 +169,7 @@ def test_a_session_of_s7comm_plus() -> None:
 def test_an_identification_record() -> None:
     record = bytes.fromhex("002000380100002a") + b"6ES7 511-1AK01-0AB0 " + b"S C-X123".ljust(16) + b"\0\3V\2\5\1"
     session = PlusSession(Program(), Identity())
-    session.identified(Value(0, BLOB, Blob(0, record.ljust(60, b"\0"))))
+    session.identified(record.ljust(60, b"\0"))
     assert [(key, value) for key, value, _ in session.identity.told] == [
         (facts.ORDER_NUMBER, "6ES7 511-1AK01-0AB0"),
         (facts.SERIAL_NUMBER, "S C-X123"),

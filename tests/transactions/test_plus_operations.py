@@ -29,11 +29,11 @@ def told_of(talk: Talk) -> list[tuple[str, str, str, int, int]]:
     return [(one.kind, one.subject, one.result, one.parts, one.pushes) for one in talk.operations]
 
 
-def log_in(talk: Talk) -> None:
+def log_in(talk: Talk, server: str = "6ES7 215-1AG40-0XB0 ;V4.3") -> None:
     """A panel opens session 0x387."""
     request = bodies.create_object(285, NOTHING, client(name="Session_1", application="HMI RT OMS+", host="panel"))
     talk.ask(framed(asked(1, CREATE_OBJECT, body=request), 1))
-    version = Value(0, STRUCT, Struct(314, [(319, Value(0, WSTRING, "1;6ES7 215-1AG40-0XB0 ;V4.3"))]))
+    version = Value(0, STRUCT, Struct(314, [(319, Value(0, WSTRING, f"1;{server}"))]))
     answer = build_object(PlusObject(288, 287, 0, 0, 0, [Attribute(306, version)]))
     talk.tell(framed(told(1, CREATE_OBJECT, b"\0\1\x87\x07" + answer + bodies.FILL), 1))
 
@@ -237,6 +237,19 @@ def test_a_stream_of_data() -> None:
     (transaction,) = talk.transactions
     assert operation.octets == transaction.request_size > 1500
     assert operation.first_frame == transaction.request_frame - 2
+    assert operation.duration_ns == 3 * MS
+
+
+def test_a_project_for_a_panel() -> None:
+    """The panel names itself; a file of its project is told with its octets and how long it took."""
+    talk = begun()
+    log_in(talk, "6AV2 124-0GC01-0AX0;V17.0")
+    stream(talk, 2, b"x" * 1000, b"y" * 500)
+    talk.tell(framed(told(2, SET_VAR_SUBSTREAMED, b"\0" + bodies.end(8)), 3))
+    found = [one for one in told_of(talk) if one[0] == "transfer"]
+    assert found == [("transfer", "panel 6AV2 124-0GC01-0AX0: 144.ObjectVariableTypeName", "done", 1, 0)]
+    (operation,) = [one for one in talk.operations if one.kind == "transfer"]
+    assert operation.octets > 1500
     assert operation.duration_ns == 3 * MS
 
 

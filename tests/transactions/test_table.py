@@ -55,6 +55,35 @@ def test_a_connection_has_two_sides() -> None:
     assert (table.sides, table.all_open()) == ({}, [])
 
 
+def test_a_side_is_found_as_long_as_its_connection_is_open() -> None:
+    table = ConnectionTable()
+    keys = [key(number) for number in range(3000)]
+    for turn in range(2):
+        for number, one in enumerate(keys):
+            assert table.find(b"??" + one + b"?", 2) is None
+            side = table.open(one, 0, number, turn)
+            for _ in range(2):
+                assert table.find(b"??" + one + b"?", 2) is side
+                assert table.find(reverse_key(one), 0) is side.peer
+            if number % 2:
+                table.remove(side)
+                assert table.find(one, 0) is None
+        for one in keys:
+            assert table.find(one, 0) is table.sides.get(one)
+        for side in table.all_open():
+            table.remove(side)
+
+
+def test_who_takes_the_addresses_of_another_is_found_in_its_place() -> None:
+    table = ConnectionTable()
+    first = table.open(V4, 0, 1, 1)
+    assert table.find(V4, 0) is first
+    second = table.open(V4, 0, 2, 2)
+    assert table.find(V4, 0) is second
+    table.remove(first)
+    assert table.find(V4, 0) is second
+
+
 def test_a_connection_of_an_address_with_itself_can_be_told_and_leave() -> None:
     table = ConnectionTable()
     one = V4[:4] * 2 + V4[8:10] * 2

@@ -9,7 +9,6 @@ through the standard library.
 from __future__ import annotations
 
 import json
-from json.encoder import encode_basestring_ascii
 from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
@@ -51,17 +50,12 @@ from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transa
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
-from dissect.wire.text import SHORT, Clock, decimal, hexadecimal
+from dissect.wire.text import SHORT, Clock, decimal, hexadecimal, json_text
 
 if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu
     from dissect.report.words import Places
     from dissect.transactions.connection import Connection
-
-
-def json_text(value: str) -> str:
-    """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
-    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
 
 
 def value_text(value: Value) -> str:

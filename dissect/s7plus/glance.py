@@ -1,0 +1,384 @@
+"""What plain reads, writes and deletions say that matters, found in place: no object is made of what nobody asks for.
+
+Most traffic is plain: one frame, a return value of 0, no refusals, the usual qualifier, an end in one of the known forms.
+Everything else is left to `dissect.s7plus.bodies`, which knows what is wrong and where. That both agree is a property test
+(tests/s7plus/test_glance.py).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7plus.blobs import COMPRESSED
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
+from dissect.s7plus.message import DIGEST_SIZE
+from dissect.s7plus.pieces import USUAL_QUALIFIER
+from dissect.s7plus.session import (
+    CPU_EXEC_UNIT,
+    CPU_PROXY,
+    IDENTIFICATION,
+    OPERATING_STATE,
+    REFERENCE_LIST,
+    SESSION_KEY,
+)
+from dissect.s7plus.skipping import Skipper
+from dissect.s7plus.tables import (
+    DELETE_OBJECT,
+    GET_MULTI_VARIABLES,
+    GET_VAR_SUBSTREAMED,
+    PROTOCOL_ID,
+    REQUEST,
+    RESPONSE,
+    SET_MULTI_VARIABLES,
+    V1,
+    V2,
+    V3,
+)
+from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, UDINT
+from dissect.wire.octets import u16, u32
+from dissect.wire.varint import SIGNED, VLQ, read_varint
+
+_HEADER: Final = 4
+_TRAILER: Final = 4
+_MORE: Final = 0x80
+#: Octets of the fixed part of a request, its session included, and of a response.
+_REQUEST_SIZE: Final = 14
+_RESPONSE_SIZE: Final = 10
+_SEQUENCE: Final = 7
+_SESSION_ID: Final = 9
+#: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
+_LARGEST: Final = 4096
+#: Attributes whose writing is more than a glance can tell.
+_TOLD: Final = PASSWORDS | {REFERENCE_LIST}
+#: Areas of the outputs.
+OUTPUTS: Final = frozenset((81,))
+
+
+class Glance:
+    """One half of a plain transaction. ``plain`` is False when it must be read; then nothing else of it counts."""
+
+    __slots__ = ("_end", "_octets", "at", "data", "plain", "version")
+
+    def __init__(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
+        """``size`` octets are fixed, of a PDU in one frame of version 1, 2 or 3."""
+        self._octets: bytes = octets
+        length: i64 = len(octets)
+        self.plain: bool = False
+        self.at: i64 = 0
+        self.data: i64 = 0  # where the opcode stands
+        self.version: i64 = 0
+        self._end: i64 = length - _TRAILER
+        if length < _HEADER + size + _TRAILER or length > _LARGEST or octets[0] != PROTOCOL_ID:
+            return
+        version: i64 = octets[1]
+        at: i64 = _HEADER
+        if version == V3:
+            if octets[at] != DIGEST_SIZE:
+                return
+            at += 1 + DIGEST_SIZE
+        elif version != V2 and version != V1:
+            return
+        end: i64 = self._end
+        if u16(octets, 2) != end - _HEADER or at + size > end:
+            return
+        if octets[end] != PROTOCOL_ID or octets[end + 1] != version or u16(octets, end + 2):
+            return
+        if octets[at] != opcode or u16(octets, at + 3) != function:
+            return
+        self.version = version
+        self.data = at
+        self.at = at + size
+        self.plain = True
+
+    def number(self) -> i64:
+        """Read a number of at most 32 bits without sign, -1 for none."""
+        at: i64 = self.at
+        if at >= self._end:
+            self.plain = False
+            return -1
+        first: i64 = self._octets[at]
+        if first < _MORE:
+            self.at = at + 1
+            return first
+        value, behind = read_varint(self._octets, at, self._end, VLQ)
+        if behind < 0:
+            self.plain = False
+            return -1
+        self.at = behind
+        return value
+
+    def count(self) -> i64:
+        """Read a count of things that take one octet or more each."""
+        count = self.number()
+        if count > self._end - self.at:
+            self.plain = False
+        return count
+
+    def four(self) -> i64:
+        """Read a number of four octets."""
+        at: i64 = self.at
+        if at + 4 > self._end:
+            self.plain = False
+            return -1
+        self.at = at + 4
+        return u32(self._octets, at)
+
+    def expect(self, octets: bytes) -> bool:
+        """Pass over octets that must be these."""
+        if not self._octets.startswith(octets, self.at, self._end):
+            self.plain = False
+            return False
+        self.at += len(octets)
+        return True
+
+    def skip(self, size: i64) -> bool:
+        """Pass over octets whatever they are."""
+        self.at += size
+        if self.at > self._end:
+            self.plain = False
+        return self.plain
+
+    def value(self) -> bool:
+        """Pass over a value."""
+        skipper = Skipper(self._octets, self.at, self._end)
+        if not skipper.value(0):
+            self.plain = False
+            return False
+        self.at = skipper.at
+        return True
+
+    def state(self) -> i64:
+        """Read the operating state, which CPUs send as DInt; -1 for a value of another type, which must be read."""
+        at: i64 = self.at
+        octets = self._octets
+        if at + 3 > self._end or octets[at] or octets[at + 1] != DINT:
+            self.plain = False
+            return -1
+        value, behind = read_varint(octets, at + 2, self._end, SIGNED)
+        if behind < 0:
+            self.plain = False
+            return -1
+        self.at = behind
+        return value
+
+    def blob(self) -> bytes:
+        """Read the octets of a blob; empty where it is none, and then it must be read."""
+        at: i64 = self.at
+        octets = self._octets
+        if at + 4 > self._end or octets[at] or octets[at + 1] != BLOB or octets[at + 2] > 1:
+            self.plain = False
+            return b""
+        self.at = at + 3
+        size = self.number()
+        begin: i64 = self.at
+        if size < 0 or not self.skip(size):
+            return b""
+        return octets[begin : self.at]
+
+    def ends(self) -> i64:
+        """Read the end of a PDU: its integrity id, -1 for none. Not plain when something else stands there."""
+        if self._zeros(self.at):
+            return -1
+        id_ = self.number()
+        if not self.plain or self.version == V1 or not self._zeros(self.at):
+            self.plain = False
+            return -1
+        return id_
+
+    def _zeros(self, at: i64) -> bool:
+        size: i64 = self._end - at
+        return (size == 4 or size == 5) and u32(self._octets, self._end - 4) == 0 and self._octets[at] == 0
+
+
+class Seen:
+    """What a plain transaction says: ``state`` is the operating state, -1 for none; ``record`` an identification record.
+
+    ``authenticated``: the key of a session was written. ``deleted`` is the object that was, -1 for none. ``integrity_id``,
+    ``sequence`` and ``session_id`` are those of the request.
+    """
+
+    __slots__ = ("authenticated", "deleted", "integrity_id", "record", "sequence", "session_id", "state", "stated")
+
+    def __init__(self) -> None:
+        self.state: int = -1
+        self.stated = False  # the state was asked for, and came
+        self.record = b""
+        self.authenticated = False
+        self.deleted: int = -1
+        self.integrity_id: int = -1
+        self.sequence: int = 0
+        self.session_id: int = 0
+
+
+def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewhere: bool) -> Seen | None:
+    """Look at a request and the response that it got; None when they must be read.
+
+    ``outputs`` and ``elsewhere`` tell of writes to outputs and to other areas that no more of them are worth a look.
+    """
+    asked = Glance(request, REQUEST, function, _REQUEST_SIZE)
+    if not asked.plain:
+        return None
+    told = Glance(response, RESPONSE, function, _RESPONSE_SIZE)
+    if not told.plain or told.number() != 0:
+        return None
+    seen = Seen()
+    if function == GET_MULTI_VARIABLES:
+        _got(asked, told, seen)
+    elif function == GET_VAR_SUBSTREAMED:
+        _streamed(asked, told, seen)
+    elif function == SET_MULTI_VARIABLES:
+        _set(asked, told, seen, outputs, elsewhere)
+    elif function == DELETE_OBJECT:
+        _deleted(asked, told, seen)
+    else:
+        return None
+    if not asked.plain or not told.plain:
+        return None
+    seen.integrity_id = asked.ends()
+    told.ends()
+    if not asked.plain or not told.plain:
+        return None
+    data: i64 = asked.data
+    seen.sequence = u16(request, data + _SEQUENCE)
+    seen.session_id = u32(request, data + _SESSION_ID)
+    return seen
+
+
+def _got(asked: Glance, told: Glance, seen: Seen) -> None:
+    """A read of several variables, the operating state perhaps among them."""
+    wanted = _read_addresses(asked)
+    if not asked.expect(USUAL_QUALIFIER):
+        return
+    while told.plain:
+        number = told.number()
+        if number <= 0:
+            break
+        if number == wanted:
+            seen.state = told.state()
+            seen.stated = told.plain
+        else:
+            told.value()
+    told.expect(b"\0")  # no refusals
+
+
+def _read_addresses(asked: Glance) -> i64:
+    """Pass over the addresses of a read. Returns the number of the one item that asks for the operating state, 0 for none."""
+    link = asked.four()
+    count = asked.count()
+    fields = asked.count()
+    if link:
+        while fields > 0 and asked.plain:
+            asked.number()
+            fields -= 1
+        return 0
+    wanted: i64 = 0
+    index: i64 = 0
+    while index < count and asked.plain:
+        index += 1
+        asked.number()
+        area = asked.number()
+        ids = asked.number()
+        if ids <= 0:
+            asked.plain = False
+            return 0
+        fields -= 3 + ids
+        asked.number()  # which attribute of the area
+        last: i64 = -1
+        while ids > 1 and asked.plain:
+            last = asked.number()
+            ids -= 1
+        if area == CPU_EXEC_UNIT and last == OPERATING_STATE:
+            if wanted:
+                asked.plain = False  # twice: to be read
+            wanted = index
+    if fields != 0:
+        asked.plain = False
+    return wanted
+
+
+def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
+    """A read of one attribute: the operating state, the identification record, or another."""
+    object_id = asked.four()
+    if not asked.expect(bytes((ADDRESS_ARRAY, UDINT))):
+        return
+    count = asked.number()
+    first: i64 = -1
+    last: i64 = -1
+    while count > 0 and asked.plain:
+        last = asked.number()
+        if first < 0:
+            first = last
+        count -= 1
+    if not asked.plain or last < 0 or last in COMPRESSED:
+        asked.plain = False
+        return
+    if not asked.expect(USUAL_QUALIFIER) or not asked.skip(2) or not told.skip(1):
+        return
+    if last == OPERATING_STATE:
+        seen.state = told.state()
+        seen.stated = told.plain
+    elif first == IDENTIFICATION and object_id == CPU_PROXY:
+        seen.record = told.blob()
+    else:
+        told.value()
+
+
+def _set(asked: Glance, told: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
+    """A write: the key of a session, attributes that say nothing, or variables of which no more is to be told."""
+    link = asked.four()
+    count = asked.count()
+    fields = asked.count()
+    if link:
+        if link in AREAS or link >> 16 in BLOCK_KINDS:
+            asked.plain = False
+            return
+        index: i64 = 0
+        while index < fields and asked.plain:
+            id_ = asked.number()
+            if id_ in _TOLD or id_ in COMPRESSED:
+                asked.plain = False
+            elif id_ == SESSION_KEY:
+                seen.authenticated = True
+            index += 1
+    else:
+        _pass_written(asked, count, fields, outputs, elsewhere)
+    while count > 0 and asked.plain:
+        if asked.number() < 0 or not asked.value():
+            return
+        count -= 1
+    if asked.plain and asked.skip(1) and asked.expect(USUAL_QUALIFIER):
+        told.expect(b"\0")  # no refusals
+
+
+def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhere: bool) -> None:
+    """Pass over the addresses of a write, all of them variables of which no more is to be told."""
+    while count > 0 and asked.plain:
+        asked.number()
+        area = asked.number()
+        ids = asked.number()
+        known: bool = elsewhere
+        if area in OUTPUTS:
+            known = outputs
+        elif area not in AREAS and area >> 16 not in BLOCK_KINDS:
+            known = False
+        if ids <= 0 or not known:
+            asked.plain = False
+            return
+        fields -= 3 + ids
+        last: i64 = -1
+        while ids > 0 and asked.plain:
+            last = asked.number()
+            ids -= 1
+        if last in _TOLD or last == SESSION_KEY:
+            asked.plain = False
+        count -= 1
+    if fields != 0:
+        asked.plain = False
+
+
+def _deleted(asked: Glance, told: Glance, seen: Seen) -> None:
+    seen.deleted = asked.four()
+    if asked.skip(1) and asked.expect(USUAL_QUALIFIER):
+        told.four()

@@ -1,0 +1,198 @@
+"""What a glance tells of a plain transaction is what reading all of it tells; everything else is left to be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dissect
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.events import GLANCED
+from dissect.s7plus.glance import Seen, glance
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, IDENTIFICATION, OPERATING_STATE, SESSION_KEY
+from dissect.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES
+from dissect.s7plus.value_tables import BLOB, DINT, INT
+from dissect.s7plus.values import Blob, Value, build_value
+from dissect.transactions.transaction import Transaction
+from tests.s7plus.bodies import addresses, delete_object, end, get_multi, get_stream, multi_got, number, rid, set_multi
+from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.strategies import VALUES
+
+_STATE: Final = Address(0, CPU_EXEC_UNIT, 2237, [OPERATING_STATE])
+_WORD: Final = Address(0, 82, 3736, [3, 100, 2])
+_OUTPUT: Final = Address(7, 81, 3736, [15])
+_TAG: Final = Address(0xABCDEF12, 0x8A0E0003, 2550, [14, 2])
+_KEY: Final = Address(0, 0x386, SESSION_KEY, [])
+_LISTS: Final = st.lists(st.sampled_from([_STATE, _WORD, _OUTPUT, _TAG, _KEY]), max_size=4)
+_OK: Final = b"\0"
+
+
+def _state_of(asks: Contents, tells: Contents, function: int) -> int | None:
+    """Give the operating state as all of the contents tell it, None when it was not asked for."""
+    found: list[Value] = []
+    if function == GET_VAR_SUBSTREAMED and asks.ids[-1] == OPERATING_STATE and tells.value is not None:
+        found = [tells.value]
+    elif function == GET_MULTI_VARIABLES:
+        values = dict(tells.items)
+        wanted = [
+            index
+            for index, one in enumerate(asks.addresses, 1)
+            if one.area == CPU_EXEC_UNIT and one.lids[-1:] == [OPERATING_STATE]
+        ]
+        found = [values[index] for index in wanted if index in values]
+    states = [value.content for value in found if isinstance(value.content, int)]
+    return states[-1] if states else None
+
+
+def check(function: int, request: bytes, response: bytes) -> Seen | None:
+    """Hold a glance to the reading of the same octets."""
+    seen = glance(function, request, response, True, True)
+    if seen is None:
+        return None
+    halves = parse_plus(request), parse_plus(response)
+    asks, tells = (parse_contents(pdu, False) for pdu in halves)
+    for pdu, contents in zip(halves, (asks, tells), strict=True):
+        assert pdu.whole
+        assert contents.whole
+        assert not pdu.malformed
+        assert not contents.malformed
+    assert halves[1].return_value == 0
+    assert not tells.refusals
+    expected = (halves[0].session_id, halves[0].sequence, asks.integrity_id)
+    assert (seen.session_id, seen.sequence, seen.integrity_id) == expected
+    state = _state_of(asks, tells, function)
+    assert (seen.state if seen.stated else None) == state
+    if function == DELETE_OBJECT:
+        assert seen.deleted == asks.object_id
+    if function == SET_MULTI_VARIABLES:
+        assert seen.authenticated == any([one.sub_area == SESSION_KEY for one in asks.addresses])
+    record = tells.value.content if tells.value is not None else None
+    identifies = function == GET_VAR_SUBSTREAMED and asks.ids[0] == IDENTIFICATION and asks.object_id == CPU_PROXY
+    assert seen.record == (record.octets if identifies and isinstance(record, Blob) else b"")
+    return seen
+
+
+def pair(function: int, request: bytes, response: bytes, version: int = 3) -> tuple[int, bytes, bytes]:
+    return (
+        function,
+        framed(asked(7, function, body=request), version),
+        framed(told(7, function, body=response), version),
+    )
+
+
+def set_many(values: list[Value], *ids: int) -> bytes:
+    """Give a write of attributes of one object."""
+    pairs = b"".join([number(index) + build_value(value) for index, value in enumerate(values, 1)])
+    wanted = b"".join([number(id_) for id_ in ids])
+    return rid(0x386) + number(len(values)) + number(len(ids)) + wanted + pairs + set_multi([])[6:]
+
+
+@given(_LISTS, st.lists(VALUES, min_size=4, max_size=4), st.integers(-1, 2**32 - 1), st.sampled_from([2, 3]), st.data())
+def test_reads_and_writes_of_several(
+    wanted: list[Address], values: list[Value], id_: int, version: int, data: st.DataObject
+) -> None:
+    state = Value(0, DINT, data.draw(st.integers(-(2**31), 2**31 - 1)))
+    items = [state if one is _STATE else value for one, value in zip(wanted, values, strict=False)]
+    check(
+        *pair(
+            GET_MULTI_VARIABLES, get_multi(*wanted, integrity_id=id_), multi_got(list(enumerate(items, 1)), []), version
+        )
+    )
+    both = list(zip(wanted, items, strict=True))
+    check(*pair(SET_MULTI_VARIABLES, set_multi(both, integrity_id=id_), _OK + b"\0" + end(3), version))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([[OPERATING_STATE], [IDENTIFICATION], [2237, 3486], [300]]), VALUES)
+def test_reads_of_one(object_id: int, ids: list[int], value: Value) -> None:
+    for one in (object_id, CPU_PROXY, CPU_EXEC_UNIT):
+        for content in (value, Value(0, DINT, 8), Value(0, BLOB, Blob(0, b"record"))):
+            check(
+                *pair(GET_VAR_SUBSTREAMED, get_stream(one, ids) + end(9), _OK + b"\0" + build_value(content) + end(3))
+            )
+
+
+def test_what_it_tells() -> None:
+    seen = check(
+        *pair(
+            GET_MULTI_VARIABLES,
+            get_multi(_WORD, _STATE),
+            multi_got([(1, Value(0, INT, 5)), (2, Value(0, DINT, 8))], []),
+        )
+    )
+    assert seen is not None
+    assert (seen.state, seen.stated, seen.integrity_id) == (8, True, 9)
+    stream = _OK + b"\0" + build_value(Value(0, BLOB, Blob(0, b"record"))) + end(3)
+    seen = check(*pair(GET_VAR_SUBSTREAMED, get_stream(CPU_PROXY, [IDENTIFICATION]) + end(9), stream))
+    assert seen is not None
+    assert seen.record == b"record"
+    seen = check(*pair(DELETE_OBJECT, delete_object(0x70000001), _OK + rid(0x70000001) + end()))
+    assert seen is not None
+    assert seen.deleted == 0x70000001
+    seen = check(*pair(SET_MULTI_VARIABLES, set_many([Value(0, INT, 1)], SESSION_KEY), _OK + b"\0" + end(3)))
+    assert seen is not None
+    assert seen.authenticated
+
+
+def test_what_it_leaves_to_be_read() -> None:
+    function, request, response = pair(
+        SET_MULTI_VARIABLES, set_multi([(_OUTPUT, Value(0, INT, 5))]), _OK + b"\0" + end(3)
+    )
+    assert glance(function, request, response, False, True) is None  # the first write to outputs is told with its value
+    assert glance(function, request, response, True, False) is not None
+    for id_ in (304, 1846, 1048, 2449):  # passwords, a list of references, a compressed blob
+        assert check(*pair(SET_MULTI_VARIABLES, set_many([Value(0, INT, 1)], id_), _OK + b"\0" + end(3))) is None
+    body = get_multi(_STATE)
+    item = (1, Value(0, DINT, 8))
+    for answer in (
+        multi_got([item], [(2, 0xFFF4)]),
+        b"\x11" + multi_got([item], [])[1:],
+        multi_got([(1, Value(0, INT, 8))], []),
+    ):
+        assert check(*pair(GET_MULTI_VARIABLES, body, answer)) is None
+    twice = addresses(_STATE)[4:]
+    assert (
+        check(
+            *pair(GET_MULTI_VARIABLES, rid(0) + number(200) + twice[1:] + body[4 + len(twice) :], multi_got([item], []))
+        )
+        is None
+    )
+
+
+@given(st.data())
+def test_any_damage(data: st.DataObject) -> None:
+    cases = (
+        pair(
+            GET_MULTI_VARIABLES,
+            get_multi(_WORD, _STATE),
+            multi_got([(1, Value(0, INT, 5)), (2, Value(0, DINT, 8))], []),
+        ),
+        pair(GET_VAR_SUBSTREAMED, get_stream(CPU_EXEC_UNIT, [2237, 3486]) + end(9), _OK + b"\0\0\x08\4" + end(3)),
+        pair(SET_MULTI_VARIABLES, set_multi([(_TAG, Value(0, INT, 5))]), _OK + b"\0" + end(3), 1),
+        pair(SET_MULTI_VARIABLES, set_many([Value(0, INT, 1)] * 2, SESSION_KEY, 306), _OK + b"\0" + end(3)),
+        pair(DELETE_OBJECT, delete_object(0x8A0E0001), _OK + rid(0x8A0E0001) + end(3), 2),
+    )
+    function, *halves = data.draw(st.sampled_from(cases))
+    which = data.draw(st.integers(0, 1))
+    octets = bytearray(halves[which])
+    for _ in range(data.draw(st.integers(1, 3))):
+        octets[data.draw(st.integers(0, len(octets) - 1))] = data.draw(st.integers(0, 255))
+    halves[which] = bytes(octets[: data.draw(st.integers(0, len(octets)))] if data.draw(st.booleans()) else octets)
+    check(function, halves[0], halves[1])
+
+
+def test_captures(corpus: Path) -> None:
+    """Most transactions of the shared captures are plain, and a glance tells of them what reading tells."""
+    told_of = looked_at = 0
+    for path in sorted((corpus / "s7plus").glob("*.pcap*")):
+        for one in dissect.open(path):
+            if not isinstance(one, Transaction) or not one.is_plus or one.function not in GLANCED:
+                continue
+            if one.request_size and one.response_size:
+                looked_at += 1
+                told_of += check(one.function, one.request_octets, one.response_octets) is not None
+    assert told_of > looked_at / 2 > 0, f"{told_of} of {looked_at}"
