@@ -252,7 +252,7 @@ def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewh
 
 
 def _plain(asked: Glance, told: Glance) -> bool:
-    """Tell whether both halves were plain up to where they were looked at."""
+    """Return whether both halves are plain so far."""
     return asked.plain and told.plain
 
 
