@@ -70,8 +70,8 @@ def command(
     what is missing from the capture.
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
-    order; one that continues where the previous one ended (a ring buffer) continues its connections, unless --separate says
-    that each stands for itself.
+    order; one that continues where the previous one ended (a ring buffer) continues its connections, unless --separate
+    reads each file on its own.
     """
     from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis

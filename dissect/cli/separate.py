@@ -98,10 +98,10 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
             Interrupted.asked = staticmethod(lambda: interruption.asked)
             doer = Files(executor, jobs, task.work, (arguments, len(files) > 1), retried=again)
             for done in doer.run(files, lambda: interruption.asked):
+                take(done)
                 if done.why:
                     code = EXIT_DAMAGED
                     _say(done.file, done.why)
-                take(done)
                 bar.show(octets())
             if interruption.asked:
                 code = EXIT_INTERRUPTED

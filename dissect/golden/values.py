@@ -58,6 +58,8 @@ def shown_value(transport_size: int, data: bytes, fits: bool) -> tuple[str, str]
     """
     value = decode_value(transport_size, data) if fits else None
     if value is not None and not (transport_size == BYTE and len(data) > 1):
+        if type(value) is int and _is_packed(value, transport_size, data):
+            return str(value), ""
         text = _exact(value)
         try:
             if text and value_octets(text, transport_size) == data:
@@ -66,6 +68,15 @@ def shown_value(transport_size: int, data: bytes, fits: bool) -> tuple[str, str]
             pass
     remark = value if isinstance(value, (str, float)) and transport_size != CHAR else ""
     return hex_text(data), str(remark)
+
+
+def _is_packed(number: int, transport_size: int, data: bytes) -> bool:
+    """Return whether a whole number is written as ``data``: then so is its text, which need not be read to know it."""
+    form = _PACKED.get(transport_size)
+    try:
+        return form is not None and transport_size not in _FLOATS and struct.pack(form, number) == data
+    except struct.error:
+        return False
 
 
 def _exact(value: Value) -> str:

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
-from dissect.jobs.sending import Offsets, receive, send
+from dissect.jobs.sending import Offsets, Sent, receive, send
 from dissect.report.analysis import Analysis, add_counts
 from dissect.source.packet import SourceFile
 from dissect.transactions.naming import Naming
@@ -42,7 +42,7 @@ class AnalysisPart(NamedTuple):
     octets: int
     first_ns: int
     last_ns: int
-    sent: bytes
+    sent: Sent
 
 
 class _Counted(NamedTuple):

@@ -1,8 +1,9 @@
-"""Results as bytes, and back: what one process found, for another one that puts it together with what others found.
+"""Results as plain values, and back: what one process found, for another one that puts it together with what others found.
 
-pickle knows nothing of compiled classes: they have no ``__dict__``, and cannot be made without what their constructor takes. So
-an object of ours is sent as its class, the arguments of its constructor, and all its attributes by name. What belongs to a run
-that goes on, and what nobody may know (session keys), is not sent.
+Objects of compiled classes cannot be handed to another process: they have no ``__dict__``, and cannot be made without what
+their constructor takes. So an object of ours is sent as its class, the arguments of its constructor, and all its attributes by
+name. What belongs to a run that goes on, and what nobody may know (session keys), is not sent. Only classes of this package are
+made of what comes.
 
 Numbers count from 1 in each process. `receive` makes them those of the whole: an attribute whose name ends in ``frame`` is a
 packet, ``frames`` are several, ``number`` counts connections or transactions.
@@ -10,10 +11,10 @@ packet, ``frames`` are several, ``number`` counts connections or transactions.
 
 from __future__ import annotations
 
+import importlib
 import inspect
-import io
-import pickle
 import re
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -27,6 +28,15 @@ from dissect.transactions.ending import Ending
 from dissect.transactions.transaction import Transaction
 
 _OURS: Final = "dissect."
+#: What is sent as it is, and what as the list of what it holds.
+_PLAIN: Final = (type(None), bool, int, float, str, bytes)
+_HOLDERS: Final[dict[str, Callable[[list[Any]], Any]]] = {
+    kind.__name__: kind for kind in (list, tuple, set, frozenset, deque, dict, OrderedDict)
+}
+#: Marks of an object by its place in `Sent.objects`, of a class of ours that is a tuple, and of a rule by its slug.
+_OBJECT: Final = "object"
+_TUPLE: Final = "named"
+_RULE: Final = "rule"
 
 #: Of a connection in the words of a finding (`dissect.findings.plus_sessions`).
 _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
@@ -50,73 +60,119 @@ class Offsets(NamedTuple):
     transactions: int = 0
 
 
-def send(found: object) -> bytes:
-    """Return objects as bytes."""
-    sent = io.BytesIO()
-    _Sender(sent, pickle.HIGHEST_PROTOCOL).dump(found)
-    return sent.getvalue()
+class Sent(NamedTuple):
+    """Objects as plain values: ``found``, and for each object of ours in it its class, what that takes, and its state."""
+
+    found: Any
+    objects: list[tuple[str, str, list[Any] | None]]
+    states: list[dict[str, Any]]
 
 
-def receive(sent: bytes, offsets: Offsets) -> Any:
-    """Return the objects of `send`, with their numbers in the whole."""
-    return _Receiver(io.BytesIO(sent), offsets).load()
+def send(found: object) -> Sent:
+    """Return objects as plain values. TypeError for one that cannot be sent."""
+    sender = _Sender()
+    plain = sender.plain(found)
+    sender.finish()
+    return Sent(plain, sender.objects, sender.states)
 
 
-class _Sender(pickle.Pickler):
-    def persistent_id(self, obj: object) -> object:
-        """Return the name of what every process has, None for the rest."""
-        if isinstance(obj, Rule):
-            return obj.slug
-        return 0 if obj is _restore else None
+class _Sender:
+    def __init__(self) -> None:
+        self.objects: list[tuple[str, str, list[Any] | None]] = []
+        self.states: list[dict[str, Any]] = []
+        self._places: dict[int, int] = {}
+        self._kept: list[tuple[Any, dict[str, Any]]] = []
 
-    def reducer_override(self, obj: Any) -> Any:
-        """Return how an object of ours is made again; what pickle knows by itself is left to it."""
+    def plain(self, value: Any) -> Any:
+        """Return a value as it is sent."""
+        kind: Any = type(value)
+        if kind in _PLAIN:
+            return value
+        name = kind.__name__
+        if _HOLDERS.get(name) is kind:
+            inner = list(value.items()) if isinstance(value, dict) else value
+            return name, [self.plain(each) for each in inner]
+        if isinstance(value, Rule):
+            return _RULE, value.slug
+        if not kind.__module__.startswith(_OURS):
+            raise TypeError(f"{kind.__module__}.{name} cannot be sent")
+        if isinstance(value, tuple):
+            return _TUPLE, kind.__module__, name, [self.plain(each) for each in value]
+        return _OBJECT, self._object(value)
+
+    def finish(self) -> None:
+        """Add the states of all objects, and of those in them."""
+        for _, state in self._kept:  # grows meanwhile
+            self.states.append({name: self.plain(value) for name, value in state.items()})
+
+    def _object(self, obj: Any) -> int:
+        place = self._places.get(id(obj))
+        if place is not None:
+            return place
         kind: Any = type(obj)
-        if isinstance(obj, (type, tuple)) or not kind.__module__.startswith(_OURS):
-            return NotImplemented
         left_out = _LEFT_OUT.get(kind.__name__, frozenset())
         state = {name: getattr(obj, name) for name in _attributes(kind) if name not in left_out and hasattr(obj, name)}
         state.update({name: value for name, value in getattr(obj, "__dict__", {}).items() if name not in left_out})
-        return _made, (kind, _arguments(obj, state)), state, None, None, _restore
+        arguments = _arguments(obj, state)
+        taken = None if arguments is None else [self.plain(each) for each in arguments]
+        place = self._places[id(obj)] = len(self.objects)
+        self.objects.append((kind.__module__, kind.__name__, taken))
+        self._kept.append((obj, state))
+        return place
 
 
-class _Receiver(pickle.Unpickler):
-    def __init__(self, sent: io.BytesIO, offsets: Offsets) -> None:
-        super().__init__(sent)
-        self._offsets = offsets
-
-    def persistent_load(self, pid: Any) -> Any:
-        """Return what `_Sender.persistent_id` named."""
-        return CATALOGUE[pid] if pid else self._restore
-
-    def _restore(self, obj: Any, state: dict[str, Any]) -> None:
+def receive(sent: Sent, offsets: Offsets) -> Any:
+    """Return the objects of `send`, with their numbers in the whole. ValueError for what is none of ours."""
+    objects: list[Any] = []
+    for module, name, arguments in sent.objects:
+        objects.append(
+            _made(_ours(module, name), None if arguments is None else [_value(each, objects) for each in arguments])
+        )
+    for obj, state in zip(objects, sent.states, strict=True):
         for name, value in state.items():
-            setattr(obj, name, self._moved(obj, name, value))
-
-    def _moved(self, obj: Any, name: str, value: Any) -> Any:
-        packets, connections, transactions = self._offsets
-        if name.endswith("frame"):
-            return value + packets if value > 0 else value
-        if name == "frames":
-            return [frame + packets for frame in value]
-        if name == "number" and isinstance(obj, Connection):
-            return value + connections
-        if name == "number" and isinstance(obj, Transaction):
-            return value + transactions
-        if isinstance(obj, Finding):
-            if name == "connection" and value:
-                return value + connections
-            if name == "detail":
-                return _NAMED.sub(lambda match: str(int(match[0]) + connections), value)
-        return value
+            setattr(obj, name, _moved(obj, name, _value(value, objects), offsets))
+    return _value(sent.found, objects)
 
 
-def _restore(obj: Any, state: dict[str, Any]) -> None:
-    """Stand for the method of the receiver that gives an object its attributes."""
-    raise pickle.UnpicklingError(f"{type(obj).__name__} with {len(state)} attributes was not received by receive()")
+@cache
+def _ours(module: str, name: str) -> Any:
+    found = getattr(importlib.import_module(module), name) if module.startswith(_OURS) else None
+    if not isinstance(found, type) or found.__module__ != module:
+        raise ValueError(f"{module}.{name} is no class of this package")
+    return found
 
 
-def _made(kind: Any, arguments: tuple[Any, ...] | None) -> Any:
+def _value(plain: Any, objects: list[Any]) -> Any:
+    if not isinstance(plain, tuple):
+        return plain
+    kind, content = plain[0], plain[-1]
+    if kind == _OBJECT:
+        return objects[content]
+    if kind == _RULE:
+        return CATALOGUE[content]
+    inner = [_value(each, objects) for each in content]
+    return _ours(plain[1], plain[2])(*inner) if kind == _TUPLE else _HOLDERS[kind](inner)
+
+
+def _moved(obj: Any, name: str, value: Any, offsets: Offsets) -> Any:
+    """Return an attribute with the numbers of the whole in it."""
+    if name.endswith("frame"):
+        return value + offsets.packets if value > 0 else value
+    if name == "frames":
+        return [frame + offsets.packets for frame in value]
+    if name == "number" and isinstance(obj, Connection):
+        return value + offsets.connections
+    if name == "number" and isinstance(obj, Transaction):
+        return value + offsets.transactions
+    if isinstance(obj, Finding):
+        if name == "connection" and value:
+            return value + offsets.connections
+        if name == "detail":
+            return _NAMED.sub(lambda match: str(int(match[0]) + offsets.connections), value)
+    return value
+
+
+def _made(kind: Any, arguments: list[Any] | None) -> Any:
     """Return a new object that still needs its attributes."""
     if kind is Ending:
         return Ending(_nobody(), [0, 0], 0, 0)

@@ -27,7 +27,7 @@ from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, Operation
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import PUSH, Transaction
 from dissect.variables.wanted import WantedSet
 
 #: Rows of each table.
@@ -144,6 +144,7 @@ class Gathered(Observer):
         self.connections: list[dict[str, Any]] = []
         self.failed: list[dict[str, Any]] = []
         self.failed_in_all = 0
+        self.failed_pushes = 0  # of these, what a PLC sent unasked with an item that it could not read
         #: When the first request failed, 0 for never.
         self.first_failure_ns = 0
         self._slowest: list[tuple[int, int, dict[str, Any]]] = []
@@ -338,6 +339,8 @@ class Gathered(Observer):
 
     def _failure(self, transaction: Transaction, now: int) -> None:
         self.failed_in_all += 1
+        if transaction.outcome == PUSH:
+            self.failed_pushes += 1
         self.first_failure_ns = min(self.first_failure_ns or now, now)
         if len(self.failed) < MAX_FAILED:
             self.failed.append(self.rows.transaction(transaction))

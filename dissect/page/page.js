@@ -382,7 +382,10 @@
   }
   function drawPolls(width) {
     const rows = sessions.flatMap((session, side) => session.polls.rows.map((row) => ({ ...row, side })));
-    if (!rows.length) return nothing(`No request came often enough to be a poll.${sessions.some((one) => one.gaps.length) ? " Times across a gap are not counted." : ""}`);
+    if (!rows.length) {
+      const apart = sessions.some((one) => one.lanes.lanes.some((lane) => lane.spans.some((span_) => span_[2] === "polling" || span_[2] === "cyclic")));
+      return nothing(`${apart ? "Subscriptions and the polling of S7comm-plus are among the operations; no other" : "No"} request came often enough to be a poll.${sessions.some((one) => one.gaps.length) ? " Times across a gap are not counted." : ""}`);
+    }
     if (several) rows.sort((one, other) => `${one.host} ${one.subject}`.localeCompare(`${other.host} ${other.subject}`) || one.side - other.side);
     const host = hostOf(rows);
     const text = (row) => `${several ? `${letters[row.side]} ` : ""}${host(row)}${row.subject}`;

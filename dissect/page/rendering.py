@@ -132,7 +132,7 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
         made[0].match(made[1])
         made[1].match(made[0])
     data = {"sessions": [one.as_dict() for one in made]}
-    return template.render(
+    page: str = template.render(
         title=" and ".join([side.title for side in sides]),
         sides=values,
         differences=differences,
@@ -144,6 +144,7 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
         script=Markup(script),  # noqa: S704
         data=Markup(embedded(data)),  # noqa: S704
     )
+    return page
 
 
 def prepare() -> None:

@@ -91,7 +91,7 @@ def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     shown = gathered.rows.places.phrase(first.frames)
     said = f"{rule.sentence} {detail} ({shown})." if detail else f"{rule.sentence[:-1]} ({shown})."
     answered = int(gathered.analysis.answered)
-    if rule.kind in {SECURITY, CAPTURE} and not gathered.failed_in_all and answered:
+    if rule.kind in {SECURITY, CAPTURE} and gathered.failed_in_all == gathered.failed_pushes and answered:
         return f"No request failed; {counted(answered, 'answer')} arrived. What stands out: {said}"
     return said
 

@@ -187,7 +187,7 @@ def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
 
 
 def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
-    return ["", *[f"    {line}" for line in hexdump(whole, 0, hidden)], ""]
+    return ["", *hexdump(whole, 0, hidden, "    "), ""]
 
 
 def _packet(packet: bytes) -> str:
@@ -237,8 +237,10 @@ def _line(value: FieldValue, shift: int, name: str = "") -> str:
 
 
 def _line_of(value: FieldValue, shift: int, name: str) -> str:
-    said = f"{_meaning(value)} {name}".rstrip()
-    return _field(_range(value.offset + shift, value.end + shift), value.field.name.rstrip("_"), said)
+    begin, last = value.offset + shift, value.end + shift - 1  # as `_field` does; every value of a data item comes here
+    where = str(begin) if begin == last else f"{begin}-{last}"
+    said = f"{_meaning(value)} {name}".rstrip() if name else _meaning(value).rstrip()
+    return f"      {where:>9}  {value.field.name.rstrip('_'):<16} {said}"
 
 
 def _field(where: str, name: str, said: str) -> str:
@@ -252,7 +254,7 @@ def _range(start: int, end: int) -> str:
 def _meaning(value: FieldValue) -> str:
     field = value.field
     if value.octets is not None:
-        meaning = value.meaning
+        meaning = value.meaning if field.means is not None else ""
         said = words.octets(value.octets)
         return f"{said}  {shortened(meaning, _MEANING)}" if meaning else said
     if field.size < REST:  # of variable size: its octets say nothing of how large it may be
@@ -316,8 +318,12 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[st
             numbers[layout] += 1
             number = f" {numbers[layout]}" if counts[layout] > 1 or layout in _NUMBERED else ""
             name = f"{pdu.function_name} parameters" if layout is s7.VARIABLES_HEAD else _NAMES.get(layout, layout.name)
-            note = part.note if not _overlap(part.offset, part.end, hidden) else ""
+            note = part.note if not hidden or not _overlap(part.offset, part.end, hidden) else ""
             yield f"    {name}{number}{f': {shortened(note, _NOTE)}' if note else ''}"
+        if head is None and not hidden:
+            for value in part.values:
+                yield _line_of(value, base, "") if value.octets is not None else _line(value, base)
+            continue
         for value in part.values:
             said = head.subfunction_name if head is not None and value.field.name == "subfunction" else ""
             if hidden and _overlap(value.offset, value.end, hidden):

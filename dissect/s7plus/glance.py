@@ -234,16 +234,21 @@ def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewh
         _deleted(asked, told, seen)
     else:
         return None
-    if not asked.plain or not told.plain:
+    if not _plain(asked, told):
         return None
     seen.integrity_id = asked.ends()
     told.ends()
-    if not asked.plain or not told.plain:
+    if not _plain(asked, told):
         return None
     data: i64 = asked.data
     seen.sequence = u16(request, data + _SEQUENCE)
     seen.session_id = u32(request, data + _SESSION_ID)
     return seen
+
+
+def _plain(asked: Glance, told: Glance) -> bool:
+    """Return whether both halves are plain so far."""
+    return asked.plain and told.plain
 
 
 def _got(asked: Glance, told: Glance, seen: Seen) -> None:

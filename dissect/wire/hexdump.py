@@ -9,23 +9,24 @@ from typing import Final
 _PRINTED: Final = bytes([octet if 0x20 <= octet < 0x7F else ord(".") for octet in range(256)])
 
 
-def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
-    """Return one line for every sixteen octets; ``start`` is the offset shown for the first.
+def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = (), indent: str = "") -> list[str]:
+    """Return one line for every sixteen octets, after ``indent``; ``start`` is the offset shown for the first.
 
     Offsets are decimal, as in the field tree; octets that are not printable ASCII show as a dot. ``hidden`` are (offset, end)
     of octets that show as stars.
     """
     lines: list[str] = []
     printed = octets.translate(_PRINTED).decode("ascii")
+    pairs = octets.hex(" ")
     for at in range(0, len(octets), 16):
-        row = octets[at : at + 16]
-        pairs = row.hex(" ")
-        left = pairs[:23]
-        right = pairs[24:]
+        place = 3 * at
+        left = pairs[place : place + 23]
+        right = pairs[place + 24 : place + 47]
         text = printed[at : at + 16]
-        for begin, end in hidden:
-            left, right, text = _starred(left, right, text, max(begin - at, 0), min(end - at, 16))
-        lines.append(f"{start + at:>5}  {left:<23}  {right:<23}  {text}")
+        if hidden:
+            for begin, end in hidden:
+                left, right, text = _starred(left, right, text, max(begin - at, 0), min(end - at, 16))
+        lines.append(f"{indent}{start + at:>5}  {left:<23}  {right:<23}  {text}")
     return lines
 
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+import resource
 import shlex
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,6 +55,23 @@ def test_wrong_use_is_told(capfdbinary: Capture, tmp_path: Path) -> None:
         ran = run(capfdbinary, "report", *words)
         assert (ran.code, said in ran.err) == (2, True), ran.err
     assert not (tmp_path / "o.html").exists()
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    """A limit on the size of files stands for a disk without room."""
+
+    def limited() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+
+    ran = subprocess.run(
+        [sys.executable, "-m", "dissect", "report", OWN / "transfer.pcapng", "-o", tmp_path / "out.html"],
+        preexec_fn=limited, capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert ran.returncode == 5, ran.stderr
+    (line,) = ran.stderr.splitlines()
+    assert "out.html" in line
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_missing_is_named(capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,7 +142,8 @@ class Notes:
             except ValueError:
                 continue
             if {key: note[key] for key in self._run} == self._run:
-                found[note["round"]] = Thrown(*note["thrown"][:3], tuple(note["thrown"][3]), note["thrown"][4])
+                executions, cpu_s, longest_s, kinds, memory = note["thrown"]
+                found[note["round"]] = Thrown(executions, cpu_s, longest_s, tuple(kinds), memory)
         return found
 
     def add(self, number: int, thrown: Thrown) -> None:

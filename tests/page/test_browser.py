@@ -169,6 +169,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
     browser.open(written(path.parent, "plant", page_of(PLANT, tags=['DB1."setpoint"'])))
     assert browser.count("#plot-lanes svg.timed rect.span") == 7
     assert browser.texts("#plot-lanes g text") == ["STOP", "RUN"]
+    assert "the polling of S7comm-plus are among the operations" in browser.texts("#plot-polls p")[0]
     assert browser.count("#plot-tag-1 g.writer") == 1
 
 
@@ -349,6 +350,14 @@ def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str
             assert (
                 browser.run("return getComputedStyle(document.querySelector(arguments[0])).display", hidden) == "none"
             )
+        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it.
+        sheet = {"width": 720, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", sheet)
+        browser.run("dispatchEvent(new Event('beforeprint'))")
+        assert browser.count("details .scroll table") > 1
+        wider = """return [...document.querySelectorAll('.scroll table')]
+            .filter((one) => one.getBoundingClientRect().right > innerWidth).map((one) => one.textContent.slice(0, 40))"""
+        assert browser.run(wider) == []
     finally:
         browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 

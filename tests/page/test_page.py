@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
+import itertools
 import json
+import math
 import re
 from importlib.resources import files
 
@@ -108,6 +110,36 @@ def test_contrast_is_enough_in_light_and_dark() -> None:
                 assert contrast(colours[name], ground) >= GRAPHIC, name
 
 
+#: What red and green become to who has no red or no green cones: linear RGB to linear RGB (Viénot, Brettel and Mollon 1999).
+WITHOUT_RED = ((0.11238, 0.88762, 0.0), (0.11238, 0.88762, 0.0), (0.00401, -0.00401, 1.0))
+WITHOUT_GREEN = ((0.29275, 0.70725, 0.0), (0.29275, 0.70725, 0.0), (-0.02234, 0.02234, 1.0))
+
+
+def seen(colour: str, matrix: tuple[tuple[float, ...], ...] | None) -> tuple[float, float, float]:
+    """Return a colour in CIE L*a*b* (D65), as it looks with all cones or by a matrix."""
+    rgb = [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb]
+    if matrix is not None:
+        linear = [max(0.0, sum([factor * c for factor, c in zip(row, linear, strict=True)])) for row in matrix]
+    to_xyz = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
+    xyz = [sum([factor * c for factor, c in zip(row, linear, strict=True)]) for row in to_xyz]
+    x, y, z = [
+        share ** (1 / 3) if share > 0.008856 else 7.787 * share + 16 / 116
+        for share in (xyz[0] / 0.9505, xyz[1], xyz[2] / 1.089)
+    ]
+    return 116 * y - 16, 500 * (x - y), 200 * (y - z)
+
+
+def test_outcomes_and_severities_are_told_apart_without_red_or_green_cones() -> None:
+    """A difference of 2.3 in L*a*b* is just visible; here at least ten times that between any two of these."""
+    for block in re.findall(r":root \{(.*?)\}", STYLE, re.DOTALL)[:2]:
+        colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", block))
+        for one, other in itertools.combinations(("ok", "error", "missed", "push"), 2):
+            for matrix in (None, WITHOUT_RED, WITHOUT_GREEN):
+                distance = math.dist(seen(colours[one], matrix), seen(colours[other], matrix))
+                assert distance > 23, (one, other, matrix, distance)
+
+
 def test_a_page_is_small() -> None:
-    assert len(SCRIPT) + len(STYLE) < 60_000
+    assert len(SCRIPT) + len(STYLE) < 64_000
     assert len(PAGE) < 120_000

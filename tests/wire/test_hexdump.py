@@ -16,6 +16,12 @@ def test_counting_may_begin_anywhere() -> None:
     assert hexdump(b"AB", 1000) == [" 1000  41 42                                             AB"]
 
 
+def test_lines_may_be_indented() -> None:
+    assert hexdump(bytes(range(20)), 5, [(1, 2)], "  ") == [
+        "  " + line for line in hexdump(bytes(range(20)), 5, [(1, 2)])
+    ]
+
+
 def test_nothing_gives_no_line() -> None:
     assert hexdump(b"") == []
 

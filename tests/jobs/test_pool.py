@@ -1,0 +1,89 @@
+"""Processes as an executor: one that dies fails its own task, and none outlives whoever started it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+import pytest
+
+from dissect.jobs.pool import Pool
+
+
+def square(number: int) -> tuple[int, int]:
+    """Be a task: the result, and which process made it."""
+    return number * number, os.getpid()
+
+
+def killed() -> None:
+    """Be a task whose process is killed."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def interrupted() -> str:
+    """Be a task that Ctrl-C strikes, as it strikes all processes of a terminal."""
+    os.kill(os.getpid(), signal.SIGINT)
+    return "goes on"
+
+
+def endless(folder: str) -> None:
+    """Be a task without an end."""
+    Path(folder, str(os.getpid())).touch()
+    while True:
+        time.sleep(0.01)
+
+
+def test_who_dies_fails_its_own_task(tmp_path: Path) -> None:
+    with Pool(2) as pool:
+        dies, lives = pool.submit(killed), pool.submit(square, 7)
+        with pytest.raises(RuntimeError, match="busy"):
+            pool.submit(square, 1)
+        with pytest.raises(BrokenExecutor):
+            dies.result()
+        number, process = lives.result()
+        assert number == 49
+        assert pool.submit(square, 3).result() == (9, process), "a process takes one task after another"
+        assert pool.submit(interrupted).result() == "goes on"
+        pool.submit(endless, str(tmp_path))
+        while not any(tmp_path.iterdir()):  # the limit is that of the test run
+            time.sleep(0.01)
+    _gone(tmp_path)
+
+
+def test_nobody_outlives_a_parent_that_was_killed(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "from dissect.jobs.pool import Pool\nfrom tests.jobs.test_pool import endless\n"
+        f"if __name__ == '__main__':\n    with Pool(1) as pool:\n        pool.submit(endless, {str(tmp_path)!r}).result()\n",
+        encoding="ascii",
+    )
+    root = str(Path(__file__).resolve().parents[2])
+    inherited = os.environ.get("PYTHONPATH")
+    path = os.pathsep.join([root, *([inherited] if inherited else [])])
+    with subprocess.Popen([sys.executable, str(script)], env={**os.environ, "PYTHONPATH": path}) as parent:
+        while not any(name.name.isdigit() for name in tmp_path.iterdir()):
+            assert parent.poll() is None
+            time.sleep(0.01)
+        parent.kill()
+    script.unlink()
+    _gone(tmp_path)
+
+
+def _gone(folder: Path) -> None:
+    """Wait until the processes that left their number in a folder are gone."""
+    for file in folder.iterdir():
+        while _runs(int(file.name)):
+            time.sleep(0.01)
+
+
+def _runs(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2]
+    except OSError:
+        return False
+    return state.split()[0] != "Z"
