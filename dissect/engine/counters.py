@@ -10,7 +10,7 @@ from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, OctetAccount
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.table import Side, endpoints
-from dissect.wire.tally import Tally
+from dissect.wire.octets import Tally
 
 
 class Counters:

@@ -33,8 +33,7 @@ from dissect.iso.upper import (
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
-from dissect.wire.octets import u16
-from dissect.wire.tally import Tally
+from dissect.wire.octets import Tally, u16
 
 #: TSDU counts that are described even when zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))

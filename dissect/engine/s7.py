@@ -26,8 +26,7 @@ from dissect.transactions.connection import ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.results import BAD_DATA
 from dissect.transactions.table import Side
-from dissect.wire.octets import u16
-from dissect.wire.tally import Tally
+from dissect.wire.octets import Tally, u16
 
 
 class S7(Protocol):

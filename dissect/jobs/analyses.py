@@ -16,7 +16,7 @@ from dissect.jobs.sending import Offsets, Sent, receive, send
 from dissect.report.analysis import Analysis, add_counts
 from dissect.source.packet import SourceFile
 from dissect.transactions.naming import Naming
-from dissect.wire.tally import Tally
+from dissect.wire.octets import Tally
 
 #: What of a pipeline is added up: numbers, tallies, lists and dictionaries of numbers.
 _COUNTERS: Final = (

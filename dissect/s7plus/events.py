@@ -81,7 +81,9 @@ _ROOT: Final = 1
 _HARDWARE: Final = 2496
 _ALARM_SUBSCRIPTION: Final = 2662
 _CYCLE: Final = 1049
-_TEST_JOBS: Final = frozenset((2709, 2693))
+#: A job of the test functions, by which an engineering tool watches a program at work. Of the others (watch and force tables,
+#: breakpoints) no class is known.
+_TEST_JOB: Final = 2709
 _STATE_REQUEST: Final = 2167
 _STATES: Final = {4: STOPPED, 8: RUNNING}
 _NUMBER: Final = 2521
@@ -290,7 +292,7 @@ def _created(session: PlusSession, facts: Facts, asked: Contents, told: Contents
     for one in asked.objects:
         if asked.object_id == _ROOT and one.class_id == _HARDWARE:
             facts.events.append(Event(CHANGED, "load the hardware configuration"))
-        elif one.class_id in _TEST_JOBS:
+        elif one.class_id == _TEST_JOB:
             facts.events.append(Event(TEST_JOB, f"test job {one.text(NAME)}".rstrip(), made[0] if made else 0))
         elif one.class_id == SUBSCRIPTION:
             facts.events.append(_subscription(session, one, made[0] if made else 0))

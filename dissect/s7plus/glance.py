@@ -102,6 +102,11 @@ class Glance:
         if first < _MORE:
             self.at = at + 1
             return first
+        if at + 1 < self._end:  # most ids have two octets
+            second: i64 = self._octets[at + 1]
+            if second < _MORE:
+                self.at = at + 2
+                return (first & 0x7F) << 7 | second
         value, behind = read_varint(self._octets, at, self._end, VLQ)
         if behind < 0:
             self.plain = False
@@ -234,16 +239,21 @@ def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewh
         _deleted(asked, told, seen)
     else:
         return None
-    if not asked.plain or not told.plain:
+    if not _plain(asked, told):
         return None
     seen.integrity_id = asked.ends()
     told.ends()
-    if not asked.plain or not told.plain:
+    if not _plain(asked, told):
         return None
     data: i64 = asked.data
     seen.sequence = u16(request, data + _SEQUENCE)
     seen.session_id = u32(request, data + _SESSION_ID)
     return seen
+
+
+def _plain(asked: Glance, told: Glance) -> bool:
+    """Return whether both halves are plain so far."""
+    return asked.plain and told.plain
 
 
 def _got(asked: Glance, told: Glance, seen: Seen) -> None:

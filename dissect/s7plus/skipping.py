@@ -157,6 +157,11 @@ class Skipper:
         if first < _OTHER:
             self.at = at + 1
             return first
+        if at + 1 < self._end:  # most ids have two octets
+            second: i64 = self._octets[at + 1]
+            if second < _OTHER:
+                self.at = at + 2
+                return (first & 0x7F) << 7 | second
         value, behind = read_varint(self._octets, at, self._end, VLQ)
         self.at = behind
         return value

@@ -162,6 +162,21 @@ def explore(talk: Talk, number: int, answer: bytes = b"") -> None:
     talk.tell(framed(told(number, EXPLORE, b"\0" + bodies.rid(3) + b"\x05" + answer + bodies.FILL), 3))
 
 
+def test_a_test_job_is_told_once() -> None:
+    """SessionTisJob in the container of test jobs, with its request, its trigger and its subscription inside."""
+    talk = begun()
+    inside = PlusObject(211, 2712, 0, 0, 0, [])
+    texts = [Attribute(233, Value(0, WSTRING, "Job_1")), Attribute(2693, Value(0, BLOB, Blob(0, b"what")))]
+    job = PlusObject(211, 2709, 0, 0, 0, [*texts, Attribute(2694, Value(0, UDINT, 1)), inside])
+    for number in (1, 2):
+        request = bodies.create_object(7, NOTHING, job, integrity_id=number)
+        do(talk, number, CREATE_OBJECT, request, b"\0\2" + bodies.number(0x70000001) + bodies.number(0x70000002))
+    do(talk, 3, DELETE_OBJECT, bodies.delete_object(0x70000001), b"\0" + bodies.rid(0x70000001))
+    talk.close()
+    assert [one for one in said(talk) if one[0] == "security.debug"] == [("security.debug", "test job Job_1")]
+    assert [(one.kind, one.subject) for one in talk.operations] == [("test_job", "test job Job_1")] * 2
+
+
 def test_blocks_are_read_out_and_told_once() -> None:
     talk = begun()
     for number in (1, 2):
