@@ -18,6 +18,7 @@ TRAFFIC_OF: Final = ("CLIENT_TRAFFIC_SECRET_0", "SERVER_TRAFFIC_SECRET_0")
 _KEPT: Final = frozenset((MASTER, EARLY, *HANDSHAKE_OF, *TRAFFIC_OF))
 _KNOWN: Final = frozenset(("EARLY_EXPORTER_SECRET", "EXPORTER_SECRET", "ECH_SECRET", "ECH_CONFIG", "RSA"))
 _LINE: Final = re.compile(rb"([A-Z][A-Z0-9_]{1,63}) ([0-9A-Fa-f]{2,512}) ([0-9A-Fa-f]{2,512})")
+_BEGINNING: Final = re.compile(rb"[A-Z][A-Z0-9_]{0,63}( [0-9A-Fa-f]{0,512}( [0-9A-Fa-f]{0,512})?)?")
 _RANDOM: Final = 32
 _SECRETS: Final = frozenset((32, 48, 64))
 
@@ -51,8 +52,8 @@ class KeyLog:
     def add(self, text: bytes) -> None:
         """Take whole lines of a key log. Those of another form are counted."""
         for piece in _lines(text):
-            line = piece.strip(b" \t\xef\xbb\xbf\0")
-            if line and not line.startswith(b"#"):
+            line = _stripped(piece)
+            if not _says_nothing(line):
                 self.lines += 1
                 self.wrong += not self._line(line)
 
@@ -83,7 +84,7 @@ class KeyLog:
     def look(self) -> None:
         """Take what was written to the sources since; a key log grows while a live line is watched.
 
-        A last line that may go on is used already when it could be a whole one.
+        A last line that may go on is used already when it could be a whole one, and is wrong already when it cannot become one.
         """
         for source in self._sources:
             text = source.more()
@@ -91,7 +92,16 @@ class KeyLog:
                 *whole, rest = _lines(source.rest + text)
                 source.rest = rest[:_MAX_LINE]
                 self.add(b"\n".join(whole))
-                self._line(rest)
+                end = _stripped(rest)
+                source.unfinished = not (_says_nothing(end) or self._line(end))
+                if source.unfinished and _BEGINNING.fullmatch(end) is None:
+                    self.add(rest)
+                    source.rest, source.unfinished = b"", False
+
+    @property
+    def unfinished(self) -> int:
+        """How many sources end with a line that is cut off, and gives no secret unless it goes on."""
+        return sum([source.unfinished for source in self._sources])
 
     def find(self, random: bytes) -> dict[str, bytes]:
         """Return the secrets of the session whose ClientHello had ``random``, by their label; empty when there are none."""
@@ -99,13 +109,24 @@ class KeyLog:
 
 
 class _Source:
-    """What more can be asked of, and the beginning of a line it ended with."""
+    """What more can be asked of, and the beginning of a line it ended with; ``unfinished`` if that gives no secret yet."""
 
-    __slots__ = ("more", "rest")
+    __slots__ = ("more", "rest", "unfinished")
 
     def __init__(self, more: Callable[[], bytes]) -> None:
         self.more = more
         self.rest = b""
+        self.unfinished = False
+
+
+def _stripped(line: bytes) -> bytes:
+    return line.strip(b" \t\xef\xbb\xbf\0")
+
+
+def _says_nothing(line: bytes) -> bool:
+    """Tell whether a line is a comment, or holds nothing at all."""
+    stripped = _stripped(line)
+    return not stripped or stripped.startswith(b"#")
 
 
 def _lines(text: bytes) -> list[bytes]:
@@ -126,6 +147,21 @@ class KeyRing:
     def asked(self) -> bool:
         """True when somebody wants sessions opened: there is a key log, even an empty one."""
         return self.given is not None or self.found.lines > 0
+
+    @property
+    def lacks(self) -> str:
+        """What there is instead of the secrets of a session that was not found, as half a sentence."""
+        logs = (self.found,) if self.given is None else (self.found, self.given)
+        count = len(self)
+        others = f"only keys of {count} other session{'s' if count > 1 else ''}" if count else ""
+        begun = "the beginning of a line that is cut off" if any([log.unfinished for log in logs]) else ""
+        if others or begun:
+            said = " and ".join([one for one in (others, begun) if one])
+            return f"the key log holds {said if others else 'only ' + said}"
+        if any([log.wrong for log in logs]):
+            return "no line of the key log has the form LABEL CLIENT_RANDOM SECRET"
+        lines = any([log.lines for log in logs])
+        return "the key log holds nothing that opens records" if lines else "the key log is empty"
 
     @property
     def revision(self) -> int:

@@ -381,9 +381,7 @@ class TlsSession:
         if not self._client_random:
             return "its ClientHello was not captured, and only that tells which keys are its own"
         if not self._keys.find(self._client_random):
-            count = len(self._keys)
-            others = "1 other session" if count == 1 else f"{count} other sessions"
-            return f"the key log holds only keys of {others}" if count else "the key log is empty"
+            return self._keys.lacks
         if not self.version:
             return "its ServerHello was not captured, and only that names the cipher suite"
         if self._suite is None or self.version not in {TLS_1_2, TLS_1_3}:

@@ -177,7 +177,14 @@ def test_keys_of_another_session_are_said_to_be(capfdbinary: Capture, trace: Pat
     assert "not decrypted: the key log holds only keys of 1 other session" in told
 
 
-@pytest.mark.parametrize("content", [b"hello\nworld\n", bytes(range(256)) * 20])
+def test_a_key_log_whose_end_is_missing_is_said_to_be_cut_off(capfdbinary: Capture, trace: Path, keys: Path) -> None:
+    keys.write_bytes(next(line for line in keys.read_bytes().splitlines() if line.startswith(b"CLIENT_"))[:-7])
+    ran = run(capfdbinary, "analyze", "--tls-keys", keys, trace)
+    assert "not decrypted: the key log holds only the beginning of a line that is cut off" in ran.out
+    assert ran.err == "s7dissect: --tls-keys: the last line is cut off and gives no key unless it goes on\n"
+
+
+@pytest.mark.parametrize("content", [b"hello\nworld\n", b"hello", bytes(range(256)) * 20])
 def test_a_file_of_another_form(capfdbinary: Capture, trace: Path, tmp_path: Path, content: bytes) -> None:
     wrong = tmp_path / "wrong"
     wrong.write_bytes(content)

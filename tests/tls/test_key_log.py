@@ -89,6 +89,30 @@ def test_a_last_line_without_its_end_counts() -> None:
     assert found.find(RANDOM) == {MASTER: SECRET}
 
 
+@pytest.mark.parametrize(
+    ("end", "unfinished", "wrong"),
+    [
+        (LINE[:-1], 1, 0),
+        (LINE[:5], 1, 0),
+        ("CLIENT_RANDOM ", 1, 0),
+        ("# a comment", 0, 0),
+        (" \0", 0, 0),
+        ("\xd4\xc3\xb2\xa1 a capture", 0, 1),
+        (f"{LINE}0011", 1, 0),
+        ("client_random", 0, 1),
+    ],
+)
+def test_a_last_line_that_gives_nothing(end: str, unfinished: int, wrong: int) -> None:
+    """What may still become a line is counted as such, what cannot is wrong at once."""
+    pieces = iter((end.encode("latin-1"), b"", b"\n"))
+    found = KeyLog([lambda: next(pieces, b"")])
+    found.look()
+    found.look()
+    assert (len(found), found.unfinished, found.wrong) == (0, unfinished, wrong)
+    found.look()
+    assert (found.unfinished, found.wrong) == (0, unfinished + wrong)
+
+
 def test_lines_of_two_files_do_not_run_into_each_other() -> None:
     other = bytes(32)
     first = iter((LINE.encode()[:50], LINE.encode()[50:] + b"\n"))

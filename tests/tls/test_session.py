@@ -136,6 +136,27 @@ def test_keys_of_another_session() -> None:
     assert empty.why_closed == "the key log is empty"
 
 
+def test_a_key_log_that_was_cut_off_is_not_called_empty() -> None:
+    """Half a key log: of the only line, or of the last one, the end is missing."""
+    found, other = wire(SAID), wire(SAID)
+    first = other.key_log.splitlines()[1] + b"\n"
+    cut = found.key_log.splitlines()[1][:-1]
+    exporter = b"EXPORTER_SECRET " + cut.split(b" ")[1] + b" " + bytes(32).hex().encode()
+    for text, why in (
+        (cut, "the key log holds only the beginning of a line that is cut off"),
+        (b"CLIE", "the key log holds only the beginning of a line that is cut off"),
+        (first + cut, "the key log holds only keys of 1 other session and the beginning of a line that is cut off"),
+        (cut + b"\n", "no line of the key log has the form LABEL CLIENT_RANDOM SECRET"),
+        (exporter + b"\n", "the key log holds nothing that opens records"),
+        (b"# begun\n", "the key log is empty"),
+    ):
+        pieces = iter((text,))
+        session = TlsSession(KeyRing(KeyLog([lambda pieces=pieces: next(pieces, b"")])))
+        assert told(session, found.flights) == []
+        session.close()
+        assert session.why_closed == why, text
+
+
 @pytest.mark.parametrize("version", [V2, V3])
 def test_keys_that_are_wrong(version: ssl.TLSVersion) -> None:
     found = wire(SAID, version)
