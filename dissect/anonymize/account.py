@@ -89,7 +89,8 @@ CAVEATS: Final = {
 
 #: What is never changed, in sentences.
 LEFT: Final = (
-    "times of packets, sizes, order, TCP ports, sequence numbers and timestamps of TCP, TTLs, VLAN ids",
+    "times of packets (with --shift-time only those between them), sizes, order",
+    "TCP ports, sequence numbers and timestamps of TCP, TTLs, VLAN ids",
     "loopback, multicast and broadcast addresses; whether an address is private, and shared prefixes",
     "TSAPs of two bytes (connection type, rack, slot), references, negotiated sizes",
     "what is requested: functions, areas, DB and block numbers, addresses, block types, sizes and versions",

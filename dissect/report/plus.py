@@ -20,6 +20,7 @@ from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
+from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 from dissect.wire.text import json_text, shortened
 
@@ -109,14 +110,15 @@ def plus_subject(transaction: Transaction) -> str:
         said = plus_notes(half.pdu)
     else:
         said = ["expects no response"] if asked is not None and not asked.pdu.wants_response else []
+    wrong = (_malformed(asked) + _malformed(told))[:1]
     items = join_items(asked, told, transaction.connection.plus)
     if items and half.pdu.function not in _ITEMS_BESIDE:
-        return ", ".join(said + _some([item_text(item) for item in items]))
+        return ", ".join(said + _some([item_text(item) for item in items]) + wrong)
     texts = [", ".join(summary(one.pdu, one.contents)) for one in (asked, told) if one is not None]
     said += [" → ".join([shortened(text, _SUMMARY) for text in texts if text])]
     if items:
         said.append("subscribes to " + ", ".join(_some([item_text(item) for item in items])))
-    return ", ".join([text for text in said if text]) or ", ".join(plus_notes(half.pdu))
+    return ", ".join(([text for text in said if text] or plus_notes(half.pdu)) + wrong)
 
 
 def item_text(item: PlusItem) -> str:
@@ -179,7 +181,19 @@ def plus_json(transaction: Transaction) -> str:
 def _noted(half: Half | None) -> str:
     if half is None:
         return ""
-    return ",".join([json_text(text) for text in plus_notes(half.pdu) + summary(half.pdu, half.contents)])
+    texts = plus_notes(half.pdu) + summary(half.pdu, half.contents) + _malformed(half)
+    return ",".join([json_text(text) for text in texts])
+
+
+def _malformed(half: Half | None) -> list[str]:
+    """Return in what the contents of a whole PDU contradict themselves, with the place in the PDU."""
+    if half is None or half.pdu.cut or half.pdu.malformed or not half.contents.malformed:
+        return []
+    fact = half.contents.malformed[0]
+    said = Malformed(
+        fact.layer, fact.reason, fact.field, half.pdu.place(fact.offset), fact.needed, fact.available, fact.limit
+    )
+    return [f"MALFORMED {said}"]
 
 
 def _half_json(half: Half | None) -> str:

@@ -35,6 +35,7 @@ WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAME
 
 #: Elements of an array that are shown.
 _SHOWN: Final = 8
+_NO_VALUE: Final[list[Value | None]] = [None]
 #: Return values from here on refuse.
 _NEGATIVE: Final = 0x8000
 
@@ -45,7 +46,7 @@ class PlusItem:
     ``return_code`` is 0 when all is well, -1 when no answer says, else the lower 16 bits of a return value, in a notification
     0x13 or 0x03; ``codes`` names it.
     ``found`` is what the program calls it, where that passed; ``note`` says in what the value or the checksum of its symbol
-    contradicts that.
+    contradicts that, or that the answer leaves the item out. A number that comes several times makes several items.
     """
 
     __slots__ = ("address", "codes", "data", "found", "note", "number", "program", "return_code", "value")
@@ -129,7 +130,7 @@ class PlusItem:
         self.program = program
         self.found = program.find(address)
         if self.found is None:
-            self.note = program.doubt(address)
+            self.note = program.doubt(address) or self.note
         elif self.value is not None:
             self.note = contradiction(self.found, self.value, program)
             content = self.value.content
@@ -199,17 +200,21 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
             item.data = _data(item.value, told)
         return [item]
     source = asked if writes else (told if whole == 0 else None)
-    values = dict(source.contents.items) if source is not None else {}
+    values: dict[int, list[Value | None]] = {}
+    for index, value in source.contents.items if source is not None else []:
+        values.setdefault(index, []).append(value)  # one that comes twice is shown twice
     refusals = dict(told.contents.refusals) if told is not None else {}
     items: list[PlusItem] = []
     known = asked.contents.addresses
     for number in sorted({*range(1, len(known) + 1), *values, *refusals}):
         code = refusals[number] & 0xFFFF if number in refusals else whole
-        item = PlusItem(number, known[number - 1] if 0 < number <= len(known) else None, values.get(number), code)
-        if not writes and item.value is None and code == 0:
-            item.return_code = -1  # neither a value nor a refusal came
-        item.data = _data(item.value, source)
-        items.append(item)
+        for value in values.get(number, _NO_VALUE):
+            item = PlusItem(number, known[number - 1] if 0 < number <= len(known) else None, value, code)
+            if not writes and value is None and code == 0:
+                item.return_code = -1
+                item.note = "the answer holds neither a value nor a refusal"
+            item.data = _data(value, source)
+            items.append(item)
     return items
 
 

@@ -180,7 +180,7 @@ class Walk:
         """Go one level down; the caller goes up again."""
         self.depth += 1
         if self.depth > MAX_DEPTH:
-            raise FormatError("bad_value", field, self.at, MAX_DEPTH, self.depth)
+            raise FormatError("bad_value", f"depth of {field}", self.at, MAX_DEPTH, self.depth)
 
     def part(self, layout: Layout, start: int, note: str = "", deeper: int = 0) -> None:
         """Cut the part that begins at ``start`` and ends here."""

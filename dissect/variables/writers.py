@@ -269,7 +269,9 @@ def line_end(row: ValueRow, what: str) -> str:
     was = ""
     if row.changed and not row.first:
         was = f"  was {shown(variable, row.previous, row.before)}"
-    remark = f"  [{shortened(row.remark, _NAME)}]" if row.remark and row.value is None else ""
+    # What SCD says of a value that is there has no data with it, and stays out.
+    odd = row.remark and (row.value is None or row.data is not None)
+    remark = f"  [{shortened(row.remark, _NAME)}]" if odd else ""
     if row.pieced:
         remark = f"  [{PIECED}]"
     return f"{what} = {shown(variable, row.value, row.data, row.text)}{was}{remark}"

@@ -127,6 +127,25 @@ def test_lines(found: Everything) -> None:
     ]
 
 
+def test_a_transaction_says_what_is_wrong_with_its_contents() -> None:
+    """Its halves contradict themselves: the line says it of the first, JSON of both, with the place in the PDU."""
+    talk = begun()
+    talk.send(0, dt(framed(asked(1, body=bodies.get_multi(LEVEL) + b"more"), 3)))
+    talk.send(1, dt(framed(told(1, body=bodies.multi_got([], [], 3) + b"x"), 3)))
+    everything = Everything()
+    observed(everything, read(talk, 1).packets())
+    (told_of,) = [one for one in everything.told if one.get("protocol") == "s7comm_plus"]
+    request, response = told_of["asks"][-1], told_of["tells"][-1]
+    assert request.startswith("MALFORMED s7plus: ")
+    assert [line.partition("  MALFORMED")[2] for line in everything.lines] == [
+        request.removeprefix("MALFORMED"),
+        response.removeprefix("MALFORMED"),
+    ]
+    (line,) = [one for one in everything.transactions if "S7comm-plus" in one]
+    missing = "DB3 LID 14 [CRC 0xaabbccdd] (the answer holds neither a value nor a refusal)"
+    assert line.endswith(f"GetMultiVariables  {missing}, {request}")
+
+
 def test_transactions(found: Everything) -> None:
     plus = [line.partition("  S7comm-plus ")[2] for line in found.transactions if "S7comm-plus" in line]
     level = "DB3 LID 14 [CRC 0xaabbccdd]"

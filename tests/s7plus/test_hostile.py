@@ -27,8 +27,8 @@ VARIANT: Final = b"\0\x16"
 MANY: Final = number(0xFFFFFFFF)
 
 CASES: Final[dict[str, tuple[int, bytes, str, str]]] = {
-    "structures inside each other": (SET_VARIABLE, HEAD + STRUCT * 500, "bad_value", "members"),
-    "variants inside each other": (SET_VARIABLE, HEAD + VARIANT * 500, "bad_value", "variant"),
+    "structures inside each other": (SET_VARIABLE, HEAD + STRUCT * 500, "bad_value", "depth of members"),
+    "variants inside each other": (SET_VARIABLE, HEAD + VARIANT * 500, "bad_value", "depth of variant"),
     "a list inside a blob that does not end": (
         SET_VARIABLE,
         HEAD + b"\0\x14\7" + bytes(8) + b"\0" + b"\7\0\2\1" * 900,
@@ -39,7 +39,7 @@ CASES: Final[dict[str, tuple[int, bytes, str, str]]] = {
         CREATE_OBJECT,
         rid(3) + b"\0\0" + bytes(4) + b"\7" + (b"\xa1" + rid(9) + b"\7\0\0") * 500,
         "bad_value",
-        "object",
+        "depth of object",
     ),
     "an array of more than there is": (SET_VARIABLE, HEAD + b"\x10\2" + MANY, "length_beyond", "count"),
     "a text of more than there is": (SET_VARIABLE, HEAD + b"\0\x15" + MANY + b"abc", "length_beyond", "length"),

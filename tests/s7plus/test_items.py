@@ -77,6 +77,18 @@ def test_a_read_that_is_refused_as_a_whole() -> None:
     ] == [-1]
 
 
+def test_an_answer_that_does_not_fit_its_request_hides_nothing() -> None:
+    """An item twice, one that nobody asked for, one that is left out: each is there, and what is missing is said."""
+    seven = Value(0, UINT, 7)
+    items = joined(GET_MULTI_VARIABLES, bodies.get_multi(LEVEL, WORD), bodies.multi_got([(1, FIVE), (1, seven)], []))
+    level = "DB3 LID 14 [CRC 0xaabbccdd]"
+    assert told_of(items) == [(level, "Int 5", 0), (level, "UInt 7", 0), ("MW100", "", -1)]
+    assert [item.note for item in items] == ["", "", "the answer holds neither a value nor a refusal"]
+    assert [item.data for item in items] == [b"\0\5", b"\0\7", None]
+    items = joined(GET_MULTI_VARIABLES, bodies.get_multi(LEVEL), bodies.multi_got([(1, FIVE), (9, seven)], [(8, LOST)]))
+    assert told_of(items) == [(level, "Int 5", 0), ("item 8", "", 0xFFF4), ("item 9", "UInt 7", 0)]
+
+
 def test_a_write_of_several_variables() -> None:
     body = bodies.set_multi([(LEVEL, FIVE), (WORD, Value(0, UINT, 7))])
     items = joined(SET_MULTI_VARIABLES, body, b"\x13\2" + b"\xff" * 8 + b"\xf4\0" + bodies.end(3))

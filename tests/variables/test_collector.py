@@ -11,10 +11,21 @@ import pytest
 
 import dissect
 from dissect.engine.pipeline import Options
+from dissect.s7plus.contents import Address
+from dissect.s7plus.objects import build_object
+from dissect.s7plus.tables import EXPLORE
+from dissect.s7plus.value_tables import INT as PLUS_INT
+from dissect.s7plus.value_tables import REAL as PLUS_REAL
+from dissect.s7plus.values import Value
 from dissect.tags import load_tags
 from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector, item_type
+from dissect.variables.writers import line_end
+from tests.properties.messages import dt
 from tests.report.support import ROOT, begun
+from tests.s7plus import bodies
+from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.test_program import type_of, variable
 from tests.transactions import talk as line
 from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, rows_of, said, writes
 
@@ -200,6 +211,27 @@ def test_s7comm_plus_reads_and_notifications() -> None:
     assert ("read", 'DB1."setpoint"', "Int", 60) in said(rows)
     assert ("write", "CPUexecUnit.OperatingStateREQ", "DInt", 1) in said(rows)
     assert not [row for row in rows if "Session" in row.address]  # what a session keeps for itself is no variable
+
+
+def test_a_value_of_s7comm_plus_that_contradicts_its_declaration() -> None:
+    """The row and its line say so beside the value."""
+    address = Address(0, 0x8A0E0001, 2550, [14])
+    talk = begun()
+    kind = type_of(0x92000001, ("level", variable(14, 5)))
+    block = bodies.rid(address.area)
+    talk.send(0, dt(framed(asked(1, EXPLORE, body=block + b"\0\1\1\0\0\0" + bodies.end(1) + b"\0"), 3)))
+    answer = b"\0" + block + bodies.number(2) + build_object(kind) + bodies.FILL
+    talk.send(1, dt(framed(told(1, EXPLORE, answer), 3)))
+    for number, value in ((2, Value(0, PLUS_INT, 5)), (3, Value(0, PLUS_REAL, 1.5))):
+        talk.send(0, dt(framed(asked(number, body=bodies.get_multi(address)))))
+        talk.send(1, dt(framed(told(number, body=bodies.multi_got([(1, value)], [])))))
+    rows = rows_of(talk)
+    assert [(row.address, row.value, row.remark) for row in rows] == [
+        ('DB1."level"', 5, ""),
+        ('DB1."level"', 1.5, "declared Int, sent as Real"),
+    ]
+    assert line_end(rows[0], "level") == "level = 5"
+    assert line_end(rows[1], "level") == "level = 1.5  was 5  [declared Int, sent as Real]"
 
 
 def test_scd_reads_writes_and_pdos() -> None:
