@@ -1,7 +1,7 @@
 """What is made of an input: everything, or in long runs one thing each time, chosen by the input itself.
 
-Most of an execution's time goes into what is shown of an input: a tree, a line, JSON, all of which is read back. In the same
-time a run that makes one of them each time reads several times as many inputs, and shows more of each kind.
+Most of an execution's time goes into what is shown of an input: a tree, a line, JSON, all of which is read back. A run that
+makes one of them each time checks less of each input, and reads up to twice as many in the same time.
 """
 
 from __future__ import annotations
