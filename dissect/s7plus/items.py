@@ -201,8 +201,8 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
         return [item]
     source = asked if writes else (told if whole == 0 else None)
     values: dict[int, list[Value | None]] = {}
-    for index, value in source.contents.items if source is not None else []:
-        values.setdefault(index, []).append(value)  # one that comes twice is shown twice
+    for index, sent in source.contents.items if source is not None else []:
+        values.setdefault(index, []).append(sent)  # one that comes twice is shown twice
     refusals = dict(told.contents.refusals) if told is not None else {}
     items: list[PlusItem] = []
     known = asked.contents.addresses

@@ -151,7 +151,8 @@ def test_a_key_log_that_was_cut_off_is_not_called_empty() -> None:
         (b"# begun\n", "the key log is empty"),
     ):
         pieces = iter((text,))
-        session = TlsSession(KeyRing(KeyLog([lambda pieces=pieces: next(pieces, b"")])))
+        keys = KeyLog([lambda pieces=pieces: next(pieces, b"")])  # type: ignore[misc]
+        session = TlsSession(KeyRing(keys))
         assert told(session, found.flights) == []
         session.close()
         assert session.why_closed == why, text
