@@ -198,6 +198,7 @@ def plus_plant(case: Case) -> None:
         panel.id, PlusObject(0x7FFFC001, 1001, 0, 0, 0, [*attributes, Attribute(1053, Value(0, INT, 5))]), 0x70400010
     )
     panel.notify(0x70400010, (1, Value(0, REAL, 42.5)), (2, Value(0, BOOL, True)), (3, None), (4, Value(0, DINT, 8)))
+    case.count(item_errors=1)
     for step in range(4):
         case.pause(440)
         poll(panel, 60)

@@ -8,7 +8,6 @@ from typing import Final
 EXAMPLES: Final = {
     "analyze": (
         "s7dissect analyze trace.pcapng",
-        "s7dissect analyze --brief trace.pcapng",
         "s7dissect analyze --fail-on 'security.*' --per-file ring_*.pcapng",
         "s7dissect analyze --separate -j auto ring_*.pcapng",
         "ssh gateway cat trace.pcap.gz | s7dissect analyze -T json -",

@@ -13,7 +13,7 @@ from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
 from dissect.jobs.sending import Offsets, Sent, receive, send
-from dissect.report.analysis import Analysis, add_counts
+from dissect.report.analysis import Analysis
 from dissect.source.packet import SourceFile
 from dissect.transactions.naming import Naming
 from dissect.wire.octets import Tally
@@ -132,8 +132,9 @@ class Analyses:
             owner, _, name = path.rpartition(".")
             holder = attrgetter(owner)(pipeline)
             known = getattr(holder, name)
-            if isinstance(known, dict):
-                add_counts(known, more)
+            if isinstance(known, dict):  # by code; not `add_counts`, which takes names
+                for code, count in more.items():
+                    known[code] = known.get(code, 0) + count
             elif isinstance(known, Tally):
                 known.add_counts(more)
             elif isinstance(known, list):

@@ -87,4 +87,4 @@ def test_fields_select(s7dissect: Command, path: Path, where: str, count: int, m
 
 
 def test_a_refused_item_of_a_notification_has_a_return_code(s7dissect: Command) -> None:
-    assert numbers(s7dissect, "transactions", PLANT, "return_code == 0x13") == [5]
+    assert numbers(s7dissect, "transactions", PLANT, "return_code == 19") == [5]
