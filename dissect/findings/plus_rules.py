@@ -33,7 +33,7 @@ from dissect.s7plus.events import (
 )
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import GET_MULTI_VARIABLES
+from dissect.s7plus.tables import GET_MULTI_VARIABLES, PARTIAL_ERROR
 from dissect.s7plus.walk import MAX_WORK, STEP
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
@@ -151,11 +151,11 @@ class PlusWatch:
         traits = transaction.connection.traits
         if traits.written & area:
             return
+        if transaction.error_code not in {0, PARTIAL_ERROR} or transaction.outcome == UNANSWERED:
+            return
         traits.written |= area
         session.outputs_told = traits.written & WRITTEN_IO != 0
         session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
-        if transaction.error_code or transaction.outcome == UNANSWERED:
-            return
         self._security.tell(slug, transaction, shortened(event.text, _TEXT))
         self._security.writer(transaction)
 

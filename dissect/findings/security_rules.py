@@ -41,6 +41,7 @@ from dissect.s7.tables import (
     USERDATA,
     USERDATA_SUBFUNCTIONS,
 )
+from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items, subject, written
@@ -101,9 +102,9 @@ class SecurityWatch:
         connection = transaction.connection
         areas = transaction.parameters.written
         fresh = areas & ~connection.traits.written
-        connection.traits.written |= areas
         if transaction.error_code or transaction.outcome == UNANSWERED:
-            return
+            return  # one that is carried out later is told all the same
+        connection.traits.written |= areas
         items = subject(transaction)
         if fresh & WRITTEN_IO:
             self.tell("security.write_outputs", transaction, items)
@@ -268,7 +269,8 @@ class SecurityWatch:
         result = ""
         if transaction.error_code:
             codes = PLUS_CODES if transaction.is_plus else ERROR_CODES
-            result = f", refused: 0x{transaction.error_code:04x} {codes.name(transaction.error_code)}"
+            part = " in part" if transaction.is_plus and transaction.error_code == PARTIAL_ERROR else ""
+            result = f", refused{part}: 0x{transaction.error_code:04x} {codes.name(transaction.error_code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", not answered"
         what = what or _named(transaction)

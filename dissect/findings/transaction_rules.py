@@ -34,6 +34,7 @@ from dissect.s7.tables import (
     USERDATA_GROUPS,
     USERDATA_SUBFUNCTIONS,
 )
+from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.naming import item_subject, subject
 from dissect.transactions.results import (
     BAD_DATA,
@@ -273,7 +274,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
         error = transaction.errors[0]
         _note(judge, "transaction.refused", transaction, f"{error.name} {error.code}: {error.text}")
         return
-    if transaction.error_code:
+    if transaction.error_code and not _in_part(transaction):
         if judge.wants("transaction.refused", transaction.connection.number):
             error = transaction.errors[0]
             judge.detail(
@@ -294,6 +295,13 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.response_ns,
                 f"{transaction.function_name} {_about(transaction, error)}: 0x{error.code:02x} {error.name}",
             )
+
+
+def _in_part(transaction: Transaction) -> bool:
+    """Tell whether an answer of S7comm-plus refuses some items, and the others were read or written."""
+    if not transaction.is_plus or transaction.error_code != PARTIAL_ERROR:
+        return False
+    return any([error.part == ITEM for error in transaction.errors])
 
 
 def _about(transaction: Transaction, error: TransactionError) -> str:

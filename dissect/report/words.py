@@ -22,6 +22,7 @@ from dissect.s7.items import Item
 from dissect.s7.message import Pdu
 from dissect.s7.tables import BIT, BYTE, ELEMENT_OCTETS, RETURN_CODES
 from dissect.s7.values import Value, decode_value, number_texts, spelled
+from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
@@ -355,7 +356,8 @@ def outcome(transaction: Transaction) -> str:
         said = f"NO ANSWER{why}"
     if transaction.error_code and transaction.has_errors:
         error = transaction.errors[0]
-        refused = f"REFUSED {error_text(error)}"
+        word = "PARTLY REFUSED" if transaction.is_plus and error.code == PARTIAL_ERROR else "REFUSED"
+        refused = f"{word} {error_text(error)}"
         said = f"{said}, {refused}" if said else refused
     return said
 

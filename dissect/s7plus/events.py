@@ -263,7 +263,7 @@ def _judge(
         if told is not None and good:
             _explored(session, facts, told)
     elif function == SET_MULTI_VARIABLES and asked.addresses:
-        _written(session, facts, asked, good)
+        _written(session, facts, asked, told, good)
     elif function == GET_MULTI_VARIABLES:
         _states(session, facts, asked, told)
     elif asked.ids:
@@ -336,8 +336,9 @@ def _blocks(objects: list[PlusObject]) -> str:
     return ", ".join(texts) + more
 
 
-def _written(session: PlusSession, facts: Facts, asked: Contents, good: bool) -> None:
+def _written(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None, good: bool) -> None:
     values = dict(asked.items)
+    refused: list[int] = [number for number, _ in told.refusals] if told is not None else []
     for number, address in enumerate(asked.addresses, 1):
         value = values.get(number)
         last = address.lids[-1] if address.lids else address.sub_area
@@ -347,7 +348,7 @@ def _written(session: PlusSession, facts: Facts, asked: Contents, good: bool) ->
             session.authenticated = session.authenticated or good
         elif last == REFERENCE_LIST and value is not None and good:
             session.change(address.area, value)
-        else:
+        elif number not in refused:
             _write(session, facts, address, value)
 
 

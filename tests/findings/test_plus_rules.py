@@ -10,6 +10,7 @@ import dissect
 from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
+from dissect.report.words import outcome
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.tables import (
@@ -284,6 +285,29 @@ def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
         ("security.write_outputs", "QB0 = Bool true"),
         ("security.write", "MW100 = Int 5"),
     ]
+
+
+def test_a_write_that_is_refused_in_part_is_told_for_the_rest() -> None:
+    """Of two variables the CPU writes one. That is no refusal of the whole, and what it refused is no write."""
+    talk = begun()
+    output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
+    body = bodies.set_multi([(output, Value(0, BOOL, True)), (flag, Value(0, INT, 5))])
+    do(talk, 1, SET_MULTI_VARIABLES, body, b"\x13\1" + b"\xff" * 8 + b"\xf4\0")
+    text = "MW100 = Int 5, refused in part: 0x0013 Service executed with partial error"
+    assert said(talk) == [("transaction.item_error", "0xfff4 Object not found"), ("security.write", text)]
+    (item_error,) = [one.detail for one in talk.findings if one.slug == "transaction.item_error"]
+    assert item_error == "S7comm-plus SetMultiVariables QB0: 0xfff4 Object not found"
+    (transaction,) = talk.transactions
+    assert outcome(transaction) == "PARTLY REFUSED 0x0013 Service executed with partial error"
+
+
+def test_a_write_that_was_refused_hides_none_that_is_carried_out_later() -> None:
+    talk = begun()
+    body = bodies.set_multi([(Address(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))])
+    do(talk, 1, SET_MULTI_VARIABLES, body, b"\xff" * 8 + b"\xf4\0")
+    do(talk, 2, SET_MULTI_VARIABLES, body, b"\0\0")
+    do(talk, 3, SET_MULTI_VARIABLES, body, b"\0\0")
+    assert [slug for slug, _ in said(talk)].count("security.write_outputs") == 1
 
 
 def test_attributes_of_a_session_are_no_writes() -> None:

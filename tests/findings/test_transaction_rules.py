@@ -103,6 +103,14 @@ def test_refused(talk: Talk, asked: bytes, told: bytes, detail: str) -> None:
     assert [slug for slug in talk.slugs() if not slug.startswith("security.")] == ["transaction.refused"]
 
 
+def test_a_write_that_was_refused_hides_none_that_is_carried_out_later(talk: Talk) -> None:
+    for reference, code, answer in ((1, 0x8404, b""), (2, 0, b"\xff"), (3, 0, b"\xff")):
+        talk.ask(write(reference, [dbw(1, 0)], written(4, b"\0\1")))
+        talk.tell(ack_data(reference, b"\x05\x01", answer, code))
+    finding = only(talk, "security.write")
+    assert ", refused" not in finding.detail
+
+
 def test_item_errors(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0), dbw(1, 2), dbw(99, 4)))
     talk.tell(ack_data(1, b"\x04\x03", refused(0x05) + good(4, b"\0\1") + refused(0x0A)))
