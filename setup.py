@@ -50,6 +50,7 @@ HOT: Final = (
     "dissect/findings/*.py",
     "dissect/engine/*.py",
     "dissect/live/events.py",
+    "dissect/stations/facts.py",
     "dissect/tags/index.py",
     "dissect/tags/model.py",
     "dissect/tags/naming.py",

@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
 from dissect.s7.parameters import UserdataHead
+from dissect.stations.facts import Stretch
 from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import Ending
@@ -210,6 +211,7 @@ def _nobody() -> Connection:
 _TAKEN: Final[dict[type, Callable[[Any], tuple[Any, ...]]]] = {
     TcpConnection: lambda tcp: (*tcp.ends, tcp.vlan, tcp.first_frame, tcp.first_ns),
     UserdataHead: lambda head: (head.type, head.group, head.subfunction, head.sequence),
+    Stretch: lambda stretch: (stretch.value, stretch.source, stretch.first_frame, stretch.first_ns),
     Ending: lambda _: (),
 }
 

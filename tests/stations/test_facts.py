@@ -66,23 +66,21 @@ def test_a_clock_runs_on() -> None:
     assert (stretch.value, stretch.count, stretch.last_frame) == ("200", 2, 5)
 
 
-def test_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(facts, "MAX_STATIONS", 2)
-    monkeypatch.setattr(facts, "MAX_KEYS", 3)
-    monkeypatch.setattr(facts, "MAX_STRETCHES", 4)
-    monkeypatch.setattr(facts, "MAX_BLOCKS", 5)
+def test_bounds() -> None:
     book = Book()
-    for number in range(10):
+    count = facts.MAX_BLOCKS + 5
+    for number in range(count):
         said(book, facts.OPERATING_MODE, str(number), number + 1)
         said(book, f"{facts.BLOCKS} {number}", "1")
         said(book, facts.BLOCK, f"DB {number}")
         said(book, facts.BLOCK, "DB 0")
-        said(book, facts.MAC, "m", host=f"10.0.1.{number}")
+    for number in range(facts.MAX_STATIONS):
+        said(book, facts.MAC, "m", host=f"10.1.{number >> 8}.{number & 0xFF}")
     station = book.stations["10.0.0.2"]
     values = [stretch.value for stretch in station.facts["", facts.OPERATING_MODE]]
-    assert values == ["0", "7", "8", "9"]
-    assert len(station.facts) == 3
-    assert sorted(station.blocks) == [f"DB {number}" for number in range(5)]
-    assert station.not_kept == 6 + 8 + 5
-    assert (len(book.stations), book.not_kept) == (2, 9)
+    assert values == ["0", *map(str, range(count - facts.MAX_STRETCHES + 1, count))]
+    assert len(station.facts) == facts.MAX_KEYS
+    assert list(station.blocks) == [f"DB {number}" for number in range(facts.MAX_BLOCKS)]
+    assert station.not_kept == count - facts.MAX_STRETCHES + count - (facts.MAX_KEYS - 1) + 5
+    assert (len(book.stations), book.not_kept) == (facts.MAX_STATIONS, 1)
     assert len(said(book, facts.PLANT, "x" * 500).value) == facts.MAX_VALUE
