@@ -127,7 +127,7 @@ def test_depth_is_bounded() -> None:
     read(head * MAX_DEPTH + b"\xa2" * MAX_DEPTH)
     with pytest.raises(FormatError) as caught:
         read(head * 100_000)
-    assert caught.value.field == "object"
+    assert caught.value.field == "depth of object"
 
 
 @given(OBJECTS)

@@ -119,7 +119,7 @@ def test_depth_is_bounded() -> None:
     read(nested[1:] + nested * (MAX_DEPTH - 1) + b"\0" * MAX_DEPTH)
     with pytest.raises(FormatError) as caught:
         read(nested[1:] + nested * 100_000)
-    assert (caught.value.field, caught.value.available) == ("members", MAX_DEPTH + 1)
+    assert (caught.value.field, caught.value.available) == ("depth of members", MAX_DEPTH + 1)
     with pytest.raises(FormatError):
         read(b"\x00\x16" * 100_000)
 
