@@ -124,7 +124,7 @@ fuzz:
 
 # So many inputs of all targets to the installed package, compiled; goes on where an earlier run with the same file was stopped.
 fuzz-installed: test-environment
-	$(BIN)/python -m tests.fuzz all --installed --executions $(EXECUTIONS) --jobs $(FUZZ_JOBS) --done $(FUZZ_DONE) $(FUZZ)
+	PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.fuzz all --installed --executions $(EXECUTIONS) --jobs $(FUZZ_JOBS) --done $(FUZZ_DONE) $(FUZZ)
 
 # Record captures/ anew with real peers; needs root.
 record:
