@@ -37,7 +37,9 @@ def read_varint(octets: bytes, at: int, end: int, kind: int) -> tuple[int, int]:
         value = (value << 7) | (octet & 0x7F)
         at += 1
         if octet < 0x80:
-            return (value if wide or signed else value & 0xFFFFFFFF), at
+            if wide:
+                return value, at
+            return (((value + 0x80000000) & 0xFFFFFFFF) - 0x80000000 if signed else value & 0xFFFFFFFF), at
     if wide and at == last and at < end:
         return (value << 8) | octets[at], at + 1
     return -1, -1

@@ -55,6 +55,17 @@ def test_the_ninth_octet_has_eight_bits() -> None:
     assert build_varint(2**56, VLQ64) == b"\x80\xc0" + b"\x80" * 6 + b"\0"
 
 
+def test_bits_beyond_32_are_dropped() -> None:
+    for wire, signed, unsigned in (
+        ("c080808000", 0, 0),
+        ("bfffffff7f", -1, 0xFFFFFFFF),
+        ("cb80808001", -1342177279, 0xB0000001),
+    ):
+        octets = bytes.fromhex(wire)
+        assert read_varint(octets, 0, 5, SIGNED) == (signed, 5)
+        assert read_varint(octets, 0, 5, VLQ) == (unsigned, 5)
+
+
 @pytest.mark.parametrize("kind", [VLQ, VLQ64, SIGNED, SIGNED64])
 @given(data=st.data())
 def test_what_was_built_reads_back(kind: int, data: st.DataObject) -> None:
