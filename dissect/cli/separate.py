@@ -62,7 +62,7 @@ def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]]) -> None:
 
 
 class Interrupted:
-    """Whether somebody wants to stop: asked by the loop that reads a file in this process."""
+    """Whether the run was interrupted; the loop that reads a file in this process asks."""
 
     asked: Callable[[], bool] = staticmethod(lambda: False)
 

@@ -30,7 +30,7 @@ _task: Task | None = None
 
 
 def current() -> Task | None:
-    """Return the task that this process does, None when it is no task."""
+    """Return the task that this process is doing, None when it is not doing one."""
     return _task
 
 

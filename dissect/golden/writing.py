@@ -133,10 +133,10 @@ def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
     if not link.begun and link.carrier != "udp":
         yield "  begins before the capture"
     if link.refused:
-        yield f"  refused {quoted(printable(link.refused))}"
+        yield f"  refused {quoted(link.refused)}"
     if link.ended:
         by = f" by {link.ended_by}" if link.ended_by else ""
-        yield f"  ends {link.ended}{by}{f' {quoted(printable(link.farewell))}' if link.farewell else ''}"
+        yield f"  ends {link.ended}{by}{f' {quoted(link.farewell)}' if link.farewell else ''}"
 
 
 # ---- transactions ---------------------------------------------------------------------------------------------------

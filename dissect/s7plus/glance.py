@@ -38,11 +38,10 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, UDINT
 from dissect.wire.octets import u16, u32
-from dissect.wire.varint import SIGNED, VLQ, read_varint
+from dissect.wire.varint import SIGNED, read_varint
 
 _HEADER: Final = 4
 _TRAILER: Final = 4
-_MORE: Final = 0x80
 #: Octets of the fixed part of a request, its session included, and of a response.
 _REQUEST_SIZE: Final = 14
 _RESPONSE_SIZE: Final = 10
@@ -59,17 +58,17 @@ OUTPUTS: Final = frozenset((81,))
 class Glance:
     """One half of a plain transaction. ``plain`` is False when it must be read; then nothing else of it counts."""
 
-    __slots__ = ("_end", "_octets", "at", "data", "plain", "version")
+    __slots__ = ("_end", "_octets", "_skipper", "data", "plain", "version")
 
     def __init__(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
         """``size`` octets are fixed, of a PDU in one frame of version 1, 2 or 3."""
         self._octets: bytes = octets
         length: i64 = len(octets)
         self.plain: bool = False
-        self.at: i64 = 0
         self.data: i64 = 0  # where the opcode stands
         self.version: i64 = 0
         self._end: i64 = length - _TRAILER
+        self._skipper: Skipper = Skipper(octets, 0, self._end)
         if length < _HEADER + size + _TRAILER or length > _LARGEST or octets[0] != PROTOCOL_ID:
             return
         version: i64 = octets[1]
@@ -89,74 +88,56 @@ class Glance:
             return
         self.version = version
         self.data = at
-        self.at = at + size
+        self._skipper.at = at + size
         self.plain = True
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
-        at: i64 = self.at
-        if at >= self._end:
+        value = self._skipper.number()
+        if value < 0:
             self.plain = False
-            return -1
-        first: i64 = self._octets[at]
-        if first < _MORE:
-            self.at = at + 1
-            return first
-        if at + 1 < self._end:  # most ids have two octets
-            second: i64 = self._octets[at + 1]
-            if second < _MORE:
-                self.at = at + 2
-                return (first & 0x7F) << 7 | second
-        value, behind = read_varint(self._octets, at, self._end, VLQ)
-        if behind < 0:
-            self.plain = False
-            return -1
-        self.at = behind
         return value
 
     def count(self) -> i64:
         """Read a count of things that take one octet or more each."""
         count = self.number()
-        if count > self._end - self.at:
+        if count > self._end - self._skipper.at:
             self.plain = False
         return count
 
     def four(self) -> i64:
         """Read a number of four octets."""
-        at: i64 = self.at
+        at: i64 = self._skipper.at
         if at + 4 > self._end:
             self.plain = False
             return -1
-        self.at = at + 4
+        self._skipper.at = at + 4
         return u32(self._octets, at)
 
     def expect(self, octets: bytes) -> bool:
         """Pass over octets that must be these."""
-        if not self._octets.startswith(octets, self.at, self._end):
+        if not self._octets.startswith(octets, self._skipper.at, self._end):
             self.plain = False
             return False
-        self.at += len(octets)
+        self._skipper.at += len(octets)
         return True
 
     def skip(self, size: i64) -> bool:
         """Pass over octets whatever they are."""
-        self.at += size
-        if self.at > self._end:
+        self._skipper.at += size
+        if self._skipper.at > self._end:
             self.plain = False
         return self.plain
 
     def value(self) -> bool:
         """Pass over a value."""
-        skipper = Skipper(self._octets, self.at, self._end)
-        if not skipper.value(0):
+        if not self._skipper.value(0):
             self.plain = False
-            return False
-        self.at = skipper.at
-        return True
+        return self.plain
 
     def state(self) -> i64:
         """Read the operating state, which CPUs send as DInt; -1 for a value of another type, which must be read."""
-        at: i64 = self.at
+        at: i64 = self._skipper.at
         octets = self._octets
         if at + 3 > self._end or octets[at] or octets[at + 1] != DINT:
             self.plain = False
@@ -165,29 +146,29 @@ class Glance:
         if behind < 0:
             self.plain = False
             return -1
-        self.at = behind
+        self._skipper.at = behind
         return value
 
     def blob(self) -> bytes:
         """Read the octets of a blob; empty where it is none, and then it must be read."""
-        at: i64 = self.at
+        at: i64 = self._skipper.at
         octets = self._octets
         if at + 4 > self._end or octets[at] or octets[at + 1] != BLOB or octets[at + 2] > 1:
             self.plain = False
             return b""
-        self.at = at + 3
+        self._skipper.at = at + 3
         size = self.number()
-        begin: i64 = self.at
+        begin: i64 = self._skipper.at
         if size < 0 or not self.skip(size):
             return b""
-        return octets[begin : self.at]
+        return octets[begin : self._skipper.at]
 
     def ends(self) -> i64:
         """Read the end of a PDU: its integrity id, -1 for none. Not plain when something else stands there."""
-        if self._zeros(self.at):
+        if self._zeros(self._skipper.at):
             return -1
         id_ = self.number()
-        if not self.plain or self.version == V1 or not self._zeros(self.at):
+        if not self.plain or self.version == V1 or not self._zeros(self._skipper.at):
             self.plain = False
             return -1
         return id_

@@ -102,7 +102,7 @@ class Skipper:
             return self._sparse(type_)
         count: i64 = 1
         if flags & (ARRAY | ADDRESS_ARRAY):
-            count = self._number()
+            count = self.number()
             if count < 0 or type_ == NULL:
                 return False
             self.spent += count
@@ -133,7 +133,7 @@ class Skipper:
                 return
             spent: i64 = self.spent
             self.at = start + 1
-            id_ = self._number()
+            id_ = self.number()
             if tag == RELATION_TAG:
                 passed: bool = id_ >= 0 and self.at + _RID <= self._end
                 self.at += _RID
@@ -148,8 +148,8 @@ class Skipper:
                 self.spent = spent
                 return
 
-    def _number(self) -> i64:
-        """Return a number of at most 32 bits without sign, -1 for none."""
+    def number(self) -> i64:
+        """Read a number of at most 32 bits without sign, -1 for none."""
         at: i64 = self.at
         if at >= self._end:
             return -1
@@ -172,10 +172,10 @@ class Skipper:
             return True
         if type_ == WSTRING or type_ == BLOB:
             if type_ == BLOB:
-                root = self._number()
+                root = self.number()
                 if root < 0 or root > 1:
                     return False  # then more stands in front of the length
-            size = self._number()
+            size = self.number()
             if size < 0:
                 return False
             begin: i64 = self.at
@@ -197,7 +197,7 @@ class Skipper:
         """Pass over pairs of keys and values up to the key 0."""
         size: i64 = _SIZES[type_]
         while True:
-            key = self._number()
+            key = self.number()
             if key <= 0:
                 return key == 0 and (size < _OTHER or _is_passed(type_))
             if size < _OTHER:
@@ -217,7 +217,7 @@ class Skipper:
             return False
         self.at = at + 4
         while True:
-            id_ = self._number()
+            id_ = self.number()
             if id_ <= 0:
                 return id_ == 0
             if id_ in COMPRESSED or not self.value(depth, nested + 1):

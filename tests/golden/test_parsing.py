@@ -21,6 +21,15 @@ def test_a_name_that_cannot_be_shown_reads_back_to_itself() -> None:
         assert facts(parse_golden(text)) == facts(parse_golden(text.replace("\\x1b", "\x1b")))
 
 
+@pytest.mark.parametrize("said", [r"two\nlines", r"\u001b[31m", r"a back\\slash", r"\u0023 no comment"])
+def test_what_was_said_at_the_end_reads_back_to_itself(said: str) -> None:
+    lines = f'  refused "{said}"\n  ends error_tpdu by server "{said}"\n'
+    session = parse_golden(f"s7dissect golden 1\n\nconnection 1\n{lines}")
+    text = golden_text(session)
+    assert lines in text
+    assert facts(parse_golden(text)) == facts(session)
+
+
 def facts(session: Session) -> list[object]:
     """Return everything that a golden keeps of a session."""
     links = [
@@ -32,6 +41,7 @@ def facts(session: Session) -> list[object]:
             link.tpdu_size_asked,
             link.ended,
             link.ended_by,
+            link.farewell,
             link.refused,
         )
         for link in session.links
