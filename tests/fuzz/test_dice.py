@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from tests.fuzz import __main__ as runner
 from tests.fuzz import dice
 from tests.fuzz.dice import ROUND, Notes, Thrown, corpus_of, rounds, throw
 from tests.fuzz.turns import Turns
+from tests.report.support import ROOT
 
 
 def test_seeds_come_first_and_the_same_seed_does_the_same(tmp_path: Path) -> None:
@@ -123,6 +126,20 @@ def test_all_targets_have_their_share_of_a_long_run(tmp_path: Path, monkeypatch:
     assert runner.main(wanted) == 1
     assert tuple(given) == runner.NAMES
     assert 1_000_000 <= sum(given.values()) < 1_000_010
+
+
+def test_make_finds_the_tests() -> None:
+    """The recipe forbids the current folder on the path, as all recipes do, and has to name it."""
+    python = Path(sys.prefix)
+    asked = ["make", "-n", "-o", "test-environment", f"VENV={python}", "fuzz-installed"]
+    told = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    (recipe,) = [line for line in told.splitlines() if "-m tests.fuzz" in line]
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"PYTHONSAFEPATH": "1"}
+    done = subprocess.run(
+        [f"{recipe} --help"], shell=True, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "--executions" in done.stdout
 
 
 def test_in_turns_one_thing_is_made_of_an_input_and_all_of_many() -> None:
