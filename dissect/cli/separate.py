@@ -1,4 +1,4 @@
-"""Files that stand for themselves (option --separate): one after another, or by several processes, with the same result.
+"""Files that stand for themselves (option --separate), by one process, several or other machines: the result is the same.
 
 Each file is a `dissect.cli.task`. What they find comes here in the order of the files, and is added up.
 """
@@ -9,12 +9,13 @@ import gc
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 
 from dissect.cli import task
 from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.run import Bar, Interruption
 from dissect.source.packet import CaptureError
 from dissect.source.remote import shown
@@ -33,6 +34,20 @@ if TYPE_CHECKING:
 _COUNTED: Final = ("connection", "number")
 
 T = TypeVar("T")
+
+
+class Helpers(NamedTuple):
+    """An executor and how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
+
+    ``settings`` are those of the command here, None where tasks find them by themselves; ``troubled`` says in the end whether
+    some of those who should have helped could not.
+    """
+
+    executor: Executor
+    at_once: int
+    settings: task.Settings | None = None
+    look: Callable[[], None] = lambda: None
+    troubled: Callable[[], bool] = lambda: False
 
 
 class Here(Executor):
@@ -90,21 +105,34 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
     arguments = click.get_current_context().meta[ARGUMENTS]
     code = EXIT_OK
 
-    def again(file: str) -> None:
-        _say(file, f"{DIED}; it is read once more")
+    def again(file: str, where: str) -> None:
+        say(file, f"{DIED}; it is read once more", where)
 
     try:
-        with Interruption() as interruption, Bar(files, False) as bar, _executor(jobs) as executor:
+        with Interruption() as interruption, Bar(files, False) as bar, _helpers(jobs, files) as helpers:
             Interrupted.asked = staticmethod(lambda: interruption.asked)
-            doer = Files(executor, jobs, task.work, (arguments, len(files) > 1), retried=again)
-            for done in doer.run(files, lambda: interruption.asked):
+
+            def stop() -> bool:
+                helpers.look()
+                return interruption.asked
+
+            doer = Files(
+                helpers.executor,
+                helpers.at_once,
+                task.work,
+                (arguments, len(files) > 1, helpers.settings),
+                retried=again,
+            )
+            for done in doer.run(files, stop):
                 take(done)
                 if done.why:
                     code = EXIT_DAMAGED
-                    _say(done.file, done.why)
+                    say(done.file, done.why, done.where)
                 bar.show(octets())
             if interruption.asked:
                 code = EXIT_INTERRUPTED
+            elif helpers.troubled():
+                code = EXIT_DAMAGED
     except (KeyboardInterrupt, click.Abort):
         code = EXIT_INTERRUPTED
     finally:
@@ -115,21 +143,30 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
 
 
 @contextmanager
-def _executor(jobs: int) -> Iterator[Executor]:
+def _helpers(jobs: int, files: Sequence[str]) -> Iterator[Helpers]:
+    """Give who does the tasks."""
+    address = cluster_meant()
+    if address:
+        from dissect.cli.cluster import helpers_of
+
+        with helpers_of(address, files) as helpers:
+            yield helpers
+        return
     if jobs == 1:
-        yield Here()
+        yield Helpers(Here(), 1)
         return
     from dissect.jobs.pool import Pool
 
     with Pool(jobs) as pool:
-        yield pool
+        yield Helpers(pool, jobs)
 
 
-def _say(file: str, why: str) -> None:
-    """Say something of a file on stderr, once with its name."""
+def say(file: str, why: str, where: str = "") -> None:
+    """Say something of a file on stderr, once with its name, and the machine where it was found unless that is this one."""
     name = printable(shown(file))
     text = printable(why)
-    click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}", err=True)
+    at = f" ({printable(where)})" if where else ""
+    click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}{at}", err=True)
 
 
 # ---- analyze --------------------------------------------------------------------------------------------------------
@@ -173,7 +210,7 @@ def analyze_separately(files: Sequence[str], jobs: int, options: Options) -> tup
     code = separately(files, jobs, take, lambda: sum([int(file.octets) for file in sums.analysis.files]))
     for file in sums.analysis.files:
         if file.octets and file.loss:
-            _say(file.name, file.loss)
+            say(file.name, file.loss)
     joints.tell()
     if code == EXIT_OK and any([file.loss for file in sums.analysis.files]):
         code = EXIT_DAMAGED

@@ -7,19 +7,23 @@ line has to be sent to another process or machine. The command leaves in `Task.f
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import click
 
+#: Options of a command that come from settings files (`dissect.cli.configuration`), by parameter.
+Settings = Mapping[str, Any]
+
 
 class Task:
-    """A file to read, one of ``several`` or the only one."""
+    """A file to read, one of ``several`` or the only one, with ``settings`` that take the place of those of this machine."""
 
-    def __init__(self, file: str, several: bool) -> None:
+    def __init__(self, file: str, several: bool, settings: Settings | None = None) -> None:
         self.file = file
+        self.settings = settings
         self.found: Any = None
         #: Stand for the files of the whole, wherever it matters whether packets are named with their file.
         self.files: Sequence[str] = (file, file) if several else (file,)
@@ -34,14 +38,17 @@ def current() -> Task | None:
     return _task
 
 
-def work(arguments: list[str], several: bool, file: str) -> Any:
-    """Run the command line ``arguments`` for one file; return what it found. Raises `FileError` when that cannot be done."""
+def work(arguments: list[str], several: bool, settings: Settings | None, file: str) -> Any:
+    """Run the command line ``arguments`` for one file; return what it found. Raises `FileError` when that cannot be done.
+
+    ``settings`` are those of whoever gave the task; None for those that are found here.
+    """
     from dissect.cli.main import group
     from dissect.jobs.tasks import FileError
     from dissect.source.packet import CaptureError
 
     global _task  # noqa: PLW0603 - a process does one task at a time
-    _task = task = Task(file, several)
+    _task = task = Task(file, several, settings)
     try:
         with (
             Path(os.devnull).open("w", encoding="utf-8") as nowhere,
