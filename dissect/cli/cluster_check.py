@@ -66,7 +66,9 @@ class _Check(Outcome):
             address = "" if worker.name in {"", worker.address} else f", {worker.address}"
             yield Line(printable(f"{worker.label}{address}"), HEADING, 4)
             memory = f", {words.size(worker.memory)} of memory" if worker.memory else ""
-            yield Line(f"  {words.count(worker.threads, 'thread')}{memory}, Dask {printable(worker.dask) or '?'}", PLAIN, 4)
+            yield Line(
+                f"  {words.count(worker.threads, 'thread')}{memory}, Dask {printable(worker.dask) or '?'}", PLAIN, 4
+            )
             if worker.machine is not None:
                 yield Line(f"  {_about(worker.machine)}", PLAIN, 4)
             if why:

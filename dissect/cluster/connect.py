@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any, Final, NoReturn
 from urllib.parse import urlsplit
 
-from dissect.wire.text import shortened
+from dissect.wire.text import reason, shortened
 
 #: Seconds until a scheduler or worker that does not answer is given up.
 ANSWER_S: Final = 8
@@ -33,11 +33,9 @@ def checked_address(text: str) -> str:
     return text.rstrip("/")
 
 
-def reason(error: BaseException) -> str:
-    """Return what an error of a library says in one line."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    return shortened(" ".join(str(error).split()) or type(error).__name__, _REASON)
+def brief(error: BaseException) -> str:
+    """Return what an error of a library says in one line, which may be part of a longer text."""
+    return shortened(reason(error).partition("\\n")[0], _REASON)
 
 
 @contextmanager
@@ -74,16 +72,15 @@ def _knock(address: str) -> None:
     try:
         socket.create_connection((parts.hostname or "", parts.port or 0), ANSWER_S).close()
     except OSError as error:
-        said = f"no answer within {ANSWER_S} seconds" if isinstance(error, TimeoutError) else reason(error)
+        said = f"no answer within {ANSWER_S} seconds" if isinstance(error, TimeoutError) else brief(error)
         raise ClusterError(f"{address}: no scheduler can be reached there: {said}") from None
 
 
 def _not_a_scheduler(address: str, error: BaseException) -> NoReturn:
     cause = error.__cause__ or error
     if address.startswith("tls:") and "TLS" in str(error):
-        why = f"{reason(error)}; certificates are those of Dask's own settings (distributed.comm.tls)"
-    elif isinstance(cause, TimeoutError | OSError):
-        why = f"it does not answer as a Dask scheduler ({reason(cause)})"
+        why = f"{brief(error)}; certificates are those of Dask's own settings (distributed.comm.tls)"
     else:
-        why = reason(error)
+        said = f" ({brief(cause)})" if isinstance(cause, OSError) else ""
+        why = f"it does not answer as a Dask scheduler{said}"
     raise ClusterError(f"{address}: {why}")

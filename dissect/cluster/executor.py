@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
-from dissect.cluster.connect import ANSWER_S, reason
+from dissect.cluster.connect import ANSWER_S, brief
 from dissect.cluster.onworker import ANSWERED, answer
 from dissect.cluster.reader import DEFECT, FOUND, Order
 from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
@@ -200,7 +200,7 @@ class Cluster(Executor):
             if begun.status == "cancelled":
                 self._scheduler_lost(task)
             elif error is not None:
-                task.settle(None, FileError(reason(error), hand.worker.label))
+                task.settle(None, FileError(brief(error), hand.worker.label))
             elif how == ANSWERED:
                 self._answered(task, hand, *pickle.loads(written))  # noqa: S301 - a cluster is trusted by whoever uses it
             else:
@@ -269,7 +269,7 @@ class Cluster(Executor):
         try:
             workers = workers_of(self._client, addresses)
         except Exception as error:  # noqa: BLE001 - the cluster went on without them; if all are gone that is said
-            self._say(None, f"a worker that joined cannot be asked: {reason(error)}")
+            self._say(None, f"a worker that joined cannot be asked: {brief(error)}")
             return
         for worker in workers:
             why = obstacle(worker, self._ours)

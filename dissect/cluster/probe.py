@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import importlib.util
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -29,10 +30,11 @@ def facts(extras: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     }
     try:
         found["version"] = str(importlib.import_module("dissect").__version__)
-        found["compiled"] = bool(importlib.import_module("dissect.wire.build").COMPILED)
+        build = importlib.util.find_spec("dissect.wire.build")
     except Exception as error:  # noqa: BLE001 - whatever an import may raise is why the package cannot be used
-        found["version"] = ""
         found["problem"] = str(error) or type(error).__name__
+    else:
+        found["compiled"] = build is not None and not str(build.origin).endswith(".py")
     return found
 
 

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any, Final, NamedTuple
 
 from dissect.cluster import probe
-from dissect.cluster.connect import ANSWER_S, reason
+from dissect.cluster.connect import ANSWER_S, brief
 
 #: The distributions that the extras of this package install, where reading captures or writing results takes them.
 EXTRAS: Final[Mapping[str, Sequence[str]]] = {
@@ -97,7 +97,7 @@ def _worker(address: str, info: Mapping[str, Any], answer: object) -> Worker:
     if isinstance(answer, dict):
         machine, silence = Machine(**answer), ""
     elif isinstance(answer, BaseException):
-        silence = f"cannot be asked: {reason(answer)}"
+        silence = f"cannot be asked: {brief(answer)}"
     versions = info.get("versions") or {}
     return Worker(
         address,

@@ -1,4 +1,4 @@
-"""A Dask cluster for tests: a scheduler and workers as their programs start them, on free ports of loopback, ended by their ids."""
+"""A Dask cluster for tests: a scheduler and workers, started by their own programs on free ports of loopback, ended by id."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -20,21 +20,31 @@ _PATIENCE_S: Final = 120
 class Cluster:
     """A scheduler at ``address``, and workers by name."""
 
-    def __init__(self, folder: Path, address: str) -> None:
+    def __init__(self, folder: Path, address: str, scheduler: subprocess.Popen[bytes]) -> None:
         self.folder = folder
         self.address = address
+        self.scheduler = scheduler
         self.workers: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, *names: str, **environment: str) -> None:
-        """Start workers, one thread each, and wait until the scheduler knows them."""
-        for name in names:
-            work = self.folder / name
-            work.mkdir(exist_ok=True)
-            # Without a nanny: whoever kills the worker wants it to stay away. In its own folder: paths that are not shared show.
-            options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", LOOPBACK, "--name", name]
-            self.workers[name] = _begun(
-                [*_dask("worker"), self.address, *options, "--local-directory", os.fspath(work)], work, environment
+    def begin(self, name: str, **environment: str) -> None:
+        """Start a worker with one thread."""
+        work = self.folder / name
+        work.mkdir(exist_ok=True)
+        # Without a nanny, which would start a worker that was killed anew.
+        options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", LOOPBACK, "--name", name]
+        command = [*_dask("worker"), self.address, *options, "--local-directory", os.fspath(work)]
+        with (work / "log").open("wb") as said:
+            self.workers[name] = subprocess.Popen(
+                command,
+                cwd=work,
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=said,
+                env={**os.environ, **environment},
             )
+
+    def wait(self, *names: str) -> None:
+        """Wait until the scheduler knows workers."""
         for name in names:
             self._await(name)
 
@@ -58,8 +68,8 @@ def cluster(folder: Path) -> Iterator[Cluster]:
     """Run a scheduler until the block is over, and end the workers that were started then."""
     port = free_port()
     command = [*_dask("scheduler"), "--host", LOOPBACK, "--port", str(port), "--no-dashboard", "--no-show"]
-    with running(command, port, folder / "scheduler.log"):
-        made = Cluster(folder, f"tcp://{LOOPBACK}:{port}")
+    with running(command, port, folder / "scheduler.log") as scheduler:
+        made = Cluster(folder, f"tcp://{LOOPBACK}:{port}", scheduler)
         try:
             yield made
         finally:
@@ -71,15 +81,3 @@ def cluster(folder: Path) -> Iterator[Cluster]:
 
 def _dask(what: str) -> list[str]:
     return [sys.executable, "-m", "dask", what]
-
-
-def _begun(command: list[str], folder: Path, environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
-    with (folder / "log").open("wb") as said:
-        return subprocess.Popen(
-            command,
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=said,
-            env={**os.environ, **environment},
-        )

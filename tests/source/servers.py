@@ -37,7 +37,8 @@ def _program(name: str) -> str:
 
 
 @contextmanager
-def running(command: list[str], port: int, log: Path, environment: dict[str, str] | None = None) -> Iterator[None]:
+def running(command: list[str], port: int, log: Path, environment: dict[str, str] | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
     """Run a server until the block is over; it is ended by its own id."""
     with log.open("wb") as said:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment)
@@ -50,7 +51,7 @@ def running(command: list[str], port: int, log: Path, environment: dict[str, str
             assert process.poll() is None, log.read_text(errors="replace")
             assert time.monotonic() < deadline, log.read_text(errors="replace")
             time.sleep(0.05)
-        yield
+        yield process
     finally:
         process.terminate()
         try:
