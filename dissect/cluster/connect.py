@@ -9,7 +9,7 @@ import socket
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 from dissect.wire.text import reason, shortened
@@ -47,23 +47,27 @@ def connected(address: str) -> Iterator[Any]:
     if importlib.util.find_spec("distributed") is None:
         raise ClusterError("a cluster needs Dask: pip install 's7dissect[cluster]'")
     _knock(address)
-    from distributed import Client
-
     disabled = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # versions of Dask that differ; `cluster-check` says them
-                client = Client(address, timeout=ANSWER_S, set_as_default=False)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - each transport has errors of its own
-            _not_a_scheduler(address, error)
+        client = _client(address)
         try:
             yield client
         finally:
             client.close(timeout=ANSWER_S / 2)
     finally:
         logging.disable(disabled)
+
+
+def _client(address: str) -> Any:
+    from distributed import Client
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # versions of Dask that differ; `cluster-check` says them
+            return Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - each transport has errors of its own
+        raise _not_a_scheduler(address, error) from None
 
 
 def _knock(address: str) -> None:
@@ -76,11 +80,11 @@ def _knock(address: str) -> None:
         raise ClusterError(f"{address}: no scheduler can be reached there: {said}") from None
 
 
-def _not_a_scheduler(address: str, error: BaseException) -> NoReturn:
+def _not_a_scheduler(address: str, error: BaseException) -> ClusterError:
     cause = error.__cause__ or error
     if address.startswith("tls:") and "TLS" in str(error):
         why = f"{brief(error)}; certificates are those of Dask's own settings (distributed.comm.tls)"
     else:
         said = f" ({brief(cause)})" if isinstance(cause, OSError) else ""
         why = f"it does not answer as a Dask scheduler{said}"
-    raise ClusterError(f"{address}: {why}")
+    return ClusterError(f"{address}: {why}")

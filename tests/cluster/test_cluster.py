@@ -186,7 +186,8 @@ def test_workers_find_what_one_process_finds(
     (tmp_path / "s7dissect.toml").write_text("slow = 0\n", encoding="ascii")
     (tmp_path / "text.pcap").write_text("this is no capture, but long enough to be looked at")
     shutil.copy(SZL, "relative.pcapng")
-    files = ["relative.pcapng", SZL, CAPTURES / "s7plus" / "s7commplus-tls.pcapng", POLL, CUT, "text.pcap", "gone.pcap"]
+    tls = CAPTURES / "s7plus" / "s7commplus-tls.pcapng"
+    files: list[str | Path] = ["relative.pcapng", SZL, tls, POLL, CUT, "text.pcap", "gone.pcap"]
     tags = CAPTURES / "tags" / "valve.csv"
     ran = both(capfdbinary, site, "analyze", "--separate", "-T", "json", "--tags", tags, "-Y", "not tag == x", *files)
     assert ran.code == 3
