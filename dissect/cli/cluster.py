@@ -11,7 +11,7 @@ import click
 
 from dissect.cli.configuration import settings_now
 from dissect.cli.main import ARGUMENTS
-from dissect.cli.separate import Helpers, say
+from dissect.cli.separate import Readers, say
 from dissect.cluster.connect import ClusterError, connected
 from dissect.cluster.executor import Cluster
 from dissect.cluster.reader import digest
@@ -22,7 +22,7 @@ _CONFIG: Final = "--config"
 
 
 @contextmanager
-def helpers_of(address: str, files: Sequence[str]) -> Iterator[Helpers]:
+def readers_of(address: str, files: Sequence[str]) -> Iterator[Readers]:
     """Give the workers of a cluster that can read ``files``. Raises ClickException when there are none."""
     if "-" in files:
         raise click.UsageError("--cluster: standard input is on this machine only.")
@@ -44,7 +44,7 @@ def helpers_of(address: str, files: Sequence[str]) -> Iterator[Helpers]:
                 raise click.ClickException(f"{printable(address)}: {said}")
             with Cluster(client, usable, ours, besides, _say_of_workers) as cluster:
                 fewer = len(usable) < len(found)
-                yield Helpers(cluster, cluster.slots, settings, cluster.look, lambda: fewer or cluster.troubled)
+                yield Readers(cluster, cluster.slots, settings, cluster.look, lambda: fewer or cluster.troubled)
     except ClusterError as error:
         raise click.ClickException(printable(str(error))) from None
 

@@ -36,7 +36,7 @@ _COUNTED: Final = ("connection", "number")
 T = TypeVar("T")
 
 
-class Helpers(NamedTuple):
+class Readers(NamedTuple):
     """An executor and how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
 
     ``settings`` are those of the command here, None where tasks find them by themselves; ``troubled`` says in the end whether
@@ -109,18 +109,18 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
         say(file, f"{DIED}; it is read once more", where)
 
     try:
-        with Interruption() as interruption, Bar(files, False) as bar, _helpers(jobs, files) as helpers:
+        with Interruption() as interruption, Bar(files, False) as bar, _readers(jobs, files) as readers:
             Interrupted.asked = staticmethod(lambda: interruption.asked)
 
             def stop() -> bool:
-                helpers.look()
+                readers.look()
                 return interruption.asked
 
             doer = Files(
-                helpers.executor,
-                helpers.at_once,
+                readers.executor,
+                readers.at_once,
                 task.work,
-                (arguments, len(files) > 1, helpers.settings),
+                (arguments, len(files) > 1, readers.settings),
                 retried=again,
             )
             for done in doer.run(files, stop):
@@ -131,7 +131,7 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
                 bar.show(octets())
             if interruption.asked:
                 code = EXIT_INTERRUPTED
-            elif helpers.troubled():
+            elif readers.troubled():
                 code = EXIT_DAMAGED
     except (KeyboardInterrupt, click.Abort):
         code = EXIT_INTERRUPTED
@@ -143,22 +143,22 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
 
 
 @contextmanager
-def _helpers(jobs: int, files: Sequence[str]) -> Iterator[Helpers]:
+def _readers(jobs: int, files: Sequence[str]) -> Iterator[Readers]:
     """Give who does the tasks."""
     address = cluster_meant()
     if address:
-        from dissect.cli.cluster import helpers_of
+        from dissect.cli.cluster import readers_of
 
-        with helpers_of(address, files) as helpers:
-            yield helpers
+        with readers_of(address, files) as readers:
+            yield readers
         return
     if jobs == 1:
-        yield Helpers(Here(), 1)
+        yield Readers(Here(), 1)
         return
     from dissect.jobs.pool import Pool
 
     with Pool(jobs) as pool:
-        yield Helpers(pool, jobs)
+        yield Readers(pool, jobs)
 
 
 def say(file: str, why: str, where: str = "") -> None:

@@ -7,7 +7,6 @@ cannot read what others can gets no more.
 
 from __future__ import annotations
 
-import pickle
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -36,8 +35,15 @@ class WorkerLost(BrokenExecutor):
         self.where = where
 
 
+def _received(sent: bytes) -> Any:
+    """Return what a process on a worker sent: in the way of Dask, which takes all results so."""
+    from distributed.protocol.pickle import loads
+
+    return loads(sent)
+
+
 class _Task:
-    def __init__(self, future: Future[Any], order: bytes, file: str) -> None:
+    def __init__(self, future: Future[Any], order: Order, file: str) -> None:
         self.future = future
         self.order = order
         self.file = file
@@ -108,7 +114,7 @@ class Cluster(Executor):
             raise TypeError("tasks take no keyword arguments")
         file = str(args[-1])
         order = Order(str(Path.cwd()), not (is_remote(file) or Path(file).is_absolute()), self._files, fn, args)
-        task = _Task(Future(), pickle.dumps(order, pickle.HIGHEST_PROTOCOL), file)
+        task = _Task(Future(), order, file)
         with self._lock:
             if self._gone:
                 task.settle(None, FileError(self._gone))
@@ -202,7 +208,7 @@ class Cluster(Executor):
             elif error is not None:
                 task.settle(None, FileError(brief(error), hand.worker.label))
             elif how == ANSWERED:
-                self._answered(task, hand, *pickle.loads(written))  # noqa: S301 - a cluster is trusted by whoever uses it
+                self._answered(task, hand, *_received(written))
             else:
                 task.settle(None, WorkerLost(hand.worker.label))
             self._assign()

@@ -7,60 +7,65 @@ task of its kind.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
-from contextlib import suppress
+from multiprocessing.connection import Connection
 from typing import Final
 
-from dissect.cluster.reader import LENGTH
+from dissect.cluster.reader import Order
 
 #: Whether the process answered or ended instead.
 ANSWERED: Final = "answered"
 DIED: Final = "died"
 
+
+class _Process:
+    """A process of `dissect.cluster.reader`, and the connections to it."""
+
+    def __init__(self) -> None:
+        command = [sys.executable, "-P", "-m", "dissect.cluster.reader"]
+        (ours_in, theirs_out), (theirs_in, ours_out) = os.pipe(), os.pipe()
+        try:
+            self._process = subprocess.Popen(command, stdin=theirs_in, stdout=theirs_out, stderr=subprocess.DEVNULL)
+        finally:
+            os.close(theirs_in)
+            os.close(theirs_out)
+        self._answers = Connection(ours_in, writable=False)
+        self._orders = Connection(ours_out, readable=False)
+
+    def answer(self, order: Order) -> bytes | None:
+        """Return the answer to a task as it was sent; None when the process ended instead."""
+        try:
+            self._orders.send(order)
+            return self._answers.recv_bytes()
+        except (EOFError, OSError):
+            return None
+
+    def end(self) -> int:
+        """Close the connections, which ends the process if nothing else did; return its exit code."""
+        self._orders.close()
+        self._answers.close()
+        return self._process.wait()
+
+
 _lock: Final = threading.Lock()
-_idle: Final[list[subprocess.Popen[bytes]]] = []
+_idle: Final[list[_Process]] = []
 
 
-def answer(order: bytes) -> tuple[str, bytes]:
-    """Have a task done, a pickled `dissect.cluster.reader.Order`.
-
-    Return ``(ANSWERED, what the process wrote)``, or ``(DIED, how it ended)``.
-    """
+def answer(order: Order) -> tuple[str, bytes]:
+    """Have a task done; return ``(ANSWERED, what the process sent)``, or ``(DIED, how it ended)``."""
     while True:
         with _lock:
-            fresh = not _idle
-            process = _started() if fresh else _idle.pop()
-        written = _asked(process, order)
-        if written is not None:
+            process = _idle.pop() if _idle else None
+        fresh = process is None
+        process = process or _Process()
+        sent = process.answer(order)
+        if sent is not None:
             with _lock:
                 _idle.append(process)
-            return ANSWERED, written
-        code = process.wait()
-        for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):  # what could not be written cannot be written now
-                if pipe is not None:
-                    pipe.close()
+            return ANSWERED, sent
+        code = process.end()
         if fresh or code:  # one that waited too long for a task ends with 0
             return DIED, str(code).encode()
-
-
-def _started() -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-P", "-m", "dissect.cluster.reader"]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-
-
-def _asked(process: subprocess.Popen[bytes], order: bytes) -> bytes | None:
-    """Return the answer of a process, pickled; None when it ended instead."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    try:
-        process.stdin.write(order)
-        process.stdin.flush()
-        head = process.stdout.read(LENGTH)
-        size = int.from_bytes(head, "big")
-        written = process.stdout.read(size)
-    except BrokenPipeError:
-        return None
-    return written if len(head) == LENGTH and len(written) == size else None

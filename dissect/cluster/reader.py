@@ -1,20 +1,20 @@
 """A process on a worker that does one task after another, and ends when whoever started it is gone.
 
 A task is a function of this package and its arguments, the folder it is done in, and files that have to be as they are where
-the task comes from. It arrives pickled on standard input; ``(kind, result)`` leaves pickled, behind its length, on what was
-standard output.
+the task comes from. It arrives on standard input, as processes of `multiprocessing` send it; ``(kind, result)`` leaves on what
+was standard output.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import pickle
 import queue
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -26,8 +26,6 @@ IDLE_S: Final = 30
 FOUND: Final = "found"
 REFUSED: Final = "refused"
 DEFECT: Final = "defect"
-#: Octets of the length that precedes an answer.
-LENGTH: Final = 8
 
 
 class Order(NamedTuple):
@@ -81,8 +79,8 @@ def _prepare(order: Order) -> None:
 
 def main() -> None:
     """Do tasks until there are none for a while, or nobody is there who sends any."""
-    source = os.fdopen(os.dup(0), "rb")
-    target = os.fdopen(os.dup(1), "wb")
+    source = Connection(os.dup(0), writable=False)
+    target = Connection(os.dup(1), readable=False)
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)  # no output of a task can get between the answers
@@ -93,15 +91,13 @@ def main() -> None:
             order = orders.get(timeout=IDLE_S)
         except queue.Empty:
             return
-        answer = pickle.dumps(carried_out(order), pickle.HIGHEST_PROTOCOL)
-        target.write(len(answer).to_bytes(LENGTH, "big") + answer)
-        target.flush()
+        target.send(carried_out(order))
 
 
-def _receive(source: Any, orders: queue.SimpleQueue[Order]) -> None:
+def _receive(source: Connection, orders: queue.SimpleQueue[Order]) -> None:
     while True:
         try:
-            order = pickle.load(source)  # noqa: S301 - from the worker that started this process
+            order = source.recv()
         except EOFError:
             os._exit(0)  # whoever sent them is gone, however that ended
         orders.put(order)

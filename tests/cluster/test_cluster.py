@@ -175,6 +175,13 @@ def test_no_scheduler(capfdbinary: Capture, site: Site, monkeypatch: pytest.Monk
     assert (ran.code, ran.err) == (2, "Error: a cluster needs Dask: pip install 's7dissect[cluster]'\n")
 
 
+def test_a_full_disk_is_one_line(site: Site) -> None:
+    with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
+        command = [sys.executable, "-m", "dissect", "cluster-check", site.cluster.address]
+        ran = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (5, "s7dissect: cannot write the results: No space left on device\n")
+
+
 # ---- results --------------------------------------------------------------------------------------------------------
 
 

@@ -131,14 +131,13 @@ def test_files_that_are_not_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_a_process_does_one_task_after_another_and_dies_alone() -> None:
     """What it prints gets in nobody's way; one that gave its memory back is replaced without a word."""
-    asked = [onworker.answer(pickle.dumps(order(os.system, "echo noise; exit 3"))) for _ in range(2)]
-    assert [(how, pickle.loads(written)) for how, written in asked] == [(onworker.ANSWERED, (FOUND, 3 << 8))] * 2
+    asked = [onworker.answer(order(os.system, "echo noise; exit 3")) for _ in range(2)]
+    assert [(how, pickle.loads(sent)) for how, sent in asked] == [(onworker.ANSWERED, (FOUND, 3 << 8))] * 2
     (process,) = onworker._idle
-    assert process.stdin is not None
     with open(os.devnull, "wb") as nothing:  # noqa: PTH123 - for its descriptor
-        os.dup2(nothing.fileno(), process.stdin.fileno())  # it reads an end, as when nobody is there any more
-    assert process.wait(60) == 0
-    how, written = onworker.answer(pickle.dumps(order(len, "abc")))
-    assert (how, pickle.loads(written)) == (onworker.ANSWERED, (FOUND, 3))
-    assert onworker.answer(pickle.dumps(order(os._exit, 9))) == (onworker.DIED, b"9")
+        os.dup2(nothing.fileno(), process._orders.fileno())  # it reads an end, as when nobody is there any more
+    assert process._process.wait(60) == 0
+    how, sent = onworker.answer(order(len, "abc"))
+    assert (how, pickle.loads(sent)) == (onworker.ANSWERED, (FOUND, 3))
+    assert onworker.answer(order(os._exit, 9)) == (onworker.DIED, b"9")
     assert onworker._idle == []

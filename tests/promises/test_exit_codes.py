@@ -129,6 +129,7 @@ ELSEWHERE: Final = {
     ("index", "130"): "tests/cli/test_index.py::test_interrupted_it_keeps_what_was_read_and_goes_on_there",
     ("cluster-check", "0"): "tests/cluster/test_cluster.py::test_a_sound_cluster",
     ("cluster-check", "1"): "tests/cluster/test_cluster.py::test_a_worker_of_another_version",
+    ("cluster-check", "5"): "tests/cluster/test_cluster.py::test_a_full_disk_is_one_line",
     ("export", "5"): "tests/cli/test_export.py::test_a_full_disk_is_one_line_and_leaves_nothing",
     ("verify", "0"): "tests/cli/test_verify.py::test_all_is_explained",
     ("verify", "1"): "tests/cli/test_verify.py::test_what_is_not_explained_is_told",
