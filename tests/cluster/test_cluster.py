@@ -18,9 +18,11 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from dissect.cli.examples import EXAMPLES
+from dissect.source.files import open_capture
 from tests.cli.support import Ran, run
 from tests.cluster.support import Cluster, cluster
 from tests.report.schemas import ROOT, load, strict
+from tests.source.craft import Pcap, Recorder, step_to_the_end
 from tests.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
 
 pytest.importorskip("distributed", reason="no distributed: pip install 's7dissect[test]'")
@@ -31,6 +33,7 @@ CAPTURES: Final = ROOT / "captures"
 SZL: Final = CAPTURES / "szl.pcapng"
 POLL: Final = CAPTURES / "nodes7-poll-missing.pcapng"
 CLOCK: Final = CAPTURES / "clock.pcapng"
+RING: Final = CAPTURES / "read-areas.pcapng"
 SMALL: Final = CAPTURES / "refused-port.pcapng"
 CUT: Final = CAPTURES / "crafted" / "cut-pcapng.pcapng"
 DIED: Final = "the process that read it ended: it was killed, or there was no memory left"
@@ -220,6 +223,32 @@ def test_two_hundred_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> 
     assert len(found["connections"]) == 198 * len(small["connections"]) + len(cut["connections"])
     said = ran.err.splitlines()
     assert [line.partition(": ")[2].partition(": ")[0][-10:] for line in said[:2]] == ["150.pcapng", "100.pcapng"]
+
+
+def test_a_ring_of_forty_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """Its connections go on from file to file: the run that joins them finds what the whole has, --separate says so."""
+    recorder = Recorder()
+    reader = open_capture(RING)
+    step_to_the_end(reader, recorder)
+    reader.close()
+    count = -(-len(recorder.frames) // 40)
+    names = []
+    for number in range(40):
+        piece = Pcap(nanoseconds=True)
+        for frame in recorder.frames[number * count : (number + 1) * count]:
+            piece.packet(frame.time_ns, frame.octets)
+        names.append(tmp_path / f"ring-{number:02}.pcap")
+        names[-1].write_bytes(piece.octets)
+    whole, joined = (json.loads(run(capfdbinary, "analyze", "-T", "json", *files).out) for files in ([RING], names))
+    for key in ("transactions", "functions", "connections"):
+        assert joined[key] == whole[key]
+    ran = run(capfdbinary, "analyze", "--separate", "-T", "json", *names, "--cluster", site.cluster.address)
+    assert re.match(
+        r"s7dissect: \d+ files go on where the file before ends; .* Without --separate they are followed\.", ran.err
+    )
+    found = json.loads(ran.out)
+    assert found["packets"]["read"] == whole["packets"]["read"]
+    assert len(found["connections"]) > len(whole["connections"])
 
 
 def test_captures_on_servers(capfdbinary: Capture, site: Site) -> None:
