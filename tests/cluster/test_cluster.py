@@ -240,8 +240,13 @@ def test_a_ring_of_forty_files(capfdbinary: Capture, site: Site, tmp_path: Path)
         names.append(tmp_path / f"ring-{number:02}.pcap")
         names[-1].write_bytes(piece.octets)
     whole, joined = (json.loads(run(capfdbinary, "analyze", "-T", "json", *files).out) for files in ([RING], names))
-    for key in ("transactions", "functions", "connections"):
+    for key in ("transactions", "functions"):
         assert joined[key] == whole[key]
+    ends = [
+        [(one["client"], one["first_time"], one["last_time"]) for one in made["connections"]]
+        for made in (whole, joined)
+    ]
+    assert ends[0] == ends[1]
     ran = run(capfdbinary, "analyze", "--separate", "-T", "json", *names, "--cluster", site.cluster.address)
     assert re.match(
         r"s7dissect: \d+ files go on where the file before ends; .* Without --separate they are followed\.", ran.err
