@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple
 
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
+from dissect.jobs.numbers import Offsets
 from dissect.s7.parameters import UserdataHead
 from dissect.stations.facts import Stretch
 from dissect.tcp.stream import Endpoint, TcpConnection
@@ -51,14 +52,6 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Direction": frozenset(("_keys", "messages")),
     "Transaction": frozenset(("earlier", "superseded")),
 }
-
-
-class Offsets(NamedTuple):
-    """What is added to the numbers of packets, connections and transactions of a part: how many came before it."""
-
-    packets: int = 0
-    connections: int = 0
-    transactions: int = 0
 
 
 class Sent(NamedTuple):

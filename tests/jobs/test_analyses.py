@@ -18,7 +18,8 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
 from dissect.jobs.analyses import Analyses, AnalysisPart, part_of, unread
-from dissect.jobs.sending import Offsets, Sent, receive, send
+from dissect.jobs.numbers import Offsets
+from dissect.jobs.sending import Sent, receive, send
 from dissect.report.analysis import EXACT, MAX_FAILED, Analysis
 from dissect.report.contract import analysis_as_json
 from dissect.report.summary import Summary
