@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import click
 
 from dissect.cli import task
-from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, RARELY
 from dissect.cli.run import Bar, Interruption
 from dissect.source.packet import CaptureError
 from dissect.source.remote import shown
@@ -163,10 +163,10 @@ def _executor(jobs: int, direct: Any, folder: str | None) -> Iterator[tuple[Exec
     from dissect.jobs.pool import Pool
 
     if folder is not None:
-        with Pool(jobs, folder) as pool:
+        with Pool(jobs, folder, RARELY) as pool:
             yield pool, folder
         return
-    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own) as pool:
+    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own, RARELY) as pool:
         yield pool, own
 
 

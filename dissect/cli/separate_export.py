@@ -7,7 +7,8 @@ of the capture, so that each task knows them.
 
 from __future__ import annotations
 
-import pickle
+import base64
+import json
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 #: Numbers that one capture has for its connections, transactions, operations, findings and PDUs.
 NUMBERS: Final = 10**9
 _PARQUET: Final = "parquet"
+_BYTES: Final = "base64"
 #: Forms that one process writes as it reads: their rows are not those of tables.
 _ONE_RUN: Final = ("zeek", "zeek-json", "ecs", "stix")
 
@@ -54,19 +56,28 @@ class ExportPart(NamedTuple):
 
 
 class _Sending(Sink):
-    """Sends rows to who writes them."""
+    """Sends rows to who writes them: a line of JSON for some of a table, bytes in base 64 as the only thing in an object."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
-        pickle.dump((table.name, list(rows)), self._file, pickle.HIGHEST_PROTOCOL)
+        text = json.dumps([table.name, list(rows)], separators=(",", ":"), default=_packed)
+        self._file.write(text.encode("ascii") + b"\n")
 
     def close(self) -> None:
         """Nothing waits."""
 
     def abandon(self) -> None:
         """Nothing is open."""
+
+
+def _packed(octets: bytes) -> dict[str, str]:
+    return {_BYTES: base64.b64encode(octets).decode("ascii")}
+
+
+def _unpacked(packed: dict[str, str]) -> bytes:
+    return base64.b64decode(packed[_BYTES])
 
 
 def refuse_form(target: Target) -> None:
@@ -143,12 +154,9 @@ def _write(done: Done, sink: Sink, counts: Counter[str]) -> None:
         return
     counts.update(part.counts)
     with opened(part.rows) as file:
-        while True:
-            try:
-                name, rows = pickle.load(file)  # noqa: S301 - written by a task of ours
-            except EOFError:
-                return
-            sink.take(TABLES[name], rows)
+        for line in file:
+            name, rows = json.loads(line, object_hook=_unpacked)
+            sink.take(TABLES[name], [tuple(row) for row in rows])
 
 
 class _Gathered:

@@ -126,7 +126,7 @@ def test_the_only_file_cannot_be_read(capfdbinary: Capture) -> None:
 class Dying(separate.Here):
     """An executor whose processes die at some files: at one once, at another each time."""
 
-    def __init__(self, _count: int, _folder: str = "") -> None:
+    def __init__(self, _count: int, *_: object) -> None:
         self._begun: list[str] = []
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:

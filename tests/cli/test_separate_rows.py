@@ -42,8 +42,8 @@ COMMANDS: Final = (
 class Spooling(separate.Here):
     """Does tasks in this process, and is taken for others."""
 
-    def __init__(self, _count: int, folder: str = "") -> None:
-        self.folder = folder
+    def __init__(self, _count: int, *_: object) -> None:
+        super().__init__()
 
 
 @pytest.fixture(autouse=True)
