@@ -38,6 +38,8 @@ def test_nothing_else_is_taken_for_one(text: str) -> None:
     marks, first, second = counted(3, 3)
     others = f"{first + 3} {second + 3} {first - 1} 1{first} {second}0 {text}\n".encode()
     assert marks.numbered(others, Offsets(0, 5, 7)) == others
+    joined = f"{first}{first}{second}{second}{text}\n".encode()
+    assert marks.numbered(joined, Offsets(0, 5, 7)) == joined
 
 
 def test_a_column_keeps_its_width() -> None:
