@@ -22,8 +22,11 @@ _CONFIG: Final = "--config"
 
 
 @contextmanager
-def readers_of(address: str, files: Sequence[str]) -> Iterator[Readers]:
-    """Give the workers of a cluster that can read ``files``. Raises ClickException when there are none."""
+def readers_of(address: str, files: Sequence[str], folder: str) -> Iterator[Readers]:
+    """Give the workers of a cluster that can read ``files``, and write to ``folder`` unless that is "".
+
+    Raises ClickException when there are none.
+    """
     if "-" in files:
         raise click.UsageError("--cluster: standard input is on this machine only.")
     settings = settings_now()
@@ -44,7 +47,7 @@ def readers_of(address: str, files: Sequence[str]) -> Iterator[Readers]:
                 raise click.ClickException(f"{printable(address)}: {said}")
             with Cluster(client, usable, ours, besides, _say_of_workers) as cluster:
                 fewer = len(usable) < len(found)
-                yield Readers(cluster, cluster.slots, settings, cluster.look, lambda: fewer or cluster.troubled)
+                yield Readers(cluster, cluster.slots, folder, settings, cluster.look, lambda: fewer or cluster.troubled)
     except ClusterError as error:
         raise click.ClickException(printable(str(error))) from None
 

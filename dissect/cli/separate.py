@@ -9,12 +9,13 @@ import gc
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 
 from dissect.cli import task
-from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, RARELY
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.run import Bar, Interruption
 from dissect.source.packet import CaptureError
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.options import Options
     from dissect.jobs.analyses import AnalysisPart
-    from dissect.jobs.tasks import Done
+    from dissect.jobs.tasks import About, Done
     from dissect.report.analysis import Analysis
     from dissect.session import Run
 
@@ -39,12 +40,14 @@ T = TypeVar("T")
 class Readers(NamedTuple):
     """An executor and how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
 
-    ``settings`` are those of the command here, None where tasks find them by themselves; ``troubled`` says in the end whether
-    some of those who should have helped could not.
+    ``folder`` is where tasks leave what they write, "" where it is part of what they return. ``settings`` are those of the
+    command here, None where tasks find them by themselves; ``troubled`` says in the end whether some of those who should have
+    helped could not.
     """
 
     executor: Executor
     at_once: int
+    folder: str
     settings: task.Settings | None = None
     look: Callable[[], None] = lambda: None
     troubled: Callable[[], bool] = lambda: False
@@ -63,9 +66,9 @@ class Here(Executor):
         return future
 
 
-def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]]) -> None:
+def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]] = ()) -> None:
     """Raise UsageError where options do not go with --separate; ``reasons`` are values of options and what is said of them."""
-    for given, why in reasons:
+    for given, why in (*reasons, (chosen.most, "-c counts over all files")):
         if given:
             raise click.UsageError(f"--separate: {why}.")
     if chosen.where is not None:
@@ -82,21 +85,44 @@ class Interrupted:
     asked: Callable[[], bool] = staticmethod(lambda: False)
 
 
-def read_file(run: Run) -> None:
-    """Read the file of a task. Raises `CaptureError`."""
+def read_file(run: Run, each: Callable[[], None] | None = None) -> None:
+    """Read the file of a task; call ``each`` after each step, and when all is over. Raises `CaptureError`."""
     gc.disable()  # as in `dissect.cli.run.drive`
     try:
-        while not Interrupted.asked() and run.step():
-            pass
+        while run.step():
+            if each is not None:
+                each()
+            if Interrupted.asked():
+                break
+        run.finish()
+        if each is not None:
+            each()
     finally:
+        run.close()
         gc.enable()
-    run.finish()
 
 
-def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], octets: Callable[[], int]) -> int:
+def about(run: Run) -> About:
+    """Return what there is to say of the file of a task, when it was read."""
+    from dissect.jobs.tasks import About
+
+    file = run.files[0]
+    return About(file.name, file.loss, int(file.octets), run.pipeline.first_ns, run.pipeline.now_ns)
+
+
+def separately(
+    files: Sequence[str],
+    jobs: int,
+    take: Callable[[Done], None],
+    direct: Any = None,
+    folder: str | None = None,
+    kept: bool = True,
+) -> int:
     """Have the command at hand done for each of ``files``, ``jobs`` at a time; give ``take`` what became of each, in order.
 
-    ``octets`` says how much was read of what was taken. Return the exit code; what could not be read is said on stderr.
+    ``direct`` takes the rows of tasks that are done by this process. ``folder`` is where tasks leave what they write, by
+    default one that is gone afterwards. ``kept``: there are results after an interruption, which is said. Return the exit code;
+    what could not be read is said on stderr. Raises `CaptureError` when the only file cannot be read.
     """
     from dissect.jobs.tasks import DIED, Files
 
@@ -104,12 +130,18 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
         raise click.UsageError("--separate: standard input can be read by one process only; leave out -j.")
     arguments = click.get_current_context().meta[ARGUMENTS]
     code = EXIT_OK
+    octets = 0
+    joints = _Joints()
 
     def again(file: str, where: str) -> None:
         say(file, f"{DIED}; it is read once more", where)
 
     try:
-        with Interruption() as interruption, Bar(files, False) as bar, _readers(jobs, files) as readers:
+        with (
+            Interruption() as interruption,
+            Bar(files, direct is not None) as bar,
+            _readers(jobs, files, direct, folder) as readers,
+        ):
             Interrupted.asked = staticmethod(lambda: interruption.asked)
 
             def stop() -> bool:
@@ -120,15 +152,23 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
                 readers.executor,
                 readers.at_once,
                 task.work,
-                (arguments, len(files) > 1, readers.settings),
+                (arguments, len(files) > 1, readers.settings, readers.folder),
                 retried=again,
             )
             for done in doer.run(files, stop):
+                if done.why and len(files) == 1:
+                    raise CaptureError(f"{done.why} ({done.where})" if done.where else done.why)
                 take(done)
-                if done.why:
+                why = done.why
+                if not why:
+                    found: About = done.result.about
+                    why = found.loss
+                    octets += found.octets
+                    joints.look(found.first_ns, found.last_ns)
+                if why:
                     code = EXIT_DAMAGED
-                    say(done.file, done.why, done.where)
-                bar.show(octets())
+                    say(done.file, why, done.where)
+                bar.show(octets)
             if interruption.asked:
                 code = EXIT_INTERRUPTED
             elif readers.troubled():
@@ -137,28 +177,34 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
         code = EXIT_INTERRUPTED
     finally:
         Interrupted.asked = staticmethod(lambda: False)
-    if code == EXIT_INTERRUPTED:
+    if code == EXIT_INTERRUPTED and kept:
         click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
+    joints.tell()
     return code
 
 
 @contextmanager
-def _readers(jobs: int, files: Sequence[str]) -> Iterator[Readers]:
+def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -> Iterator[Readers]:
     """Give who does the tasks."""
     address = cluster_meant()
     if address:
         from dissect.cli.cluster import readers_of
 
-        with readers_of(address, files) as readers:
+        with readers_of(address, files, folder or "") as readers:
             yield readers
         return
     if jobs == 1:
-        yield Readers(Here(), 1)
+        with task.directly(direct):
+            yield Readers(Here(), 1, folder or "")
         return
     from dissect.jobs.pool import Pool
 
-    with Pool(jobs) as pool:
-        yield Readers(pool, jobs)
+    if folder is not None:
+        with Pool(jobs, folder, RARELY) as pool:
+            yield Readers(pool, jobs, folder)
+        return
+    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own, RARELY) as pool:
+        yield Readers(pool, jobs, own)
 
 
 def say(file: str, why: str, where: str = "") -> None:
@@ -187,34 +233,20 @@ def analyze_task(of: task.Task, analysis: Analysis, observer: Observer, options:
 
 
 def analyze_separately(files: Sequence[str], jobs: int, options: Options) -> tuple[Analysis, int]:
-    """Analyze files that stand for themselves; return what they come to, and the exit code.
-
-    Raises `CaptureError` when the only file cannot be read.
-    """
+    """Analyze files that stand for themselves; return what they come to, and the exit code. Raises as `separately` does."""
     from dissect.jobs.analyses import Analyses, unread
 
     sums = Analyses(options)
-    joints = _Joints()
 
     def take(done: Done) -> None:
-        if done.why and len(files) == 1:
-            raise CaptureError(done.why)
         part: AnalysisPart = (
             unread(shown(done.file), done.why.removeprefix(f"{printable(shown(done.file))}: "))
             if done.why
             else done.result
         )
         sums.add(part)
-        joints.look(part.first_ns, part.last_ns)
 
-    code = separately(files, jobs, take, lambda: sum([int(file.octets) for file in sums.analysis.files]))
-    for file in sums.analysis.files:
-        if file.octets and file.loss:
-            say(file.name, file.loss)
-    joints.tell()
-    if code == EXIT_OK and any([file.loss for file in sums.analysis.files]):
-        code = EXIT_DAMAGED
-    return sums.analysis, code
+    return sums.analysis, separately(files, jobs, take)
 
 
 class _Joints:

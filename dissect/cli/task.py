@@ -7,8 +7,9 @@ line has to be sent to another process or machine. The command leaves in `Task.f
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,21 @@ Settings = Mapping[str, Any]
 
 
 class Task:
-    """A file to read, one of ``several`` or the only one, with ``settings`` that take the place of those of this machine."""
+    """A file to read, one of ``several`` or the only one.
 
-    def __init__(self, file: str, several: bool, settings: Settings | None = None) -> None:
+    ``settings`` take the place of those of this machine, None leaves them. ``folder`` is where it may leave rows, empty where
+    there is none (`dissect.jobs.tasks`); ``place`` is that of the file among all, from 0. ``direct`` takes its rows at once,
+    where whoever writes them is this process.
+    """
+
+    def __init__(
+        self, file: str, several: bool, settings: Settings | None, folder: str, place: int, direct: Any
+    ) -> None:
         self.file = file
         self.settings = settings
+        self.folder = folder
+        self.place = place
+        self.direct = direct
         self.found: Any = None
         #: Stand for the files of the whole, wherever it matters whether packets are named with their file.
         self.files: Sequence[str] = (file, file) if several else (file,)
@@ -31,6 +42,8 @@ class Task:
 
 #: The task that is done by this process right now, if any.
 _task: Task | None = None
+#: `Task.direct` of tasks that this process gives itself.
+_direct: Any = None
 
 
 def current() -> Task | None:
@@ -38,7 +51,18 @@ def current() -> Task | None:
     return _task
 
 
-def work(arguments: list[str], several: bool, settings: Settings | None, file: str) -> Any:
+@contextmanager
+def directly(sink: Any) -> Iterator[None]:
+    """Have tasks of this process hand their rows to ``sink`` at once."""
+    global _direct  # noqa: PLW0603 - as below
+    _direct = sink
+    try:
+        yield
+    finally:
+        _direct = None
+
+
+def work(arguments: list[str], several: bool, settings: Settings | None, folder: str, place: int, file: str) -> Any:
     """Run the command line ``arguments`` for one file; return what it found. Raises `FileError` when that cannot be done.
 
     ``settings`` are those of whoever gave the task; None for those that are found here.
@@ -48,11 +72,11 @@ def work(arguments: list[str], several: bool, settings: Settings | None, file: s
     from dissect.source.packet import CaptureError
 
     global _task  # noqa: PLW0603 - a process does one task at a time
-    _task = task = Task(file, several, settings)
+    _task = task = Task(file, several, settings, folder, place, _direct)
     try:
         with (
             Path(os.devnull).open("w", encoding="utf-8") as nowhere,
-            redirect_stdout(nowhere),
+            redirect_stdout(nowhere if _direct is None else sys.stdout),
             redirect_stderr(nowhere),
         ):
             group.main(arguments, prog_name="s7dissect", standalone_mode=False)
@@ -61,6 +85,8 @@ def work(arguments: list[str], several: bool, settings: Settings | None, file: s
     except click.ClickException as error:
         raise FileError(error.format_message()) from None
     except OSError as error:
+        if _direct is not None and error.filename is None:
+            raise  # the output of this process
         raise FileError(f"{error.filename or file}: {error.strerror or type(error).__name__}") from None
     finally:
         _task = None

@@ -31,9 +31,9 @@ Capture = pytest.CaptureFixture[bytes]
 
 CAPTURES: Final = ROOT / "captures"
 SZL: Final = CAPTURES / "szl.pcapng"
+READ: Final = CAPTURES / "read-areas.pcapng"
 POLL: Final = CAPTURES / "nodes7-poll-missing.pcapng"
 CLOCK: Final = CAPTURES / "clock.pcapng"
-RING: Final = CAPTURES / "read-areas.pcapng"
 SMALL: Final = CAPTURES / "refused-port.pcapng"
 CUT: Final = CAPTURES / "crafted" / "cut-pcapng.pcapng"
 DIED: Final = "the process that read it ended: it was killed, or there was no memory left"
@@ -228,7 +228,7 @@ def test_two_hundred_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> 
 def test_a_ring_of_forty_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
     """Its connections go on from file to file: the run that joins them finds what the whole has, --separate says so."""
     recorder = Recorder()
-    reader = open_capture(RING)
+    reader = open_capture(READ)
     step_to_the_end(reader, recorder)
     reader.close()
     count = -(-len(recorder.frames) // 40)
@@ -239,7 +239,7 @@ def test_a_ring_of_forty_files(capfdbinary: Capture, site: Site, tmp_path: Path)
             piece.packet(frame.time_ns, frame.octets)
         names.append(tmp_path / f"ring-{number:02}.pcap")
         names[-1].write_bytes(piece.octets)
-    whole, joined = (json.loads(run(capfdbinary, "analyze", "-T", "json", *files).out) for files in ([RING], names))
+    whole, joined = (json.loads(run(capfdbinary, "analyze", "-T", "json", *files).out) for files in ([READ], names))
     for key in ("transactions", "functions"):
         assert joined[key] == whole[key]
     ends = [
@@ -288,6 +288,34 @@ def test_a_worker_that_may_not_read_what_another_may(capfdbinary: Capture, site:
         assert line.startswith(f"s7dissect: {site.sftp}/")
         assert re.search(r"\w\.pcapng: access refused \(.*\).*; another worker read it \(worker a on \S+\)$", line)
     assert ("worker a on" in ran.err and "gets no more files" in ran.err) == (len(refused) == 3)
+
+
+def test_rows_and_tables(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """Rows come back and are written here; Parquet files are written by the workers."""
+    files = [SZL, POLL, CUT, CLOCK, tmp_path / "gone.pcap"]
+    rows = both(capfdbinary, site, "transactions", "--separate", "-T", "jsonl", *files)
+    assert rows.code == 3
+    assert (
+        sum([line.endswith(")") and "gone.pcap: no such file (worker " in line for line in rows.err.splitlines()]) == 1
+    )
+    assert both(capfdbinary, site, "values", "--separate", "-T", "csv", POLL, READ).out.count("\n") > 2
+    for name in ("tables.csv", "tables.parquet"):
+        made = []
+        for place, more in (("here", ()), ("there", ("--cluster", site.cluster.address))):
+            (tmp_path / place).mkdir(exist_ok=True)
+            out = tmp_path / place / name
+            ran = run(capfdbinary, "export", "--separate", *files, "-o", out, *more)
+            assert ran.code == 3
+            made.append({path.relative_to(out): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()})
+        assert made[0] == made[1]
+        assert len(made[0]) > 3
+
+
+def test_a_cluster_takes_captures_of_their_own(capfdbinary: Capture, site: Site) -> None:
+    for command in ("analyze", "transactions", "values"):
+        ran = run(capfdbinary, command, SZL, "--cluster", site.cluster.address)
+        assert (ran.code, ran.out) == (2, "")
+        assert "--cluster has each file read by one of its workers, and needs --separate" in ran.err
 
 
 # ---- who dies -------------------------------------------------------------------------------------------------------

@@ -43,13 +43,6 @@ def _option(**attributes: Any) -> Callable[[Any], Any]:
     )
 
 
-#: ``-j N``; the command's argument is ``jobs``. Not shown: its results are right, but it does not pay yet (decision 15).
-jobs_option: Final[Callable[[Any], Any]] = _option(
-    hidden=True,
-    help="Share the work among N processes, or auto for as many as there are processors. The results are the same.",
-)
-
-
 def cluster_address(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
     """Return the address of a scheduler, None when none was given."""
     if value is None or ctx.resilient_parsing:
@@ -87,14 +80,23 @@ def separate_options(command: Any) -> Any:
     )(command)
 
 
-def check_jobs(separate: bool, jobs: int) -> None:
-    """Raise UsageError for several processes or machines where files may go on one in another."""
+def check_cluster(separate: bool, jobs: int) -> None:
+    """Raise UsageError for a cluster where files may go on one in another, or where this machine shall read them."""
     if cluster_meant() and jobs > 1:
         raise click.UsageError("-j is for this machine, and --cluster for others; choose one.")
     if cluster_meant() and not separate:
         raise click.UsageError(
             "--cluster has each file read by one of its workers, and needs --separate: each is a capture of its own."
         )
+
+
+def check_jobs(separate: bool, jobs: int) -> None:
+    """Raise UsageError for several processes or machines where files may go on one in another.
+
+    `transactions` and `values` do without it: they share the connections of one run among processes then, which gives the same
+    result and does not pay yet, so nothing says so (decision 15).
+    """
+    check_cluster(separate, jobs)
     if jobs > 1 and not separate:
         raise click.UsageError(
             "-j reads several files at the same time, and needs --separate: each is a capture of its own."
