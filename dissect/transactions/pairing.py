@@ -339,8 +339,7 @@ class OpenRequests:
 
 def _earliest_of(found: Transaction) -> Transaction:
     """Take the oldest of several identical requests out of the chain that begins with ``found``, and return it."""
-    newer = found
-    oldest = found
+    newer = oldest = found
     while oldest.earlier is not None:
         newer = oldest
         oldest = oldest.earlier
