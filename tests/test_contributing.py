@@ -69,7 +69,8 @@ class Tree:
     def python(self, *arguments: str) -> str:
         """Run Python on the copy, interpreted, and return what it printed."""
         environment = {key: value for key, value in os.environ.items() if not key.startswith(("S7DISSECT_", "PYTEST_"))}
-        environment |= {"PYTHONPATH": str(self.root), "PYTHONSAFEPATH": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+        environment |= {"PYTHONPATH": str(self.root), "PYTHONSAFEPATH": "1"}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the next process would compile all that it imports again
         ran = subprocess.run(
             [sys.executable, *arguments],
             cwd=self.root,
