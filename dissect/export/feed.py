@@ -71,6 +71,10 @@ class TableFeed(Observer):
         """Name packets by ``files``, which may grow."""
         self._collect(files)
 
+    def count_from(self, before: int) -> None:
+        """Number findings and PDUs on from ``before``."""
+        self._made.count_from(before)
+
     def _collect(self, files: Sequence[SourceFile]) -> None:
         self._made = Rows(files)
         self._transactions = TransactionColumns(self._made.transactions)
