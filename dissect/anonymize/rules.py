@@ -67,7 +67,7 @@ def numbers_size(layout: Layout) -> int:
 class Rules:
     """Treats the parts of messages as ``choices`` say.
 
-    ``known`` are small requests of reads, without their references, of which everything stays: polling sends them again and again.
+    ``known`` are small requests of reads, without their references, of which everything stays: polling repeats them.
     """
 
     def __init__(self, key: Key, addresses: AddressMap, choices: Choices, scd: ScdRules | None = None) -> None:

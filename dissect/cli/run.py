@@ -134,25 +134,12 @@ def drive(
     An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
     reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
     """
+    code = EXIT_OK
     if len(files) > 1:
         check_captures(files)
     # The engine makes no cycles, so nothing waits for the collector; its walks over thousands of open connections would
     # only make pauses.
     gc.disable()
-    try:
-        code = _read(run, files, each, done)
-        run.finish()
-        if each is not None:
-            each()
-    finally:
-        gc.enable()
-    if code == EXIT_OK and any(file.loss for file in run.files):
-        code = EXIT_DAMAGED
-    return code
-
-
-def _read(run: Run, files: Sequence[str], each: Callable[[], None] | None, done: Callable[[], bool] | None) -> int:
-    """Read every file as `drive` does, and return `EXIT_OK`, or `EXIT_INTERRUPTED`."""
     try:
         with Interruption() as interruption, Bar(files, each is not None) as bar:
             while not interruption.asked and run.step():
@@ -161,11 +148,20 @@ def _read(run: Run, files: Sequence[str], each: Callable[[], None] | None, done:
                 bar.show(sum([file.octets for file in run.files]))
                 if done is not None and done():
                     break
-            return EXIT_INTERRUPTED if interruption.asked else EXIT_OK
+            if interruption.asked:
+                code = EXIT_INTERRUPTED
     except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
+        code = EXIT_INTERRUPTED
     except CaptureError as error:
         raise _safe(error) from None
+    finally:
+        gc.enable()
+    run.finish()
+    if each is not None:
+        each()
+    if code == EXIT_OK and any(file.loss for file in run.files):
+        code = EXIT_DAMAGED
+    return code
 
 
 def complain(run: Run, code: int) -> None:

@@ -72,6 +72,11 @@ class _Said:
         return line is None or (its is not None and line < its)
 
 
+def said_order(links: list[Link]) -> list[Link]:
+    """Return connections in the order of all that is said on them, those that say the same in that of their addresses."""
+    return sorted(links, key=_Said)
+
+
 class SessionReader(Observer):
     """Gathers what a pipeline tells; `finish` gives the session.
 
@@ -186,7 +191,7 @@ class SessionReader(Observer):
         session = self._session
         session.damage = list(damage)
         links = [link for link in self._links.values() if link.protocol or link.begun or link.transactions]
-        session.arrange(sorted(links, key=_Said))
+        session.arrange(said_order(links))
         return session
 
 
