@@ -61,6 +61,7 @@ HOT: Final = (
     "dissect/report/facet.py",
     "dissect/report/facets.py",
     "dissect/report/plus.py",
+    "dissect/report/tree.py",
     "dissect/report/words.py",
     "dissect/report/writer.py",
     "dissect/report/writers/csv.py",
@@ -94,7 +95,6 @@ COLD: Final = (
     "dissect/s7/clock.py",
     "dissect/s7/control.py",
     "dissect/s7/cyclic.py",
-    "dissect/s7/data_parts.py",
     "dissect/s7/diagnostics.py",
     "dissect/s7/errors.py",
     "dissect/s7/hiding.py",
@@ -113,7 +113,6 @@ COLD: Final = (
     "dissect/variables/choosing.py",
     "dissect/variables/reading.py",
     "dissect/variables/summary.py",
-    "dissect/wire/hexdump.py",
     "dissect/wire/saving.py",
 )
 
