@@ -146,6 +146,7 @@ BUSY: Final = (
     "dissect/s7plus/pieces.py",
     "dissect/s7plus/program.py",
     "dissect/s7plus/session.py",
+    "dissect/s7plus/skimming.py",
     "dissect/s7plus/skipping.py",
     "dissect/s7plus/summary.py",
     "dissect/s7plus/value_reading.py",
