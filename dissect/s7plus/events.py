@@ -280,14 +280,18 @@ def _gone(session: PlusSession, facts: Facts, object_id: int, good: bool) -> Non
 
 def _created(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
+    these = (
+        asked.objects or asked.begun
+    )  # of a PDU that is too long, or lies further on, its first objects say what it is
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
         if told is not None and good:
             session.session_opened(told)
         facts.events.append(Event(SESSION, "", made[0] if made else 0))
     elif asked.object_id == _PROGRAM:
-        facts.events.append(Event(CHANGED, f"load {_blocks(asked.objects) or 'objects that were not read'}"))
-    for one in asked.objects:
+        more = " and more that was not read" if asked.begun else ""
+        facts.events.append(Event(CHANGED, f"load {_blocks(these) or 'objects that were not read'}{more}"))
+    for one in these:
         if asked.object_id == _ROOT and one.class_id == _HARDWARE:
             facts.events.append(Event(CHANGED, "load the hardware configuration"))
         elif one.class_id == _TEST_JOB:

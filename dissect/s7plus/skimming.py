@@ -110,14 +110,16 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
             return UNSOUND
         if end - at < _NOTIFICATION_SIZE:
             return 0
-        body = Body(octets, at + _NOTIFICATION_SIZE, end, version, marks)
+        body = _BODY
+        body.begin(octets, at + _NOTIFICATION_SIZE, end, version, marks)
         return body.result(body.notification(u32(octets, at + 1)))
     request = opcode == REQUEST
     size: i64 = _REQUEST_SIZE if request else _RESPONSE_SIZE
     if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
         return 0
     function = u16(octets, at + 3)
-    body = Body(octets, at + size, end, version, marks)
+    body = _BODY
+    body.begin(octets, at + size, end, version, marks)
     if request:
         if function == SET_VAR_SUBSTREAMED and not single:
             return UNSOUND
@@ -127,7 +129,7 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
     if first >= _BIT_7 and function == DELETE_OBJECT:
         details = read_varint(octets, at + size, end, VLQ64)[0] >> _DETAILS & 1 != 0
     if not body.skipper.wide():
-        return UNSOUND
+        return body.result(False)
     fill: i64 = _RESPONSE2_FILL if opcode == RESPONSE2 else _FILL
     return body.result(body.response(function, details) and (not body.known or body.ends(fill)))
 
@@ -140,19 +142,32 @@ class Body:
 
     __slots__ = ("_end", "_marks", "_numbered", "_octets", "_version", "known", "skipper")
 
-    def __init__(self, octets: bytes, at: i64, end: i64, version: i64, marks: bytes) -> None:
-        self._octets: bytes = octets
-        self._end: i64 = end
-        self._version: i64 = version
-        self._marks: bytes = marks
+    def __init__(self) -> None:
+        self._octets = b""
+        self._end: i64 = 0
+        self._version: i64 = 0
+        self._marks = b""
         self._numbered = False  # its integrity id has passed
         self.known = True
-        self.skipper: Skipper = Skipper(octets, at, end)
+        self.skipper: Skipper = Skipper(b"", 0, 0)
+
+    def begin(self, octets: bytes, at: i64, end: i64, version: i64, marks: bytes) -> None:
+        """Begin with the body of a PDU, from ``at`` to ``end`` of ``octets``."""
+        self._octets = octets
+        self._end = end
+        self._version = version
+        self._marks = marks
+        self._numbered = False
+        self.known = True
+        self.skipper.begin(octets, at, end)
 
     def result(self, sound: bool) -> i64:
-        """Return what `skim` returns for contents that are sound, or not."""
+        """Return what `skim` returns for contents that are sound, or not; the octets are let go."""
         skipper = self.skipper
-        return skipper.seen if sound and skipper.spent <= MAX_WORK else UNSOUND
+        result: i64 = skipper.seen if sound and skipper.spent <= MAX_WORK else UNSOUND
+        self._octets = b""
+        skipper.begin(b"", 0, 0)
+        return result
 
     def request(self, function: i64) -> bool:
         """Pass over the body of a request, its end left out."""
@@ -423,3 +438,7 @@ class Body:
                     return False
             elif kind != PLAIN_VALUE_ITEM or not skipper.value(0):
                 return False
+
+
+#: One for all PDUs: making one for each would take as long as passing over it.
+_BODY: Final = Body()

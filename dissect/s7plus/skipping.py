@@ -124,6 +124,15 @@ class Skipper:
         self.spent: i64 = 0
         self.seen: i64 = 0
 
+    def begin(self, octets: bytes, at: i64, end: i64) -> None:
+        """Begin anew with other octets."""
+        self._octets = octets
+        self._end = end
+        self._careful = False
+        self.at = at
+        self.spent = 0
+        self.seen = 0
+
     def value(self, depth: i64, nested: i64 = 0) -> bool:
         """Pass over a value; False when it must be read, and then ``at`` means nothing.
 

@@ -422,9 +422,32 @@ def test_a_pdu_with_too_many_values_is_told() -> None:
     talk.ask(framed(b"\0", 2))
     talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
     assert said(talk) == [
-        ("security.program_change", "load objects that were not read"),
+        ("security.program_change", "load HWConfiguration and more that was not read"),
         ("s7.plus_too_long", "more than 100000 values"),
     ]
+
+
+def test_a_block_longer_than_what_is_kept_of_a_pdu_is_named_all_the_same() -> None:
+    talk = begun()
+    made = block(0x8A0E0007, 2574, "tank", 4)
+    made.elements.append(Attribute(2580, Value(0, BLOB, Blob(0, bytes(9 << 20)))))
+    data = asked(1, CREATE_OBJECT, body=bodies.create_object(3, NOTHING, made, integrity_id=1))
+    for at in range(0, len(data), 60_000):
+        talk.ask(framed(data[at : at + 60_000], 2, trailer=at + 60_000 >= len(data)))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
+    found = dict(said(talk))
+    assert found["security.program_change"] == "load DB7 'tank' (SCL) and more that was not read"
+    assert "s7plus.malformed" not in found
+    assert "s7.plus_too_long" in found
+
+
+def test_what_a_pdu_that_lies_begins_with_is_not_hidden() -> None:
+    """The hardware configuration, a test job: an attribute further on that ends too soon does not make them nothing."""
+    for parent, class_id, slug in ((1, 2496, "security.program_change"), (7, 2709, "security.debug")):
+        talk = begun()
+        body = bodies.create_object(parent, NOTHING, PlusObject(9, class_id, 0, 0, 0, []), integrity_id=1)[:-5]
+        do(talk, 1, CREATE_OBJECT, body + b"\xa3\7\x10\7\xff\xff\x7f")
+        assert sorted([slug for slug, _ in said(talk)]) == sorted(["s7plus.malformed", slug])
 
 
 @pytest.mark.parametrize(
