@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.support import run as cli
+from tests.conftest import Command
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -73,13 +74,13 @@ def test_the_output_in_a_page_is_real(
         at += 1
 
 
-def test_every_command_and_option_in_the_recipes_exists() -> None:
+def test_every_command_and_option_in_the_recipes_exists(s7dissect: Command) -> None:
     tutorial = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
     recipes = re.findall(r"`s7dissect (\w+) ([^`]*)`", README) + re.findall(
         r"^s7dissect (\w+) (.*)$", tutorial, re.MULTILINE
     )
     assert len(recipes) >= 8
-    help_texts = {name: run("-m", "dissect", name, "--help") for name in {name for name, _ in recipes}}
+    help_texts = {name: s7dissect(name, "--help").stdout.decode() for name in {name for name, _ in recipes}}
     for name, arguments in recipes:
         for option in re.findall(r"(?<!\S)(--?[A-Za-z][\w-]*)", arguments):
             assert option in help_texts[name], f"s7dissect {name} has no {option}"

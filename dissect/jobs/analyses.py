@@ -76,9 +76,11 @@ def unread(name: str, why: str) -> AnalysisPart:
     """Return the part of a file that could not be read."""
     file = SourceFile(name, 1)
     file.damage = why
-    pipeline = Pipeline(Analysis())
+    analysis = Analysis()
+    pipeline = Pipeline(analysis)
     pipeline.note_damage(f"{name}: {why}")
-    return part_of(Analysis(), pipeline, [file])
+    pipeline.finish()
+    return part_of(analysis, pipeline, [file])
 
 
 class Analyses:

@@ -126,9 +126,9 @@ import dissect.scd.codec, dissect.scd.loading, dissect.source.live.opening
 from dissect.cli.main import COMMANDS, group, main
 for name in COMMANDS:
     group.get_command(None, name)
-calls, output = json.loads(sys.argv[1]), int(sys.argv[2])
-told = []
-for call in calls:
+calls, outputs = json.loads(sys.argv[1]), json.loads(sys.argv[2])
+told = [[] for output in outputs]
+for call, output, of in [(call, output, of) for output, of in zip(outputs, told) for call in calls]:
     with tempfile.TemporaryFile() as err:
         child = os.fork()
         if not child:
@@ -142,36 +142,37 @@ for call in calls:
             os._exit(99)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         err.seek(0)
-        told.append([code, err.read().decode()])
+        of.append([code, err.read().decode()])
 print(json.dumps(told))
 """
+FULL: Final = Path("/dev/full")
 
 
-def each_into(output: int) -> list[tuple[int, str]]:
-    """Return exit code and standard error of each call whose standard output is this descriptor."""
-    ran = subprocess.run(
-        [sys.executable, "-c", RUNNER, json.dumps(calls(WRITING)), str(output)],
-        pass_fds=(output,), capture_output=True, check=True, timeout=120,
-    )  # fmt: skip
-    return [(code, err) for code, err in json.loads(ran.stdout)]
-
-
-def test_a_closed_pipe_is_quiet_for_every_command() -> None:
+@pytest.fixture(scope="module")
+def told() -> list[list[tuple[int, str]]]:
+    """Exit code and standard error of each call: into a pipe that nobody reads and, where there is one, onto a full disk."""
     reader, writer = os.pipe()
     os.close(reader)
+    outputs = [writer, *([os.open(FULL, os.O_WRONLY)] if FULL.exists() else [])]
     try:
-        told = each_into(writer)
+        ran = subprocess.run(
+            [sys.executable, "-c", RUNNER, json.dumps(calls(WRITING)), json.dumps(outputs)],
+            pass_fds=outputs, capture_output=True, check=True, timeout=240,
+        )  # fmt: skip
     finally:
-        os.close(writer)
-    for call, (code, err) in zip(calls(WRITING), told, strict=True):
+        for output in outputs:
+            os.close(output)
+    return [[(code, err) for code, err in of] for of in json.loads(ran.stdout)]
+
+
+def test_a_closed_pipe_is_quiet_for_every_command(told: list[list[tuple[int, str]]]) -> None:
+    for call, (code, err) in zip(calls(WRITING), told[0], strict=True):
         assert (code, err) == (0, ""), call
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_a_full_disk_is_told_by_every_command() -> None:
-    with Path("/dev/full").open("wb") as full:
-        told = each_into(full.fileno())
-    for call, (code, err) in zip(calls(WRITING), told, strict=True):
+@pytest.mark.skipif(not FULL.exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_told_by_every_command(told: list[list[tuple[int, str]]]) -> None:
+    for call, (code, err) in zip(calls(WRITING), told[1], strict=True):
         assert (code, err) == (5, "s7dissect: cannot write the results: No space left on device\n"), call
 
 

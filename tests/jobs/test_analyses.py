@@ -167,6 +167,8 @@ def test_a_file_that_could_not_be_read_stays_in_the_list() -> None:
         sums.add(one)
     assert [(file.name, file.damage) for file in sums.analysis.files][1] == ("gone.pcap", "no such file")
     assert sums.analysis.finding_counts["capture.damaged"] == 1
+    told = [finding.detail for finding in sums.analysis.findings if finding.rule.slug == "capture.damaged"]
+    assert told == ["gone.pcap: no such file"]
     assert text(sums.analysis).count("gone.pcap: 0 packets") == 2
     whole = dissect.analyze(APART[0], APART[3])
     assert sums.analysis.latencies.as_dict() == whole.latencies.as_dict()
