@@ -146,6 +146,9 @@ def plus_tree_lines(
         yield from _plus_parts(pdu, found, base, hidden)
     elif at < end:
         yield _field(_range(at, end), "octets", words.octets(whole[at:end]))
+    for fact in found.malformed:
+        fact.offset = pdu.place(fact.offset)
+    yield from _malformed(found.malformed, base)
     if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
         yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
     yield from _malformed(pdu.malformed, base)
@@ -169,9 +172,6 @@ def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple
             begin, stop = blobs.pop()
             for line in blob_lines(pdu.data[begin:stop]):
                 yield f"{indent}                 {line}"
-    for fact in found.malformed:
-        fact.offset = pdu.place(fact.offset)
-    yield from _malformed(found.malformed, base)
 
 
 def _netlink(packet: IbhPacket) -> Iterator[str]:
