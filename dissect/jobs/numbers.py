@@ -6,6 +6,7 @@ a capture can be taken for, and whoever puts the rows of all tasks together make
 
 from __future__ import annotations
 
+import re
 import secrets
 from typing import Final, NamedTuple
 
@@ -63,20 +64,13 @@ class Marks:
 
 
 def _replaced(rows: bytes, begin: int, most: int, before: int, width: int) -> bytes:
-    """Replace the marked numbers 1 to ``most``; a search for the mark alone is ten times as fast as a regular expression."""
+    """Replace the marked numbers 1 to ``most``, where they stand alone."""
     mark = b"%d" % (begin // _ROOM)
-    parts = rows.split(mark)
-    made = [parts[0]]
-    last = len(parts) - 1
-    for at in range(1, len(parts)):
-        part = parts[at]
-        digits = part[:_DIGITS]
-        alone = not parts[at - 1][-1:].isdigit() and not part[_DIGITS : _DIGITS + 1].isdigit()
-        whole = len(part) > _DIGITS or (len(part) == _DIGITS and at == last)  # else another mark follows its digits
-        if alone and whole and digits.isdigit() and 0 < int(digits) <= most:
-            made.append((b"%d" % (int(digits) + before)).ljust(width))
-            made.append(part[_DIGITS:])
-        else:
-            made.append(mark)
-            made.append(part)
-    return b"".join(made)
+
+    def number(match: re.Match[bytes]) -> bytes:
+        own = int(match[1])
+        return (b"%d" % (own + before)).ljust(width) if 0 < own <= most else match[0]
+
+    # It begins with the mark, so that this is what is looked for; what stands before it is looked at afterwards.
+    pattern = rb"%b(?<![0-9]{%d})([0-9]{%d})(?![0-9])" % (mark, len(mark) + 1, _DIGITS)
+    return re.sub(pattern, number, rows)
