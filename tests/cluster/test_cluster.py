@@ -222,7 +222,7 @@ def test_two_hundred_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> 
     assert found["packets"]["read"] == packets > 198
     assert len(found["connections"]) == 198 * len(small["connections"]) + len(cut["connections"])
     said = ran.err.splitlines()
-    assert [line.partition(": ")[2].partition(": ")[0][-10:] for line in said[:2]] == ["150.pcapng", "100.pcapng"]
+    assert [line.partition(": ")[2].partition(": ")[0][-10:] for line in said[:2]] == ["100.pcapng", "150.pcapng"]
 
 
 def test_a_ring_of_forty_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
