@@ -101,6 +101,7 @@ PURE_IMPORTS: Final = frozenset(
         "mypy_extensions",
         "operator",
         "re",
+        "codecs",
         "struct",
         "typing",
         "warnings",
