@@ -88,6 +88,7 @@ PURE_IMPORTS: Final = frozenset(
     (
         "__future__",
         "bisect",
+        "codecs",
         "collections",
         "datetime",
         "difflib",
@@ -101,7 +102,6 @@ PURE_IMPORTS: Final = frozenset(
         "mypy_extensions",
         "operator",
         "re",
-        "codecs",
         "struct",
         "typing",
         "warnings",
