@@ -7,7 +7,7 @@ Everything declarative stands in pyproject.toml. Two variables of the environmen
     interpreted. ``1``: the same, but a build that cannot compile fails (CI and releases). ``0``: do not compile.
 
 ``S7DISSECT_RELEASE``
-    Not set: compile fast, as a checkout wants it (one C file per module, side by side, optimized a little). ``1``: compile
+    Not set: compile fast, as a checkout wants it (a few C files, side by side, optimized a little). ``1``: compile
     for speed, as a published wheel wants it (one C file for the whole engine, optimized fully), which takes minutes.
 
 pip shows what a build prints only with ``-v``; ``s7dissect --version`` says which build is installed.
@@ -166,6 +166,8 @@ BUSY: Final = (
     "dissect/export/item_columns.py",
     "dissect/export/transaction_rows.py",
     "dissect/live/events.py",
+    "dissect/report/facets.py",
+    "dissect/report/words.py",
     "dissect/report/writer.py",
     "dissect/report/writers/*.py",
     "dissect/variables/collector.py",
@@ -185,11 +187,11 @@ SHIM: Final = "scripts/shim.c"
 #: How many C compilers run side by side.
 JOBS: Final = os.cpu_count() or 1
 
-#: How many C files a fast build makes of busy modules and of the others: as few as keep two processors at work, for each reads the
-#: same long headers.
+#: How many C files a fast build makes of busy modules and of the others: as few as keep two processors at work, for each
+#: reads the same long headers.
 PARTS: Final = (2, 2)
-#: How the names of each begin, and how they are compiled. -Og is half the work of -O1. It does not see that a variable is always
-#: set; without any optimization, Glibc's checks of buffers only complain.
+#: How the names of each begin, and how they are compiled. -Og is half the work of -O1, but does not see that a variable is
+#: always set. Glibc's checks of buffers want an optimizing compiler, and complain of any other.
 BUSY_PART: Final = "part"
 PLAIN_PART: Final = "plain"
 FAST: Final = {
@@ -356,8 +358,9 @@ class SideBySide:
             return [objects[0] for objects in pool.map(lambda source: self._compile(source, options), sources)]
 
     def _compile(self, source: str, options: dict[str, Any]) -> list[str]:
-        kind = Path(source).name.rpartition("_")[0]
-        options = {**options, "extra_postargs": [*(options.get("extra_postargs") or []), *FAST.get(kind, ())]}
+        fast = FAST.get(Path(source).name.rpartition("_")[0])
+        if fast is not None:
+            options = {**options, "extra_postargs": [*(options.get("extra_postargs") or []), *fast]}
         objects: list[str] = self.compile_all([source], **options)
         return objects
 
