@@ -117,8 +117,8 @@ COLD: Final = (
     "dissect/wire/saving.py",
 )
 
-#: Of what is compiled, where a third of the instructions of S7comm are spent in an eighth of the C lines. A fast build optimizes
-#: these, the next ones less, and the rest not at all: most of the C compiler's work is optimizing
+#: Of what is compiled, where most instructions of S7comm are spent, in a seventh of the C lines. A fast build optimizes these,
+#: the next ones less, and the rest not at all: most of the C compiler's work is optimizing
 #: (docs/decisions/0002-one-source-compiled-by-mypyc.md).
 BUSIEST: Final = (
     "dissect/wire/codes.py",
@@ -200,48 +200,16 @@ SHIM: Final = "scripts/shim.c"
 #: How many C compilers run side by side.
 JOBS: Final = os.cpu_count() or 1
 
-#: How many C files a fast build makes of each kind: as few as keep two processors at work, for each reads the same long headers.
+#: How many C files a fast build makes of each kind: as few as keep two processors at work, for each reads the same long
+#: headers.
 PARTS: Final = 2
 #: How each kind is compiled, by how the names of its files begin. -Og is half the work of -O1, but does not see that a variable
 #: is always set. Glibc's checks of buffers want an optimizing compiler, and complain of any other.
 FAST: Final = {
-    "busiest": ("-O1",),
+    "busiest": (),  # as mypyc asks for it
     "busy": ("-Og", "-Wno-maybe-uninitialized"),
     "plain": ("-O0", "-U_FORTIFY_SOURCE"),
 }
-
-#: The library of all compiled modules, as mypyc names it.
-LIBRARY: Final = "s7dissect__mypyc"
-#: What is there for each of its modules, for Python to find it.
-SHIM: Final = "scripts/shim.c"
-
-#: How many C compilers run side by side.
-JOBS: Final = os.cpu_count() or 1
-
-#: How many C files a fast build makes of busy modules and of the others: as few as keep two processors at work, for each
-#: reads the same long headers.
-PARTS: Final = (2, 2)
-#: How the names of each begin, and how they are compiled. -Og is half the work of -O1, but does not see that a variable is
-#: always set. Glibc's checks of buffers want an optimizing compiler, and complain of any other.
-BUSY_PART: Final = "part"
-PLAIN_PART: Final = "plain"
-FAST: Final = {
-    BUSY_PART: ("-Og", "-Wno-maybe-uninitialized"),
-    PLAIN_PART: ("-O0", "-U_FORTIFY_SOURCE"),
-}
-#: The library of all compiled modules, as mypyc names it.
-LIBRARY: Final = "s7dissect__mypyc"
-#: What is there for each of its modules, for Python to find it.
-SHIM: Final = "scripts/shim.c"
-
-#: How many C compilers run side by side.
-JOBS: Final = os.cpu_count() or 1
-
-#: The C files of a fast build, of optimized and of other modules: enough for the processors of a desk, and few, as each reads
-#: the same long headers.
-PARTS: Final = (2, 2)
-#: How the names of the others begin.
-PLAIN: Final = "plain"
 
 
 def interpreted(reason: str) -> list[Extension]:
@@ -390,8 +358,8 @@ class SideBySide:
             return [objects[0] for objects in pool.map(lambda source: self._compile(source, options), sources)]
 
     def _compile(self, source: str, options: dict[str, Any]) -> list[str]:
-        fast = FAST.get(Path(source).name.rpartition("_")[0])
-        if fast is not None:
+        fast = FAST.get(Path(source).name.rpartition("_")[0], ())
+        if fast:
             options = {**options, "extra_postargs": [*(options.get("extra_postargs") or []), *fast]}
         objects: list[str] = self.compile_all([source], **options)
         return objects
