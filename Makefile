@@ -45,12 +45,12 @@ demo: environment
 
 test: test-environment lint checks
 
-# Types and the steps of the container are single processes: done beside the tests, they fill the pauses of these. What they say
-# comes at the end.
+# Types, the steps of the container and the tests on the source take one process each: done beside the tests of the wheel, they
+# fill the pauses of these. What they say comes at the end.
 checks:
 	@said=$$(mktemp); trap 'rm -f "$$said"' EXIT; failed=0; \
-	$(MAKE) --no-print-directory types container-steps >"$$said" 2>&1 & beside=$$!; \
-	$(MAKE) --no-print-directory test-installed test-interpreted || failed=1; \
+	$(MAKE) --no-print-directory --keep-going JOBS=1 types container-steps test-interpreted >"$$said" 2>&1 & beside=$$!; \
+	$(MAKE) --no-print-directory test-installed || failed=1; \
 	wait $$beside || failed=1; \
 	cat "$$said"; exit $$failed
 
