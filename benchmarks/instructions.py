@@ -30,13 +30,17 @@ if TYPE_CHECKING:
 
 RECORDED: Final = Path(__file__).with_name("instructions.json")
 #: More than this over the recorded number is too much: for a packet, and for a start, on which other packages have a say.
-MOST: Final = {"analyze": 1.05, "transactions": 1.05, "start": 1.10}
+MOST: Final = {"analyze": 1.05, "transactions": 1.05, "s7plus": 1.05, "start": 1.10}
 #: Python itself may differ by so much from the one that was recorded.
 SAME: Final = 0.02
 #: Packets of the capture that is read, and how often they are there in the longer one.
 PACKETS: Final = 3000
 COPIES: Final = 3
 COMMANDS: Final = {"analyze": ["analyze"], "transactions": ["transactions", "-T", "jsonl"]}
+#: The capture with S7comm-plus that ``analyze`` reads, and how often it is there in the shorter one: sessions of a panel and of
+#: an engineering tool, with subscriptions, polling, a download and a stop.
+PLUS: Final = Path(__file__).parents[1] / "captures/crafted/plus-plant.pcapng"
+PLUS_COPIES: Final = 25
 
 _COUNTED: Final = re.compile(rb"I\s+refs:\s+([\d,]+)")
 _COMPILER: Final = re.compile(rb"GCC: \([^)]*\) (\d+)")
@@ -81,6 +85,7 @@ def measure(folder: Path) -> dict[str, int]:
 
     What the first packets cost (modules that are imported when they are needed, requests that are parsed for the first time)
     belongs to the start: it is what the same capture takes once, and a packet what its copies take, between other hosts.
+    ``s7plus`` is ``analyze`` for a packet of S7comm-plus.
     """
     made, once, often = (folder / f"{name}.pcap" for name in ("made", "once", "often"))
     generate(made, PACKETS)
@@ -93,6 +98,11 @@ def measure(folder: Path) -> dict[str, int]:
         begun[name] = instructions(["-m", "dissect", *arguments, once])
         whole = instructions(["-m", "dissect", *arguments, often])
         told[name] = (whole - begun[name]) // ((COPIES - 1) * PACKETS)
+    fewer, more = (
+        multiply(PLUS, copies, path) for copies, path in ((PLUS_COPIES, once), (COPIES * PLUS_COPIES, often))
+    )
+    less, whole = (instructions(["-m", "dissect", "analyze", path]) for path in (once, often))
+    told["s7plus"] = (whole - less) // (more - fewer)
     return {**told, "start": begun["analyze"] - instructions(["-c", "pass"])}
 
 

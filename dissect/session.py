@@ -123,6 +123,12 @@ class Run:
             self._finished = True
             self.pipeline.finish()
 
+    def close(self) -> None:
+        """Close the file that is read, when nothing more is wanted of it."""
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
+
     def _close(self, reader: Reader, file: SourceFile) -> None:
         self._reader = None
         file.packets = reader.packets

@@ -34,6 +34,7 @@ LONG: Final = (
     "tests/test_contributing.py",
     "tests/test_package.py",
     "tests/test_setup.py",
+    "tests/test_site.py",
     "tests/oracle/test_captures.py",
     "tests/oracle/test_generated.py",
     "tests/oracle/test_known.py",
@@ -41,6 +42,8 @@ LONG: Final = (
     "tests/cli/test_drive.py",
     "tests/cli/test_examples.py",
     "tests/cli/test_monitor.py",
+    "tests/properties/test_captures.py",
+    "tests/scd/test_hostile.py",
 )
 
 LOCATION: Final = Path(dissect.__file__).resolve().parent

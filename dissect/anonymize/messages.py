@@ -17,8 +17,10 @@ from dissect.ibh.tables import KIND_OTHER, KIND_SERVICE
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
 from dissect.iso.tables import CC, CR
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, classify
+from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import HEADER_SIZE
+from dissect.s7.tables import JOB, READ_VAR
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, V3
 
@@ -54,6 +56,10 @@ def draft_tsdu(
 
 def _pdu(draft: RewritePlan, rules: Rules, codes: Sequence[int]) -> None:
     octets = draft.octets
+    but_reference = octets[: PDU_REF.start] + octets[PDU_REF.stop :]
+    if but_reference in rules.known:
+        draft.keep(0, len(octets))
+        return
     pdu = parse_pdu(octets)
     if len(octets) < HEADER_SIZE:
         draft.keep(0, min(2, len(octets)))
@@ -65,6 +71,8 @@ def _pdu(draft: RewritePlan, rules: Rules, codes: Sequence[int]) -> None:
     rules.parts(draft, body.parts, codes)
     end = max([part.end for part in body.parts], default=head)
     draft.zero(end, len(octets), account.UNKNOWN)
+    if pdu.rosctr == JOB and pdu.function == READ_VAR and draft.pieces == [(0, len(octets), None)]:
+        rules.know(but_reference)
 
 
 def _plus(draft: RewritePlan, begins: bool) -> None:

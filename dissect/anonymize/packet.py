@@ -35,7 +35,8 @@ class Packets:
         self._addresses = addresses
         self._others = choices.keep_others
         self._account = told
-        self._sums: dict[bytes, tuple[int, int]] = {}
+        self._links: dict[tuple[int, bytes], bytes] = {}
+        self._pairs: dict[bytes, tuple[int, int, bytes]] = {}
 
     def renew(self, frame: int, octets: bytes, link_type: int) -> bytes | Fragment | None:
         """Return what is written in the place of packet ``frame``; None when nothing is. Never raises.
@@ -55,7 +56,7 @@ class Packets:
         if fragment and (packet.protocol not in _FRAGMENTED or packet.missing or not packet.fragment_key):
             return self._blank(octets, link_type, FRAGMENT)
         new = bytearray(end)
-        new[:at] = self._link(octets[:at], link_type)
+        new[:at] = self._link_again(octets[:at], link_type)
         self._ip(octets, new, int(at), int(packet.start))
         if fragment:
             return self._fragment(octets, new, packet, int(vlan))
@@ -64,7 +65,8 @@ class Packets:
                 cut = packet.protocol == ip.TCP and packet.end - packet.start < 20
                 return self._drop(DAMAGED if cut else OTHER)
             self._other(octets, new, packet)
-        self._account.mask(account.PADDING, octets[packet.end :])
+        if packet.end < end:
+            self._account.mask(account.PADDING, octets[packet.end :])
         return bytes(new)
 
     def whole(self, frame: int, fragments: list[Fragment], datagram: bytes) -> None:
@@ -106,6 +108,15 @@ class Packets:
         return None
 
     # ---- link -------------------------------------------------------------------------------------------------------
+
+    def _link_again(self, head: bytes, link_type: int) -> bytes:
+        """Return `_link` of a header, which comes with many packets."""
+        made = self._links.get((link_type, head))
+        if made is None:
+            if len(self._links) >= MAX_CACHED:
+                self._links.clear()
+            made = self._links[link_type, head] = self._link(head, link_type)
+        return made
 
     def _link(self, head: bytes, link_type: int) -> bytes:
         """Return a link header with other addresses."""
@@ -156,29 +167,29 @@ class Packets:
             self._extensions(octets, new, at + 40, end, octets[at + 6])
             return
         new[at : at + 12] = octets[at : at + 12]
-        new[at + 12 : at + 16] = addresses.ip(octets[at + 12 : at + 16])
-        new[at + 16 : at + 20] = addresses.ip(octets[at + 16 : at + 20])
+        was, becomes, made = self._pair(octets[at + 12 : at + 20])
+        new[at + 12 : at + 20] = made
         if end > at + 20:
             new[at + 20 : end] = bytes((_NOP,)) * (end - at - 20)
             self._account.mask(account.OPTIONS, octets[at + 20 : end])
         stored = int(u16(octets, at + 10))
         if stored and end == at + 20:
-            stored = moved(stored, *self._totals(octets[at + 12 : end]))
+            stored = moved(stored, was, becomes)
         else:
             new[at + 10 : at + 12] = b"\0\0"
             old = octets[at : at + 10] + b"\0\0" + octets[at + 12 : end]
             stored = renewed(stored, old, bytes(new[at:end]), b"", b"")
         new[at + 10 : at + 12] = stored.to_bytes(2, "big")
 
-    def _totals(self, addresses: bytes) -> tuple[int, int]:
-        """Return the sums of two addresses and of what stands for them."""
-        known = self._sums.get(addresses)
+    def _pair(self, addresses: bytes) -> tuple[int, int, bytes]:
+        """Return the sum of two addresses, that of what stands for them, and what stands for them."""
+        known = self._pairs.get(addresses)
         if known is None:
-            if len(self._sums) >= MAX_CACHED:
-                self._sums.clear()
+            if len(self._pairs) >= MAX_CACHED:
+                self._pairs.clear()
             half = len(addresses) // 2
             new = self._addresses.ip(addresses[:half]) + self._addresses.ip(addresses[half:])
-            known = self._sums[addresses] = (total(addresses), total(new))
+            known = self._pairs[addresses] = (total(addresses), total(new), new)
         return known
 
     def _extensions(self, octets: bytes, new: bytearray, at: int, end: int, kind: int) -> None:
@@ -215,7 +226,8 @@ class Packets:
             if not empty or _PORTS.isdisjoint((u16(octets, at), u16(octets, at + 2))):
                 return False
         new[at : at + 20] = octets[at : at + 20]
-        new[at + 20 : data] = self._tcp_options(octets[at + 20 : data])
+        if data > at + 20:
+            new[at + 20 : data] = self._tcp_options(octets[at + 20 : data])
         if track is not None and data < end:
             seq = (u32(octets, at + 4) + (1 if word & SYN else 0)) & 0xFFFFFFFF
             new[data:end], zeroed = track.render(seq, octets[data:end])
@@ -284,17 +296,19 @@ class Packets:
         start, end = int(packet.start), int(packet.end)
         size = end - start + int(packet.missing)
         stored = int(u16(octets, at))
-        was, becomes = self._totals(packet.addresses)
+        was, becomes, addresses = self._pair(packet.addresses)
         left = stored - was - (size >> 16) - (size & 0xFFFF) - int(packet.protocol)
         if stored and packet.protocol != 1 and left % ONES:  # neither none, nor one that a network card was to work out
-            value = moved(stored, was + total(octets[start:end]), becomes + total(bytes(new[start:end])))
+            old, made = octets[start:end], bytes(new[start:end])
+            if old != made:
+                was += total(old)
+                becomes += total(made)
+            value = moved(stored, was, becomes)
             new[at : at + 2] = value.to_bytes(2, "big")
             return
         behind = size.to_bytes(4, "big") + int(packet.protocol).to_bytes(4, "big")
         old_pseudo = packet.addresses + behind
-        addresses = packet.addresses
-        half = len(addresses) // 2
-        new_pseudo = self._addresses.ip(addresses[:half]) + self._addresses.ip(addresses[half:]) + behind
+        new_pseudo = addresses + behind
         if packet.protocol == 1:
             old_pseudo = new_pseudo = b""
         old = octets[start:at] + b"\0\0" + octets[at + 2 : end]

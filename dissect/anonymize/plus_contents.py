@@ -12,7 +12,7 @@ from dissect.anonymize import account
 from dissect.anonymize.account import KEEP, SCRAMBLE, Account, Choices
 from dissect.anonymize.key import Key
 from dissect.anonymize.texts import replace_text
-from dissect.s7plus.ids import SECRETS
+from dissect.s7plus.ids import SECRETS, is_packed
 from dissect.s7plus.session import IDENTIFICATION, IM0_HEAD, IM0_SIZE, OPERATING_STATE, REFERENCE_LIST, crc_places
 from dissect.s7plus.value_tables import (
     ADDRESS_ARRAY,
@@ -32,7 +32,6 @@ from dissect.s7plus.value_tables import (
     VARIABLE_SIZES,
     VARIANT,
     WSTRING,
-    is_packed,
 )
 from dissect.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import SIGNED, SIGNED64, VLQ, build_varint, read_varint

@@ -51,6 +51,9 @@ _REPLACED: Final = {
     HOLDS_PATH: (replace_path, account.FILE_NAMES),
     HOLDS_SERIAL: (replace_text, account.SERIALS),
 }
+#: Octets of a request that is remembered, and how many are.
+_SMALL: Final = 256
+_MOST: Final = 4096
 _LETTERS: Final = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789 -._/\0")
 
 
@@ -62,15 +65,26 @@ def numbers_size(layout: Layout) -> int:
 
 
 class Rules:
-    """Treats the parts of messages as ``choices`` say."""
+    """Treats the parts of messages as ``choices`` say.
+
+    ``known`` are small requests of reads, without their references, of which everything stays: polling repeats them.
+    """
 
     def __init__(self, key: Key, addresses: AddressMap, choices: Choices, scd: ScdRules | None = None) -> None:
         self.scd = scd
+        self.known: set[bytes] = set()
         self._key = key
         self._addresses = addresses
         self._choices = choices
         self._codes: Sequence[int] = ()
         self._inside = choices.values != KEEP or (scd is not None and scd.described)
+
+    def know(self, request: bytes) -> None:
+        """Remember the request of a read of which everything stays."""
+        if len(request) <= _SMALL:
+            if len(self.known) >= _MOST:
+                self.known.clear()
+            self.known.add(request)
 
     def parts(self, draft: RewritePlan, parts: list[Part], codes: Sequence[int] = ()) -> None:
         """Treat the parts of a message, which stand in order; at ``codes`` are return codes inside values, which stay."""

@@ -15,7 +15,7 @@ EXAMPLES: Final = {
     "transactions": (
         "s7dissect transactions --failed trace.pcapng",
         "s7dissect transactions -Y 'port == 102 and not failed' -c 5 trace.pcapng",
-        "s7dissect transactions --tls-keys session.keys trace.pcapng",
+        "s7dissect transactions --separate -j auto -T jsonl ring_*.pcapng",
         "s7dissect transactions -T csv trace.pcapng > trace.csv",
     ),
     "values": (

@@ -14,17 +14,21 @@ import click
 
 from dissect import __version__
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.jobs import check_jobs, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
-from dissect.cli.run import checksums_option, complain, drive, files_argument, slow_option
+from dissect.cli.run import checksums_option, complain_of, drive, files_argument, slow_option
+from dissect.cli.separate import refuse
+from dissect.cli.task import current
 from dissect.wire.saving import Saving, SavingFolder, is_special
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.export.forms import Target
+    from dissect.export.forms import Export, Target
+    from dissect.session import Run
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
@@ -71,6 +75,7 @@ _EXIT_CODES = (
 @scd_options
 @tag_options
 @tls_option
+@separate_options
 def command(
     files: tuple[str, ...],
     output: str,
@@ -83,6 +88,8 @@ def command(
     chosen: Chosen,
     naming: Naming | None,
     tls_keys: KeyLog | None,
+    separate: bool,
+    jobs: int,
 ) -> int:
     """Write tables and logs for other tools: Parquet, DuckDB, SQLite, CSV, Arrow, Zeek, Elastic, STIX.
 
@@ -92,48 +99,67 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. With several files Parquet is
     divided into folders by day. OUT is written whole or not at all.
     """
+    from dissect.cli.separate_export import export_separately, export_task, refuse_form
     from dissect.engine.pipeline import Options
     from dissect.export.extras import MissingLibraryError
     from dissect.export.forms import Request, UnknownFormError, target_of
     from dissect.export.tables import UnknownTableError
     from dissect.session import Run
 
+    of = current()
+    check_jobs(separate, jobs)
     try:
-        target = target_of(output, only, len(files))
+        target = target_of(output, only, len(of.files if of is not None else files))
     except (UnknownFormError, UnknownTableError) as error:
         raise click.UsageError(printable(str(error))) from None
     if zeek_compat and not target.form.name.startswith("zeek"):
         raise click.UsageError("--zeek-compat needs the form zeek: or zeek-json:.")
+    options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    if of is not None:
+        return export_task(of, target, only, chosen, options)
+    if separate:
+        refuse(chosen, [(decoder, "SCD is decoded over all files")])
+        refuse_form(target)
     check_output(target, files, force)
     names = [encodable(name) for name in files]
     try:
         with saved(target) as place:
-            export = target.form.open(
-                Request(place, target.folder, only, names, __version__, {"strict": bool(zeek_compat)})
-            )
-            options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-            run = Run(files, chosen.sieve(export.observer), chosen.narrow(options))
-            chosen.begin(run, files)
-            export.begin(run)
-            try:
-                code = drive(run, files)
+            losses: list[tuple[str, str]] = []
+            if separate and len(files) > 1:
+                counts, code = export_separately(files, jobs, target, only, place)
                 _go_on(code)
-                export.close()
-            except BaseException:
-                export.abandon()
-                raise
+            else:
+                export = target.form.open(
+                    Request(place, target.folder, only, names, __version__, {"strict": bool(zeek_compat)})
+                )
+                run = Run(files, chosen.sieve(export.observer), chosen.narrow(options))
+                chosen.begin(run, files)
+                code = _export(export, run, files)
+                counts = dict(export.counts)
+                losses = [(file.name, file.loss) for file in run.files]
             if target.folder:
-                write_mark(place, target.form.name, export.counts, names)
+                write_mark(place, target.form.name, counts, names)
     except _InterruptedError:
         click.echo(f"s7dissect: interrupted; {printable(target.path)} was not written", err=True)
         return EXIT_INTERRUPTED
     except MissingLibraryError as error:
         raise click.ClickException(str(error)) from None
-    complain(run, code)
-    counts = ", ".join(
-        [f"{count} {name if count != 1 else name.removesuffix('s')}" for name, count in export.counts.items()]
-    )
-    click.echo(f"s7dissect: {counts} written to {printable(target.path)}", err=True)
+    complain_of(losses, code)
+    said = ", ".join([f"{count} {name if count != 1 else name.removesuffix('s')}" for name, count in counts.items()])
+    click.echo(f"s7dissect: {said} written to {printable(target.path)}", err=True)
+    return code
+
+
+def _export(export: Export, run: Run, files: Sequence[str]) -> int:
+    """Read the files of a run to their end; return the exit code."""
+    export.begin(run)
+    try:
+        code = drive(run, files)
+        _go_on(code)
+        export.close()
+    except BaseException:
+        export.abandon()
+        raise
     return code
 
 

@@ -31,7 +31,7 @@ EXIT_OUTPUT: Final = 5
 EXIT_INTERRUPTED: Final = 130
 
 #: How many objects are made before the collector looks at the young ones, and how often it looks at the older.
-_RARELY: Final = (20_000, 20, 100)
+RARELY: Final = (20_000, 20, 100)
 
 #: Each command and the line that the list of commands shows for it, in the order of that list.
 COMMANDS: Final = {
@@ -202,7 +202,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         sys.exit(_run(arguments))
     # Modules are made for good: a collector that looks through them again and again takes a tenth of the time of a short
     # run. At the end it would look through all results once more, although the process gives everything back at once.
-    gc.set_threshold(*_RARELY)
+    gc.set_threshold(*RARELY)
     code = _run(None)
     gc.freeze()
     sys.exit(code)

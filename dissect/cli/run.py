@@ -113,6 +113,12 @@ def write(lines: Iterable[str]) -> None:
     sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
 
 
+def write_bytes(octets: bytes) -> None:
+    """Write lines to stdout that were made as `write` makes them."""
+    sys.stdout.buffer.write(octets)
+    sys.stdout.buffer.flush()
+
+
 def places_of(run: Run, files: Sequence[str]) -> Places:
     """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
     from dissect.cli.configuration import hosts

@@ -9,12 +9,13 @@ import gc
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
 from dissect.cli import task
-from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, RARELY
 from dissect.cli.run import Bar, Interruption
 from dissect.source.packet import CaptureError
 from dissect.source.remote import shown
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.options import Options
     from dissect.jobs.analyses import AnalysisPart
-    from dissect.jobs.tasks import Done
+    from dissect.jobs.tasks import About, Done
     from dissect.report.analysis import Analysis
     from dissect.session import Run
 
@@ -48,9 +49,9 @@ class Here(Executor):
         return future
 
 
-def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]]) -> None:
+def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]] = ()) -> None:
     """Raise UsageError where options do not go with --separate; ``reasons`` are values of options and what is said of them."""
-    for given, why in reasons:
+    for given, why in (*reasons, (chosen.most, "-c counts over all files")):
         if given:
             raise click.UsageError(f"--separate: {why}.")
     if chosen.where is not None:
@@ -67,21 +68,44 @@ class Interrupted:
     asked: Callable[[], bool] = staticmethod(lambda: False)
 
 
-def read_file(run: Run) -> None:
-    """Read the file of a task. Raises `CaptureError`."""
+def read_file(run: Run, each: Callable[[], None] | None = None) -> None:
+    """Read the file of a task; call ``each`` after each step, and when all is over. Raises `CaptureError`."""
     gc.disable()  # as in `dissect.cli.run.drive`
     try:
-        while not Interrupted.asked() and run.step():
-            pass
+        while run.step():
+            if each is not None:
+                each()
+            if Interrupted.asked():
+                break
+        run.finish()
+        if each is not None:
+            each()
     finally:
+        run.close()
         gc.enable()
-    run.finish()
 
 
-def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], octets: Callable[[], int]) -> int:
+def about(run: Run) -> About:
+    """Return what there is to say of the file of a task, when it was read."""
+    from dissect.jobs.tasks import About
+
+    file = run.files[0]
+    return About(file.name, file.loss, int(file.octets), run.pipeline.first_ns, run.pipeline.now_ns)
+
+
+def separately(
+    files: Sequence[str],
+    jobs: int,
+    take: Callable[[Done], None],
+    direct: Any = None,
+    folder: str | None = None,
+    kept: bool = True,
+) -> int:
     """Have the command at hand done for each of ``files``, ``jobs`` at a time; give ``take`` what became of each, in order.
 
-    ``octets`` says how much was read of what was taken. Return the exit code; what could not be read is said on stderr.
+    ``direct`` takes the rows of tasks that are done by this process. ``folder`` is where tasks leave what they write, by
+    default one that is gone afterwards. ``kept``: there are results after an interruption, which is said. Return the exit code;
+    what could not be read is said on stderr. Raises `CaptureError` when the only file cannot be read.
     """
     from dissect.jobs.tasks import DIED, Files
 
@@ -89,40 +113,61 @@ def separately(files: Sequence[str], jobs: int, take: Callable[[Done], None], oc
         raise click.UsageError("--separate: standard input can be read by one process only; leave out -j.")
     arguments = click.get_current_context().meta[ARGUMENTS]
     code = EXIT_OK
+    octets = 0
+    joints = _Joints()
 
     def again(file: str) -> None:
         _say(file, f"{DIED}; it is read once more")
 
     try:
-        with Interruption() as interruption, Bar(files, False) as bar, _executor(jobs) as executor:
+        with (
+            Interruption() as interruption,
+            Bar(files, direct is not None) as bar,
+            _executor(jobs, direct, folder) as (executor, place),
+        ):
             Interrupted.asked = staticmethod(lambda: interruption.asked)
-            doer = Files(executor, jobs, task.work, (arguments, len(files) > 1), retried=again)
+            doer = Files(executor, jobs, task.work, (arguments, len(files) > 1, place), retried=again)
             for done in doer.run(files, lambda: interruption.asked):
+                if done.why and len(files) == 1:
+                    raise CaptureError(done.why)
                 take(done)
-                if done.why:
+                why = done.why
+                if not why:
+                    found: About = done.result.about
+                    why = found.loss
+                    octets += found.octets
+                    joints.look(found.first_ns, found.last_ns)
+                if why:
                     code = EXIT_DAMAGED
-                    _say(done.file, done.why)
-                bar.show(octets())
+                    _say(done.file, why)
+                bar.show(octets)
             if interruption.asked:
                 code = EXIT_INTERRUPTED
     except (KeyboardInterrupt, click.Abort):
         code = EXIT_INTERRUPTED
     finally:
         Interrupted.asked = staticmethod(lambda: False)
-    if code == EXIT_INTERRUPTED:
+    if code == EXIT_INTERRUPTED and kept:
         click.echo("s7dissect: interrupted; the results cover what was read so far", err=True)
+    joints.tell()
     return code
 
 
 @contextmanager
-def _executor(jobs: int) -> Iterator[Executor]:
+def _executor(jobs: int, direct: Any, folder: str | None) -> Iterator[tuple[Executor, str]]:
+    """Give who does the tasks, and the folder for what they write."""
     if jobs == 1:
-        yield Here()
+        with task.directly(direct):
+            yield Here(), folder or ""
         return
     from dissect.jobs.pool import Pool
 
-    with Pool(jobs) as pool:
-        yield pool
+    if folder is not None:
+        with Pool(jobs, folder, RARELY) as pool:
+            yield pool, folder
+        return
+    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own, RARELY) as pool:
+        yield pool, own
 
 
 def _say(file: str, why: str) -> None:
@@ -150,34 +195,20 @@ def analyze_task(of: task.Task, analysis: Analysis, observer: Observer, options:
 
 
 def analyze_separately(files: Sequence[str], jobs: int, options: Options) -> tuple[Analysis, int]:
-    """Analyze files that stand for themselves; return what they come to, and the exit code.
-
-    Raises `CaptureError` when the only file cannot be read.
-    """
+    """Analyze files that stand for themselves; return what they come to, and the exit code. Raises as `separately` does."""
     from dissect.jobs.analyses import Analyses, unread
 
     sums = Analyses(options)
-    joints = _Joints()
 
     def take(done: Done) -> None:
-        if done.why and len(files) == 1:
-            raise CaptureError(done.why)
         part: AnalysisPart = (
             unread(shown(done.file), done.why.removeprefix(f"{printable(shown(done.file))}: "))
             if done.why
             else done.result
         )
         sums.add(part)
-        joints.look(part.first_ns, part.last_ns)
 
-    code = separately(files, jobs, take, lambda: sum([int(file.octets) for file in sums.analysis.files]))
-    for file in sums.analysis.files:
-        if file.octets and file.loss:
-            _say(file.name, file.loss)
-    joints.tell()
-    if code == EXIT_OK and any([file.loss for file in sums.analysis.files]):
-        code = EXIT_DAMAGED
-    return sums.analysis, code
+    return sums.analysis, separately(files, jobs, take)
 
 
 class _Joints:

@@ -7,8 +7,9 @@ line has to be sent to another process or machine. The command leaves in `Task.f
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import redirect_stderr, redirect_stdout
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,17 @@ import click
 
 
 class Task:
-    """A file to read, one of ``several`` or the only one."""
+    """A file to read, one of ``several`` or the only one.
 
-    def __init__(self, file: str, several: bool) -> None:
+    ``folder`` is where it may leave rows, empty where there is none (`dissect.jobs.tasks`); ``place`` is that of the file among
+    all, from 0. ``direct`` takes its rows at once, where whoever writes them is this process.
+    """
+
+    def __init__(self, file: str, several: bool, folder: str, place: int, direct: Any) -> None:
         self.file = file
+        self.folder = folder
+        self.place = place
+        self.direct = direct
         self.found: Any = None
         #: Stand for the files of the whole, wherever it matters whether packets are named with their file.
         self.files: Sequence[str] = (file, file) if several else (file,)
@@ -27,6 +35,8 @@ class Task:
 
 #: The task that is done by this process right now, if any.
 _task: Task | None = None
+#: `Task.direct` of tasks that this process gives itself.
+_direct: Any = None
 
 
 def current() -> Task | None:
@@ -34,18 +44,29 @@ def current() -> Task | None:
     return _task
 
 
-def work(arguments: list[str], several: bool, file: str) -> Any:
+@contextmanager
+def directly(sink: Any) -> Iterator[None]:
+    """Have tasks of this process hand their rows to ``sink`` at once."""
+    global _direct  # noqa: PLW0603 - as below
+    _direct = sink
+    try:
+        yield
+    finally:
+        _direct = None
+
+
+def work(arguments: list[str], several: bool, folder: str, place: int, file: str) -> Any:
     """Run the command line ``arguments`` for one file; return what it found. Raises `FileError` when that cannot be done."""
     from dissect.cli.main import group
     from dissect.jobs.tasks import FileError
     from dissect.source.packet import CaptureError
 
     global _task  # noqa: PLW0603 - a process does one task at a time
-    _task = task = Task(file, several)
+    _task = task = Task(file, several, folder, place, _direct)
     try:
         with (
             Path(os.devnull).open("w", encoding="utf-8") as nowhere,
-            redirect_stdout(nowhere),
+            redirect_stdout(nowhere if _direct is None else sys.stdout),
             redirect_stderr(nowhere),
         ):
             group.main(arguments, prog_name="s7dissect", standalone_mode=False)
@@ -54,6 +75,8 @@ def work(arguments: list[str], several: bool, file: str) -> Any:
     except click.ClickException as error:
         raise FileError(error.format_message()) from None
     except OSError as error:
+        if _direct is not None and error.filename is None:
+            raise  # the output of this process
         raise FileError(f"{error.filename or file}: {error.strerror or type(error).__name__}") from None
     finally:
         _task = None

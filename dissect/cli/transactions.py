@@ -11,7 +11,7 @@ from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import jobs_option
+from dissect.cli.options.jobs import separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -26,6 +26,9 @@ from dissect.cli.run import (
     nanoseconds,
     places_of,
 )
+from dissect.cli.separate import refuse
+from dissect.cli.separate_rows import Total, no_places, rows_separately, rows_task
+from dissect.cli.task import Task, current
 from dissect.cli.together import Output, alone, alone_because, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
@@ -61,7 +64,7 @@ if TYPE_CHECKING:
 @scd_options
 @tag_options
 @tls_option
-@jobs_option
+@separate_options
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -73,6 +76,7 @@ def command(
     chosen: Chosen,
     naming: Naming | None,
     tls_keys: KeyLog | None,
+    separate: bool,
     jobs: int,
 ) -> int:
     """List requests with their answers, one line each.
@@ -89,6 +93,13 @@ def command(
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())
     choice = chosen.choice("transaction", _choice(failed, slow_ns))
+    of = current()
+    if of is not None:
+        return _task(of, writer, TransactionFeed(writer, choice), chosen, options, bool(fail_on))
+    if separate:
+        refuse(chosen, [(decoder, "SCD is decoded over all files")])
+        writer.begin(no_places(files))
+        return rows_separately(files, jobs, writer, fail_on, _say_nothing_found)
     worker = working()
     if worker is not None:
         return worker.rows(options, chosen, by_pair, lambda share, order: TransactionRows(share, order, writer, choice))
@@ -109,7 +120,9 @@ def command(
     )
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
-        click.echo(f"s7dissect: no S7 transaction: {_instead(run, feed.protocols)}", err=True)
+        pipeline = run.pipeline
+        said = _instead(pipeline.frames, pipeline.counters.packet_counts(), feed.protocols)
+        click.echo(f"s7dissect: no S7 transaction: {said}", err=True)
     return gate(run, fail_on, code, chosen.findings)
 
 
@@ -133,12 +146,30 @@ def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output) -
     return code
 
 
-def _instead(run: Run, spoken: Mapping[str, int]) -> str:
-    """Return what there was in captures without S7: packets, and connections by their protocol."""
-    pipeline = run.pipeline
-    ignored = pipeline.counters.packet_counts()
-    parts = [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored[name]]
-    packets = f"{pipeline.frames} packets" + (f" ({', '.join(parts)})" if parts else "")
+def _task(of: Task, writer: Writer, feed: TransactionFeed, chosen: Chosen, options: Options, findings: bool) -> int:
+    """Read the file of a task; ``findings`` tells whether a selection of these counts."""
+    run = Run([of.file], chosen.sieve(feed) if findings else feed, chosen.narrow(options))
+    writer.begin(places_of(run, of.files))
+    return rows_task(
+        of,
+        run,
+        chosen,
+        writer,
+        lambda: feed.take(int(run.pipeline.timers.oldest_held())),
+        lambda: (feed.protocols, ()),
+    )
+
+
+def _say_nothing_found(total: Total) -> None:
+    if not total.before.transactions and not total.left_out:
+        said = _instead(total.before.packets, total.ignored, total.protocols)
+        click.echo(f"s7dissect: no S7 transaction: {said}", err=True)
+
+
+def _instead(frames: int, ignored: Mapping[str, int], spoken: Mapping[str, int]) -> str:
+    """Return what there was in captures without S7: packets, of which some were ignored, and connections by protocol."""
+    parts = [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored.get(name)]
+    packets = f"{frames} packets" + (f" ({', '.join(parts)})" if parts else "")
     said = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(spoken.items())]
     return f"{packets}; connections: {', '.join(said)}" if said else packets
 

@@ -14,13 +14,16 @@ from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import jobs_option
+from dissect.cli.options.jobs import separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
 from dissect.cli.run import EXIT_CODES, checksums_option, complain, complain_of, drive, files_meant, places_of
+from dissect.cli.separate import refuse
+from dissect.cli.separate_rows import no_places, rows_separately, rows_task
+from dissect.cli.task import Task, current
 from dissect.cli.together import Output, alone, alone_because, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
@@ -84,7 +87,7 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
 @scd_options
 @tag_options
 @tls_option
-@jobs_option
+@separate_options
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -97,6 +100,7 @@ def command(
     chosen: Chosen,
     naming: Naming | None,
     tls_keys: KeyLog | None,
+    separate: bool,
     jobs: int,
 ) -> int:
     """List the values of variables, one row for each that was read, written or pushed.
@@ -115,6 +119,14 @@ def command(
     writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
     collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"))
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    of = current()
+    if of is not None:
+        return _task(of, writer, collector, chosen, options, bool(fail_on))
+    if separate:
+        refuse(chosen, [(decoder, "SCD is decoded over all files"), (summary, "--summary adds up one run")])
+        writer.begin(no_places(captures))
+        writer.values([])  # what the output begins with
+        return rows_separately(captures, jobs, writer, fail_on, lambda total: _miss(wanted, total.seen))
     worker = working()
     if worker is not None:
         return worker.rows(options, chosen, by_service, lambda share, order: ValueRows(share, order, writer, collector))
@@ -149,6 +161,19 @@ def command(
     complain(run, code)
     _miss(wanted, collector.found)
     return gate(run, fail_on, code, chosen.findings)
+
+
+def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, options: Options, findings: bool) -> int:
+    """Read the file of a task; ``findings`` tells whether a selection of these counts."""
+    run = Run([of.file], chosen.sieve(collector) if findings else collector, chosen.narrow(options))
+    writer.begin(places_of(run, of.files))
+    writer.values([])
+
+    def take() -> list[str | Line]:
+        writer.values(collector.take())
+        return writer.take()
+
+    return rows_task(of, run, chosen, writer, take, lambda: ({}, collector.found))
 
 
 def _together(

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from dissect.cli.formats import format_option, write_out, write_outcome
-from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.jobs import check_jobs, separate_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import files_argument
+from dissect.cli.separate import Interrupted, separately
+from dissect.cli.task import Task, current
+from dissect.jobs.tasks import About
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome, plain
 from dissect.report.styled import Line
@@ -20,6 +24,7 @@ from dissect.tls.key_log import KeyLog
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from dissect.oracle.compare import Comparison
     from dissect.oracle.verification import Verification
 
 _EXIT_CODES = (
@@ -36,8 +41,16 @@ _EXIT_CODES = (
 @click.option("--reorder", is_flag=True, help="Let Wireshark reassemble out-of-order TCP segments first.")
 @click.option("--pyshark", is_flag=True, help="Run tshark through pyshark instead of directly.")
 @tls_option
+@separate_options
 def command(
-    files: tuple[str, ...], format_: Format, every: bool, reorder: bool, pyshark: bool, tls_keys: KeyLog | None
+    files: tuple[str, ...],
+    format_: Format,
+    every: bool,
+    reorder: bool,
+    pyshark: bool,
+    tls_keys: KeyLog | None,
+    separate: bool,
+    jobs: int,
 ) -> int:
     """Compare our dissection of captures with Wireshark's, field by field: TPKT, COTP, S7comm.
 
@@ -55,26 +68,62 @@ def command(
     from dissect.oracle.tshark import OracleError, read_tshark, version
     from dissect.oracle.verification import Verification
 
+    check_jobs(separate, jobs)
+
+    def compared(file: str) -> Comparison:
+        return compare(file, read_pyshark if pyshark else read_tshark, reorder, tls_keys)
+
+    of = current()
+    if of is not None:
+        return _task(of, compared)
     for file in files:
         if file == "-" or is_remote(file) or (Path(file).exists() and not Path(file).is_file()):
             raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read several times.")
+    code = EXIT_OK
     try:
         verification = Verification(version(), every)
         verified = _Verified(verification)
-        for file in files:
-            comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder, tls_keys)
-            if comparison.loss:
-                click.echo(f"s7dissect: {printable(file)}: {printable(comparison.loss)}", err=True)
+
+        def take(file: str, comparison: Comparison) -> None:
             verified.lines += verification.take(file, comparison)
             if format_.piecewise:
                 write_out(verified.taken())
+
+        if separate:
+            code = separately(files, jobs, lambda done: None if done.why else take(done.file, done.result.comparison))
+        else:
+            for file in files:
+                comparison = compared(file)
+                if comparison.loss:
+                    click.echo(f"s7dissect: {printable(file)}: {printable(comparison.loss)}", err=True)
+                    code = EXIT_DAMAGED
+                take(file, comparison)
     except OracleError as error:
         click.echo(f"s7dissect: {printable(str(error))}", err=True)
         return EXIT_USAGE
     write_outcome(format_, OUTCOME, verified)
-    if not verification.holds:
-        return EXIT_GATE
-    return EXIT_DAMAGED if any([comparison.loss for _, comparison in verification.files]) else EXIT_OK
+    return EXIT_GATE if code != EXIT_INTERRUPTED and not verification.holds else code
+
+
+class _Part(NamedTuple):
+    """What the task of a file found."""
+
+    about: About
+    comparison: Comparison
+
+
+def _task(of: Task, compared: Callable[[str], Comparison]) -> int:
+    """Compare the file of a task."""
+    from dissect.oracle.tshark import OracleError
+
+    try:
+        comparison = compared(of.file)
+    except OracleError:
+        if Interrupted.asked():  # Ctrl-C reaches tshark too
+            raise KeyboardInterrupt from None
+        raise
+    of.found = _Part(About(of.file, comparison.loss, Path(of.file).stat().st_size), comparison)
+    return EXIT_OK
 
 
 class _Verified(Outcome):

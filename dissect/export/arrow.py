@@ -62,16 +62,20 @@ class Batches:
         """Return rows as a `pyarrow.RecordBatch`."""
         pa = self._pa
         some = rows if isinstance(rows, Batch) else Batch(self.table, [Part(self._stored, rows)], {})
+        runs: dict[int, Any] = {}
         arrays: dict[str, Any] = {name: _array(pa, values, self._kinds[name]) for name, values in some.columns.items()}
         for part in some.parts:
-            arrays.update(zip(part.names, self._part(part), strict=True))
+            arrays.update(zip(part.names, self._part(part, runs), strict=True))
         for column in self.table.columns:
             if column.of:
                 arrays[column.name] = arrays[column.of].view(self._kinds[column.name])
         return pa.RecordBatch.from_arrays([arrays[column.name] for column in self.table.columns], schema=self.schema)
 
-    def _part(self, part: Part) -> list[Any]:
-        """Return the columns of a part. Rows that others share are made into arrays anew only when there are more of them."""
+    def _part(self, part: Part, runs: dict[int, Any]) -> list[Any]:
+        """Return the columns of a part. Rows that others share are made into arrays anew only when there are more of them.
+
+        ``runs`` keeps what was made of ``part.ends``, by the identity of that.
+        """
         pa = self._pa
         known = self._shared.get(part.names)
         if known is not None and known[0] is part.rows and known[1] == len(part.rows):
@@ -79,11 +83,16 @@ class Batches:
         else:
             columns: list[Any] = list(zip(*part.rows, strict=True)) if part.rows else [()] * len(part.names)
             made = [_array(pa, values, self._kinds[name]) for name, values in zip(part.names, columns, strict=True)]
-        if part.at is None:
-            return made
-        self._shared[part.names] = (part.rows, len(part.rows), made)
-        at = _array(pa, part.at, pa.int32())
-        return [one.take(at) for one in made]
+        at = None
+        if part.at is not None:
+            self._shared[part.names] = (part.rows, len(part.rows), made)
+            at = _array(pa, part.at if isinstance(part.at, array) else array("i", part.at), pa.int32())
+        if part.ends is not None:
+            run = runs.get(id(part.ends))
+            if run is None:
+                run = runs[id(part.ends)] = _runs(pa, part.ends)
+            at = run if at is None else at.take(run)
+        return made if at is None else [one.take(at) for one in made]
 
 
 def _array(pa: Any, values: Sequence[Any], kind: Any) -> Any:
@@ -96,6 +105,13 @@ def _array(pa: Any, values: Sequence[Any], kind: Any) -> Any:
     except UnicodeEncodeError:  # a name from the file system, or from a tag file, that UTF-8 cannot hold
         made = pa.array([_encodable(value) for value in values], plain)
     return made.dictionary_encode() if encoded else made
+
+
+def _runs(pa: Any, ends: Sequence[int]) -> Any:
+    """Return, for each row, the number of its run; ``ends`` are the rows at which runs are over."""
+    numbers = _array(pa, array("i", range(len(ends))), pa.int32())
+    runs = pa.RunEndEncodedArray.from_arrays(_array(pa, array("i", ends), pa.int32()), numbers)
+    return needed("pyarrow.compute").run_end_decode(runs)
 
 
 def _encodable(value: Any) -> Any:

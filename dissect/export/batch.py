@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, pairwise, repeat
 from typing import Any, NamedTuple, overload
 
 from dissect.export.tables import Table
@@ -10,11 +11,30 @@ from dissect.export.transaction_rows import Row
 
 
 class Part(NamedTuple):
-    """Columns that belong together: each row of the batch has, in these, the one of ``rows`` that ``at`` says, or its own."""
+    """Columns that belong together: each row of the batch has, in these, the one of ``rows`` that ``at`` says, or its own.
+
+    With ``ends``, rows of the batch have it together up to each of these: ``at`` has an entry for each such run of rows.
+    """
 
     names: tuple[str, ...]
     rows: Sequence[Row]
     at: Sequence[int] | None = None
+    ends: Sequence[int] | None = None
+
+    @property
+    def size(self) -> int:
+        """How many rows the batch has."""
+        if self.ends is not None:
+            return self.ends[-1] if self.ends else 0
+        return len(self.rows if self.at is None else self.at)
+
+    def spread(self) -> Sequence[Row]:
+        """Return what each row of the batch has."""
+        rows = self.rows if self.at is None else [self.rows[at] for at in self.at]
+        if self.ends is None:
+            return rows
+        counts = [end - begin for begin, end in pairwise([0, *self.ends])]
+        return list(chain.from_iterable(map(repeat, rows, counts)))
 
 
 class Batch(Sequence[Row]):
@@ -39,14 +59,12 @@ class Batch(Sequence[Row]):
         return iter(self._made())
 
     def __len__(self) -> int:
-        part = self.parts[0]
-        return len(part.rows if part.at is None else part.at)
+        return self.parts[0].size
 
     def _made(self) -> list[Row]:
         if self._rows is None:
             columns = dict(self.columns)
             for part in self.parts:
-                rows = part.rows if part.at is None else [part.rows[at] for at in part.at]
-                columns.update(zip(part.names, zip(*rows, strict=True), strict=True))
+                columns.update(zip(part.names, zip(*part.spread(), strict=True), strict=True))
             self._rows = list(zip(*[columns[column.name] for column in self.table.stored], strict=True))
         return self._rows

@@ -6,7 +6,7 @@ import importlib
 from typing import Any, Final
 
 #: Each library and the extra that brings it.
-_EXTRAS: Final = {"pyarrow": "data", "pyarrow.parquet": "data", "pyarrow.ipc": "data", "duckdb": "data"}
+_EXTRAS: Final = {"pyarrow": "data", "duckdb": "data"}
 #: These are the user's own choice.
 _THEIRS: Final = ("pandas", "polars")
 
@@ -21,5 +21,5 @@ def needed(name: str, what: str = "this export") -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         package = name.partition(".")[0]
-        install = package if package in _THEIRS else f"'s7dissect[{_EXTRAS[name]}]'"
+        install = package if package in _THEIRS else f"'s7dissect[{_EXTRAS[package]}]'"
         raise MissingLibraryError(f"{what} needs {package}: pip install {install}") from error

@@ -9,7 +9,7 @@ from typing import Any, Final
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.export.batch import Batch, Part
-from dissect.export.item_columns import ASKED, BEGIN, CODE, ItemColumns
+from dissect.export.item_columns import ASKED, BEGIN, CODE, ROUTE, Collected, ItemColumns
 from dissect.export.rows import Rows
 from dissect.export.tables import CONNECTIONS, DEVICES, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
 from dissect.export.transaction_rows import ENDS, FUNCTION, OWN, STATE, Row, TransactionColumns
@@ -54,13 +54,10 @@ class TableFeed(Observer):
         self.wants_pdus = PDUS.name in names
         self.counts = dict.fromkeys([table.name for table in self.tables], 0)
         self._sink = sink
-        self._collect([])
         self._context = Context()
         self._bulk = [table for table in self.tables if table in _BULK]
         self._waiting: dict[str, list[Row]] = {table.name: [] for table in self.tables if table not in _BULK}
         self._connections = self._waiting.get(CONNECTIONS.name)
-        self._wants_items = ITEMS in self._bulk
-        self._wants_transactions = TRANSACTIONS in self._bulk
         self._operations = self._waiting.get(OPERATIONS.name)
         self._findings = self._waiting.get(FINDINGS.name)
         self._pdus = self._waiting.get(PDUS.name)
@@ -68,15 +65,25 @@ class TableFeed(Observer):
         self._collector = Collector()
         self._devices = self._waiting.get(DEVICES.name)
         self._inventory = Inventory()
+        self._collect([])
 
     def begin(self, files: Sequence[SourceFile]) -> None:
         """Name packets by ``files``, which may grow."""
         self._collect(files)
 
+    def count_from(self, before: int) -> None:
+        """Number findings and PDUs on from ``before``."""
+        self._made.count_from(before)
+
     def _collect(self, files: Sequence[SourceFile]) -> None:
         self._made = Rows(files)
         self._transactions = TransactionColumns(self._made.transactions)
         self._items = ItemColumns(self._made.transactions, self._made.other_items, ROWS, _MOST_BYTES)
+        self._collected: Collected | None = None
+        if self._bulk:
+            transactions = self._transactions if TRANSACTIONS in self._bulk else None
+            items = self._items if ITEMS in self._bulk else None
+            self._collected = Collected(transactions, items, self._made.item_count, ROWS)
 
     def flush(self) -> None:
         """Hand on the rows that wait."""
@@ -104,7 +111,8 @@ class TableFeed(Observer):
             return Batch(table, parts, {})
         items = self._items
         parts = [
-            Part(BEGIN, items.begins, items.begins_at),
+            Part(BEGIN, items.begins, None, items.ends),
+            Part(ROUTE, items.routes.rows, items.routes_at, items.ends),
             Part(ASKED, items.asked.rows, items.asked_at),
             Part(CODE, items.codes.rows, items.codes_at),
         ]
@@ -149,11 +157,7 @@ class TableFeed(Observer):
             self._values += [self._made.value(row) for row in self._collector.take()]
             if len(self._values) >= ROWS:
                 self.flush()
-        if not self._bulk:
-            return
-        count = self._items.add(transaction) if self._wants_items else self._made.item_count(transaction)
-        full = self._wants_transactions and self._transactions.add(transaction, count) >= ROWS
-        if full or self._items.full:
+        if self._collected is not None and self._collected.add(transaction):
             self.flush()
 
     def operation(self, operation: Operation) -> None:

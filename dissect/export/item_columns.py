@@ -1,7 +1,8 @@
 """Rows of the items of transactions, column by column, compiled: most rows of an export, for which no row is made.
 
-Most items come again and again with other values. What a request asks for, what a return code means and what the items of one
-transaction share is kept once, and each row only says which of these it has.
+Most items come again and again with other values. What a request asks for, what a return code means and who talks to whom is
+kept once, and each row only says which of these it has. What the items of one transaction share is kept once for all of them,
+with the row at which they end.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionRows
+from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionColumns, TransactionRows, directed
 from dissect.report.writers.jsonl import value_text
 from dissect.s7.items import Item
 from dissect.s7.parameters import Parameters
@@ -40,8 +41,10 @@ from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import encodable
 
-#: The columns that the items of a transaction share, those of what is asked for, and those of the return code.
-BEGIN: Final = ("transaction", "connection", "ts_ns", "server_host", "client_host", "operation")
+#: The columns that the items of a transaction share, of which those of `ROUTE` come again and again, those of what is asked
+#: for, and those of the return code.
+BEGIN: Final = ("transaction", "ts_ns")
+ROUTE: Final = ("connection", "server_host", "client_host", "operation")
 ASKED: Final = ("area", "db", "byte", "bit", "address", "type", "count")
 CODE: Final = ("return_code", "return_name", "refused")
 
@@ -52,14 +55,21 @@ _NO_CODE: Final[Row] = (None, None, False)
 _NO_CODE_AT: Final = 256
 #: Transport sizes of elements of two bytes.
 _SHORT: Final = frozenset((WORD, INT))
-#: For any count of items that a request may have: their numbers.
+#: For any count of items that a request may have: their numbers, and their return codes when all is well.
 _NUMBERS: Final[list[array[int]]] = [array("q", range(1, count + 1)) for count in range(256)]
-_GOOD: Final[array[int]] = array("i", [SUCCESS])
+_GOOD: Final[list[array[int]]] = [array("i", [SUCCESS] * count) for count in range(256)]
 _NO_NAME: Final[list[str | None]] = [None]
+#: What a transaction does with its items.
+_READ: Final = 0
+_WRITE: Final = 1
+_NOTIFY: Final = 2
+_OPERATIONS: Final[list[str]] = ["read", "write", "notify"]
 
 
 class ItemColumns:
     """Collects the items of transactions; the columns have an entry for each, or say with ``…_at`` which of another it has.
+
+    `begins` and ``routes_at`` have an entry for each transaction; ``ends`` are the rows at which its items are over.
 
     ``others`` gives the items of other protocols: of each a name, the columns `ASKED` and `CODE`, number, text and bytes.
     It is `full` with ``most`` items, or with those of ``most_octets`` of PDUs.
@@ -74,9 +84,11 @@ class ItemColumns:
         self._most_octets: i64 = most_octets
         self._octets: i64 = 0
         self.begins: list[Row] = []
-        self.begins_at: array[int] = array("i")
+        self.routes: Shared = Shared([])
+        self.routes_at: list[int] = []
+        self.ends: list[int] = []
         self.numbers: array[int] = array("q")
-        self.names: list[str | None] = []
+        self._names: list[str | None] = []
         self.asked: Shared = Shared([_NO_ITEM])
         self.asked_at: array[int] = array("i")
         self.codes: Shared = Shared([*_CODES, _NO_CODE])
@@ -84,6 +96,7 @@ class ItemColumns:
         self.values: list[float | None] = []
         self.texts: list[str | None] = []
         self.data: list[bytes | None] = []
+        self._route_at: dict[int, int] = {}
         self._item_at: dict[Item, int] = {}
         self._request_at: dict[Parameters, array[int]] = {}
 
@@ -92,19 +105,27 @@ class ItemColumns:
         """True when it is time to hand on what was collected, and to `clear`."""
         return len(self.data) >= self._most or self._octets >= self._most_octets
 
+    @property
+    def names(self) -> list[str | None]:
+        """The name of each item."""
+        return self._names + _NO_NAME * (len(self.data) - len(self._names))
+
     def clear(self) -> None:
         """Begin with new columns: those at hand are somebody else's now."""
         self._octets = 0
         self.begins = []
-        self.begins_at = array("i")
+        self.routes_at = []
+        self.ends = []
         self.numbers = array("q")
-        self.names = []
+        self._names = []
         self.asked_at = array("i")
         self.codes_at = array("i")
         self.values = []
         self.texts = []
         self.data = []
         self.codes.bounded()
+        if self.routes.bounded():
+            self._route_at = {}
         if self.asked.bounded():
             self._item_at = {}
             self._request_at = {}
@@ -132,34 +153,40 @@ class ItemColumns:
             self.data.append(data)
             if naming is not None:
                 self._named(naming, result)
-                continue
-            self.names.append(None)
-            self._value(item, data)
+            else:
+                self._value(item, data)
         if others is not None:
             for row in others:
-                self.names.append(row[0])
                 self.asked_at.append(self.asked.at(row[1:8]))
                 self.codes_at.append(self.codes.at(row[8:11]))
                 self._add(row[11], row[12])
                 self.data.append(row[13])
+                self._name(row[0])
         return count
 
     def _begin(self, transaction: Transaction, count: int) -> None:
         """Note what the next items share, and number them."""
-        connection = transaction.connection
-        ends = self._rows.ends(connection)
-        asked: bool = transaction.request_frame != 0
         self._octets += transaction.request_size + transaction.response_size
-        self.begins_at.extend(array("i", [len(self.begins)]) * count)
-        self.begins.append((
-            int(transaction.number),
-            int(connection.number),
-            int(transaction.request_ns if asked else transaction.response_ns),
-            ends[2],
-            ends[0],
-            _operation(transaction),
-        ))  # fmt: skip
+        self.routes_at.append(self._route(transaction))
+        asked: bool = transaction.request_frame != 0
+        time_ns = transaction.request_ns if asked else transaction.response_ns
+        self.begins.append((int(transaction.number), int(time_ns)))
+        self.ends.append(len(self.data) + count)
         self.numbers.extend(_NUMBERS[count] if count < len(_NUMBERS) else array("q", range(1, count + 1)))
+
+    def _route(self, transaction: Transaction) -> int:
+        """Return where connection, hosts and operation of a transaction are kept."""
+        connection = transaction.connection
+        does = _operation(transaction)
+        key: int = directed(connection) * len(_OPERATIONS) + does
+        known = self._route_at
+        found = known.get(key)
+        if found is None:
+            if len(known) >= MOST_KNOWN:
+                known.clear()
+            ends = self._rows.ends(connection)
+            found = known[key] = self.routes.at((int(connection.number), ends[2], ends[0], _OPERATIONS[does]))
+        return found
 
     def _read(self, transaction: Transaction, answers: list[bytes]) -> int:
         """Take the items of a read that was answered as asked: most of all."""
@@ -176,8 +203,7 @@ class ItemColumns:
                 known.clear()
             found = known[parameters] = array("i", [self._asked(item) for item in items])
         self.asked_at.extend(found)
-        self.codes_at.extend(_GOOD * count)
-        self.names.extend(_NO_NAME * count)
+        self.codes_at.extend(_GOOD[count] if count < len(_GOOD) else array("i", [SUCCESS] * count))
         self.data.extend(answers)
         for index in range(count):
             self._value(items[index], answers[index])
@@ -203,10 +229,16 @@ class ItemColumns:
             return self.codes.at((told[0], told[1], False))
         return int(code)
 
+    def _name(self, name: str | None) -> None:
+        """Name the latest item of which there are data."""
+        if name is not None:
+            self._names.extend(_NO_NAME * (len(self.data) - 1 - len(self._names)))
+            self._names.append(name)
+
     def _named(self, naming: Naming, result: ItemResult) -> None:
         """Add the names of the tags in an item, and its value: that of the tag where there is only one."""
         known = [named for named in naming.named(result) if named.name]
-        self.names.append(", ".join([named.name for named in known]) if known else None)
+        self._name(", ".join([named.name for named in known]) if known else None)
         if len(known) == 1 and known[0].whole and known[0].value is not None:
             self._shown(known[0].value)
         else:
@@ -265,14 +297,39 @@ class ItemColumns:
         self.texts.append(text)
 
 
-def _operation(transaction: Transaction) -> str:
-    """Return what a transaction does with its items, in a word."""
+class Collected:
+    """Takes transactions for their table and that of their items, where these are wanted; ``counted`` counts items else."""
+
+    def __init__(
+        self,
+        transactions: TransactionColumns | None,
+        items: ItemColumns | None,
+        counted: Callable[[Transaction], int],
+        most: int,
+    ) -> None:
+        self._transactions: TransactionColumns | None = transactions
+        self._items: ItemColumns | None = items
+        self._counted: Callable[[Transaction], int] = counted
+        self._most: i64 = most
+
+    def add(self, transaction: Transaction) -> bool:
+        """Take a transaction; return whether it is time to hand on what was collected."""
+        items = self._items
+        count = items.add(transaction) if items is not None else self._counted(transaction)
+        transactions = self._transactions
+        if transactions is not None and transactions.add(transaction, count) >= self._most:
+            return True
+        return items is not None and items.full
+
+
+def _operation(transaction: Transaction) -> int:
+    """Return what a transaction does with its items."""
     if transaction.outcome == PUSH:
-        return "notify"
+        return _NOTIFY
     parameters = transaction.parameters
     if isinstance(parameters, PlusParameters):
-        return "write" if int(parameters.code) in WRITES else "read"
-    return "write" if transaction.function == WRITE_VAR else "read"
+        return _WRITE if int(parameters.code) in WRITES else _READ
+    return _WRITE if transaction.function == WRITE_VAR else _READ
 
 
 def _asked(item: Item) -> Row:

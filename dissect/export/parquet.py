@@ -15,7 +15,7 @@ from typing import Any, Final
 from dissect.export.arrow import Batches
 from dissect.export.extras import needed
 from dissect.export.feed import Sink
-from dissect.export.tables import BYTES, INT, TEXT, WORD, Table
+from dissect.export.tables import BYTES, INT, TEXT, TIME, WORD, Table
 from dissect.export.transaction_rows import Row
 from dissect.wire.text import civil
 
@@ -48,6 +48,8 @@ class ParquetFile:
             compression="zstd",
             use_dictionary=[column.name for column in columns if column.type in {TEXT, WORD, BYTES}],
             column_encoding={column.name: "DELTA_BINARY_PACKED" for column in columns if column.type == INT},
+            # A reader leaves out row groups by least and greatest values, which are of use where they grow with the rows.
+            write_statistics=[name for column in columns if column.type == TIME for name in (column.name, column.of)],
         )
 
     def add(self, batch: Any) -> None:
@@ -79,14 +81,24 @@ class ParquetFile:
 
 
 class ParquetSink(Sink):
-    """Writes tables to Parquet below ``path``: one file (``alone``), a file for each table, or with ``by_day`` folders."""
+    """Writes tables to Parquet below ``path``: one file (``alone``), a file for each table, or with ``by_day`` folders.
+
+    ``empty``: there is a file of a table without rows as well.
+    """
 
     def __init__(
-        self, path: Path, tables: Iterable[Table], alone: bool, by_day: bool, metadata: Mapping[str, str]
+        self,
+        path: Path,
+        tables: Iterable[Table],
+        alone: bool,
+        by_day: bool,
+        metadata: Mapping[str, str],
+        empty: bool = True,
     ) -> None:
         self._path = path
         self._alone = alone
         self._by_day = by_day
+        self._empty = empty
         self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
         self._open: OrderedDict[tuple[str, str], ParquetFile] = OrderedDict()
         self._parts: dict[tuple[str, str], int] = {}
@@ -106,7 +118,7 @@ class ParquetSink(Sink):
     def close(self) -> None:
         """Write what waits, and close."""
         for name in self._batches:
-            if self._by_day and not any(key[0] == name for key in self._parts):
+            if self._by_day and self._empty and not any(key[0] == name for key in self._parts):
                 self._file(name, _NO_DAY)
         for file in self._open.values():
             file.close()

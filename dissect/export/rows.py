@@ -39,6 +39,10 @@ class Rows:
         self._findings = 0
         self._pdus = 0
 
+    def count_from(self, before: int) -> None:
+        """Number findings and PDUs on from ``before``."""
+        self._findings = self._pdus = before
+
     # ---- connections ------------------------------------------------------------------------------------------------
 
     def connection(self, connection: Connection) -> Row:

@@ -6,7 +6,6 @@ which of these it has (`Shared`). All of these memories are bounded.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -123,7 +122,7 @@ class TransactionRows:
 
     def ends(self, connection: Connection) -> Row:
         """Return host and port of the client, then of the server."""
-        key: int = int(connection.number) * 2 + int(connection.client_side)
+        key: int = directed(connection)
         found = self._ends.get(key)
         if found is None:
             if len(self._ends) >= MOST_KNOWN:
@@ -205,18 +204,19 @@ class TransactionColumns:
         self._rows: TransactionRows = rows
         self.own: list[Row] = []
         self.ends: Shared = Shared([])
-        self.ends_at: array[int] = array("i")
+        self.ends_at: list[int] = []
         self.functions: Shared = Shared([])
-        self.functions_at: array[int] = array("i")
+        self.functions_at: list[int] = []
         self.states: Shared = Shared([])
-        self.states_at: array[int] = array("i")
+        self.states_at: list[int] = []
         self._function_of: dict[Any, int] = {}
+        self._ends_of: dict[int, int] = {}
 
     def add(self, transaction: Transaction, item_count: int) -> int:
         """Take a transaction that has so many items; return how many transactions there are now."""
         rows = self._rows
         self.own.append(rows.own(transaction, item_count))
-        self.ends_at.append(self.ends.at(rows.ends(transaction.connection)))
+        self.ends_at.append(self._ends(transaction.connection))
         self.states_at.append(self.states.at(rows.state(transaction)))
         key = (transaction.parameters, int(transaction.rosctr))
         known = self._function_of
@@ -228,16 +228,33 @@ class TransactionColumns:
         self.functions_at.append(found)
         return len(self.own)
 
+    def _ends(self, connection: Connection) -> int:
+        """Return where the ends of a connection are kept."""
+        key: int = directed(connection)
+        known = self._ends_of
+        found = known.get(key)
+        if found is None:
+            if len(known) >= MOST_KNOWN:
+                known.clear()
+            found = known[key] = self.ends.at(self._rows.ends(connection))
+        return found
+
     def clear(self) -> None:
         """Begin with new lists: those at hand are somebody else's now."""
         self.own = []
-        self.ends_at = array("i")
-        self.functions_at = array("i")
-        self.states_at = array("i")
-        self.ends.bounded()
+        self.ends_at = []
+        self.functions_at = []
+        self.states_at = []
+        if self.ends.bounded():
+            self._ends_of = {}
         self.states.bounded()
         if self.functions.bounded():
             self._function_of = {}
+
+
+def directed(connection: Connection) -> int:
+    """Return a number for a connection and which side of it is the client, which may turn out later."""
+    return int(connection.number) * 2 + int(connection.client_side)
 
 
 def _error(error: TransactionError) -> str:

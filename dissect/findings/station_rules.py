@@ -6,7 +6,7 @@ from typing import Final
 
 from dissect.findings.reporter import Reporter
 from dissect.s7plus.session import Identity
-from dissect.stations.evidence import Evidence, made
+from dissect.stations.evidence import Evidence, module_asked
 from dissect.stations.facts import FIRMWARE, KEYS, LASTING, MAC, ORDER_NUMBER, SERIAL_NUMBER, Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
@@ -56,13 +56,18 @@ class StationWatch:
 
     def identified(self, identity: Identity, transaction: Transaction) -> list[Fact]:
         """Take what a CPU said of itself in S7comm-plus."""
-        told, identity.told = identity.told, []
+        told = identity.told
+        identity.told = []
         frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
-        found = []
-        for key, value, where in told:
-            found += made(transaction.connection, int(transaction.asked_by), [(key, value)], where, frames, time_ns)
-        return self._noted(found)
+        connection = transaction.connection
+        asked_by = int(transaction.asked_by)
+        host = connection.tcp.ends[1 - asked_by].host
+        module = module_asked(connection, asked_by)
+        number = int(connection.number)
+        return self._noted(
+            [Fact(host, module, key, value, where, number, frames, time_ns) for key, value, where in told]
+        )
 
     def _noted(self, found: list[Fact]) -> list[Fact]:
         for fact in found:

@@ -15,7 +15,7 @@ from dissect.golden.model import GoldenError, Link, Session, Span, Tpdus, Transa
 from dissect.golden.order import settle_places
 from dissect.golden.parsing import MAGIC, MAX_LINE, read_golden
 from dissect.golden.scd_lines import scd_lines
-from dissect.golden.writing import link_text
+from dissect.golden.writing import link_lines
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.tables import CC, DR, ER
 from dissect.iso.tpkt import HEADER
@@ -44,6 +44,37 @@ class _Entry:
         self.has_request = bool(seen.request_frame)
         self.place = (int(seen.request_frame or seen.response_frame), int(seen.number))
         self.transaction = transaction
+
+
+class _Said:
+    """What is said on a connection, to put it in order by: written only as far as that of others is the same."""
+
+    def __init__(self, link: Link) -> None:
+        self._addresses = link.addresses
+        self._written: list[str] = []
+        self._left = link_lines(link)
+
+    def line(self, at: int) -> str | None:
+        """Return a line, None behind the last one; the one before was asked for."""
+        if at == len(self._written):
+            line = next(self._left, None)
+            if line is None:
+                return None
+            self._written.append(line)
+        return self._written[at]
+
+    def __lt__(self, other: _Said) -> bool:
+        at = 0
+        while (line := self.line(at)) == (its := other.line(at)):
+            if line is None:
+                return self._addresses < other._addresses
+            at += 1
+        return line is None or (its is not None and line < its)
+
+
+def said_order(links: list[Link]) -> list[Link]:
+    """Return connections in the order of all that is said on them, those that say the same in that of their addresses."""
+    return sorted(links, key=_Said)
 
 
 class SessionReader(Observer):
@@ -160,7 +191,7 @@ class SessionReader(Observer):
         session = self._session
         session.damage = list(damage)
         links = [link for link in self._links.values() if link.protocol or link.begun or link.transactions]
-        session.arrange(sorted(links, key=lambda link: (link_text(link), link.addresses)))
+        session.arrange(said_order(links))
         return session
 
 

@@ -14,7 +14,8 @@ from dissect.s7.tables import BIT, BYTE, CHAR
 from dissect.s7.values import Value, decode_value
 
 #: How scalars of a transport size are packed, where text and octets correspond one to one.
-_PACKED: Final = {0x02: ">B", 0x04: ">H", 0x05: ">h", 0x06: ">I", 0x07: ">i", 0x08: ">f", 0x30: ">d"}
+_DOUBLE: Final = ">d"
+_PACKED: Final = {0x02: ">B", 0x04: ">H", 0x05: ">h", 0x06: ">I", 0x07: ">i", 0x08: ">f", 0x30: _DOUBLE}
 _FLOATS: Final = frozenset((0x08, 0x30))
 
 
@@ -58,8 +59,9 @@ def shown_value(transport_size: int, data: bytes, fits: bool) -> tuple[str, str]
     """
     value = decode_value(transport_size, data) if fits else None
     if value is not None and not (transport_size == BYTE and len(data) > 1):
-        if type(value) is int and _is_packed(value, transport_size, data):
-            return str(value), ""
+        form = _PACKED.get(transport_size, _DOUBLE)
+        if form != _DOUBLE and _is_packed(value, form, data):  # a double that is no number has more forms than its text
+            return _exact(value), ""
         text = _exact(value)
         try:
             if text and value_octets(text, transport_size) == data:
@@ -70,12 +72,13 @@ def shown_value(transport_size: int, data: bytes, fits: bool) -> tuple[str, str]
     return hex_text(data), str(remark)
 
 
-def _is_packed(number: int, transport_size: int, data: bytes) -> bool:
-    """Return whether a whole number is written as ``data``: then so is its text, which need not be read to know it."""
-    form = _PACKED.get(transport_size)
+def _is_packed(value: Value, form: str, data: bytes) -> bool:
+    """Return whether numbers are written as ``data``: then so is their text, which need not be read to know it."""
     try:
-        return form is not None and transport_size not in _FLOATS and struct.pack(form, number) == data
-    except struct.error:
+        if isinstance(value, list):
+            return struct.pack(f">{len(value)}{form[1]}", *value) == data
+        return isinstance(value, (int, float)) and struct.pack(form, value) == data
+    except (struct.error, OverflowError):
         return False
 
 

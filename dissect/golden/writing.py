@@ -84,13 +84,15 @@ def _named(transaction: Transaction, naming: Naming) -> Iterator[str]:
         yield from [f"    # {words.named_value(value)}" for value in naming.named(item.result) if value.name]
 
 
-def link_text(link: Link) -> str:
-    """Return everything of a connection but its number, as text: what connections are put in order by."""
-    lines = list(_link_lines(link, False))
+def link_lines(link: Link) -> Iterator[str]:
+    """Yield everything of a connection but its number, as text: what connections are put in order by."""
+    yield from _link_lines(link, False)
     jobs: dict[bytes, int] = {}
     for place, transaction in enumerate(link.transactions, 1):
-        lines += [_head(transaction), *_outcome(transaction), *_job(transaction, place, jobs), *_said(transaction)]
-    return "\n".join(lines)
+        yield _head(transaction)
+        yield from _outcome(transaction)
+        yield from _job(transaction, place, jobs)
+        yield from _said(transaction)
 
 
 def _head(transaction: Transaction) -> str:
@@ -104,7 +106,10 @@ def _said(transaction: Transaction) -> Iterable[str]:
     """Return the lines of what was asked and told, made once for all transactions that say the same."""
     exchange = transaction.exchange
     if not exchange.fragment:
-        exchange.fragment = tuple([wrapped for line in _exchange_lines(exchange) for wrapped in _wrapped(line)])
+        lines = _exchange_lines(exchange)
+        exchange.fragment = tuple(
+            [piece for line in lines for piece in ((line,) if len(line) <= _WIDTH else _wrapped(line))]
+        )
     return [_PUSHED.sub(r"\1says ", line) for line in exchange.fragment] if pushed(transaction) else exchange.fragment
 
 
@@ -350,4 +355,4 @@ def _wrapped(line: str) -> Iterator[str]:
     yield from pieces
 
 
-__all__ = ["EXTRAS", "FORMAT", "FORMS", "SCD", "golden_lines", "golden_text", "item_lines", "link_text"]
+__all__ = ["EXTRAS", "FORMAT", "FORMS", "SCD", "golden_lines", "golden_text", "item_lines", "link_lines"]

@@ -12,7 +12,9 @@ from typing import Any, Final, NamedTuple
 from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
-from dissect.jobs.sending import Offsets, Sent, receive, send
+from dissect.jobs.numbers import Offsets
+from dissect.jobs.sending import Sent, receive, send
+from dissect.jobs.tasks import About
 from dissect.report.analysis import Analysis
 from dissect.source.packet import SourceFile
 from dissect.transactions.naming import Naming
@@ -43,6 +45,11 @@ class AnalysisPart(NamedTuple):
     first_ns: int
     last_ns: int
     sent: Sent
+
+    @property
+    def about(self) -> About:
+        """The file, for whoever takes results of all kinds."""
+        return About(*self[:5])
 
 
 class _Counted(NamedTuple):

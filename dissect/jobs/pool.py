@@ -6,8 +6,10 @@ that dies breaks all of them, and nobody can say at which file.
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
+import shutil
 import signal
 import threading
 from collections.abc import Callable
@@ -23,8 +25,8 @@ T = TypeVar("T")
 class _Slot:
     """One process, and the executor it belongs to."""
 
-    def __init__(self) -> None:
-        self.executor = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
+    def __init__(self, folder: str, collects: tuple[int, ...]) -> None:
+        self.executor = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (folder, collects))
         self.process: Any = None
 
     def submit(self, fn: Callable[..., T], *arguments: Any) -> Future[T]:
@@ -55,10 +57,14 @@ class Pool(Executor):
     """``count`` processes with a task each; a task for which there is none is refused.
 
     The future of a task whose process died raises `concurrent.futures.BrokenExecutor`; another process takes its place.
+    ``folder`` is one that the processes remove when whoever started them was killed and cannot. ``collects`` are the
+    thresholds of their collector (`gc.set_threshold`), empty for Python's own.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, folder: str = "", collects: tuple[int, ...] = ()) -> None:
         self._count = count
+        self._folder = folder
+        self._collects = collects
         self._free: list[_Slot] = []
         self._busy: set[_Slot] = set()
 
@@ -68,7 +74,7 @@ class Pool(Executor):
             raise TypeError("tasks take no keyword arguments")
         if len(self._busy) >= self._count:
             raise RuntimeError(f"all {self._count} processes are busy")
-        slot = self._free.pop() if self._free else _Slot()
+        slot = self._free.pop() if self._free else _Slot(self._folder, self._collects)
         self._busy.add(slot)
         future = slot.submit(fn, *args)
         future.add_done_callback(lambda done: self._done(slot, done))
@@ -87,14 +93,18 @@ class Pool(Executor):
         self._free.clear()
 
 
-def _begin() -> None:
+def _begin(folder: str, collects: tuple[int, ...]) -> None:
     """Begin as a process of a pool: Ctrl-C is not for it, and it ends when whoever started it is gone, however that ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if collects:
+        gc.set_threshold(*collects)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+        threading.Thread(target=_watch, args=(parent, folder), daemon=True).start()
 
 
-def _watch(parent: Any) -> None:
+def _watch(parent: Any, folder: str) -> None:
     parent.join()
+    if folder:
+        shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)

@@ -15,12 +15,13 @@ import importlib
 import inspect
 import re
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, Final, NamedTuple
 
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
+from dissect.jobs.numbers import Offsets
 from dissect.s7.parameters import UserdataHead
 from dissect.stations.facts import Stretch
 from dissect.tcp.stream import Endpoint, TcpConnection
@@ -30,7 +31,7 @@ from dissect.transactions.transaction import Transaction
 
 _OURS: Final = "dissect."
 #: What is sent as it is, and what as the list of what it holds.
-_PLAIN: Final = (type(None), bool, int, float, str, bytes)
+_PLAIN: Final = frozenset((type(None), bool, int, float, str, bytes))
 _HOLDERS: Final[dict[str, Callable[[list[Any]], Any]]] = {
     kind.__name__: kind for kind in (list, tuple, set, frozenset, deque, dict, OrderedDict)
 }
@@ -53,20 +54,17 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
 }
 
 
-class Offsets(NamedTuple):
-    """What is added to the numbers of packets, connections and transactions of a part: how many came before it."""
-
-    packets: int = 0
-    connections: int = 0
-    transactions: int = 0
-
-
 class Sent(NamedTuple):
-    """Objects as plain values: ``found``, and for each object of ours in it its class, what that takes, and its state."""
+    """Objects as plain values: ``found``, and for each object of ours in it its class, what that takes, and its state.
+
+    ``classes`` are those of the objects, by module and name; an object has the place of its class there. A state is the names
+    of attributes and a value for each.
+    """
 
     found: Any
-    objects: list[tuple[str, str, list[Any] | None]]
-    states: list[dict[str, Any]]
+    classes: list[tuple[str, str]]
+    objects: list[tuple[int, list[Any] | None]]
+    states: list[tuple[tuple[str, ...], list[Any]]]
 
 
 def send(found: object) -> Sent:
@@ -74,15 +72,16 @@ def send(found: object) -> Sent:
     sender = _Sender()
     plain = sender.plain(found)
     sender.finish()
-    return Sent(plain, sender.objects, sender.states)
+    return Sent(plain, list(sender.classes), sender.objects, sender.states)
 
 
 class _Sender:
     def __init__(self) -> None:
-        self.objects: list[tuple[str, str, list[Any] | None]] = []
-        self.states: list[dict[str, Any]] = []
+        self.classes: dict[tuple[str, str], int] = {}
+        self.objects: list[tuple[int, list[Any] | None]] = []
+        self.states: list[tuple[tuple[str, ...], list[Any]]] = []
         self._places: dict[int, int] = {}
-        self._kept: list[tuple[Any, dict[str, Any]]] = []
+        self._kept: list[tuple[Any, tuple[str, ...], Sequence[Any]]] = []
 
     def plain(self, value: Any) -> Any:
         """Return a value as it is sent."""
@@ -91,8 +90,9 @@ class _Sender:
             return value
         name = kind.__name__
         if _HOLDERS.get(name) is kind:
-            inner = list(value.items()) if isinstance(value, dict) else value
-            return name, [self.plain(each) for each in inner]
+            inner = list(value.items()) if kind is dict or kind is OrderedDict else value
+            plain = self.plain
+            return name, [each if type(each) in _PLAIN else plain(each) for each in inner]
         if isinstance(value, Rule):
             return _RULE, value.slug
         if not kind.__module__.startswith(_OURS):
@@ -103,35 +103,52 @@ class _Sender:
 
     def finish(self) -> None:
         """Add the states of all objects, and of those in them."""
-        for _, state in self._kept:  # grows meanwhile
-            self.states.append({name: self.plain(value) for name, value in state.items()})
+        plain = self.plain
+        for _, names, values in self._kept:  # grows meanwhile
+            self.states.append((names, [value if type(value) in _PLAIN else plain(value) for value in values]))
 
     def _object(self, obj: Any) -> int:
         place = self._places.get(id(obj))
         if place is not None:
             return place
         kind: Any = type(obj)
-        left_out = _LEFT_OUT.get(kind.__name__, frozenset())
-        state = {name: getattr(obj, name) for name in _attributes(kind) if name not in left_out and hasattr(obj, name)}
-        state.update({name: value for name, value in getattr(obj, "__dict__", {}).items() if name not in left_out})
-        arguments = _arguments(obj, state)
+        names, values = _state(obj)
+        arguments = _arguments(obj, names, values)
         taken = None if arguments is None else [self.plain(each) for each in arguments]
         place = self._places[id(obj)] = len(self.objects)
-        self.objects.append((kind.__module__, kind.__name__, taken))
-        self._kept.append((obj, state))
+        known = self.classes.setdefault((kind.__module__, kind.__name__), len(self.classes))
+        self.objects.append((known, taken))
+        self._kept.append((obj, names, values))
         return place
+
+
+def _state(obj: Any) -> tuple[tuple[str, ...], Sequence[Any]]:
+    """Return the names of the attributes of an object that are sent, and their values."""
+    kind: Any = type(obj)
+    names = _sent(kind)
+    try:
+        values: tuple[Any, ...] = tuple([getattr(obj, name) for name in names])
+    except AttributeError:  # those that it has
+        names = tuple([name for name in names if hasattr(obj, name)])
+        values = tuple([getattr(obj, name) for name in names])
+    own = getattr(obj, "__dict__", None)
+    if not own:
+        return names, values
+    left_out = _LEFT_OUT.get(kind.__name__, frozenset())
+    state = {**dict(zip(names, values, strict=True)), **{name: own[name] for name in own if name not in left_out}}
+    return tuple(state), tuple(state.values())
 
 
 def receive(sent: Sent, offsets: Offsets) -> Any:
     """Return the objects of `send`, with their numbers in the whole. ValueError for what is none of ours."""
     objects: list[Any] = []
-    for module, name, arguments in sent.objects:
-        objects.append(
-            _made(_ours(module, name), None if arguments is None else [_value(each, objects) for each in arguments])
-        )
-    for obj, state in zip(objects, sent.states, strict=True):
-        for name, value in state.items():
-            setattr(obj, name, _moved(obj, name, _value(value, objects), offsets))
+    kinds = [_ours(module, name) for module, name in sent.classes]
+    for kind, arguments in sent.objects:
+        objects.append(_made(kinds[kind], None if arguments is None else [_value(each, objects) for each in arguments]))
+    for obj, (names, values) in zip(objects, sent.states, strict=True):
+        for name, value in zip(names, values, strict=True):
+            whole = _value(value, objects) if type(value) is tuple else value
+            setattr(obj, name, _moved(obj, name, whole, offsets) if _moves(name) else whole)
     return _value(sent.found, objects)
 
 
@@ -151,8 +168,14 @@ def _value(plain: Any, objects: list[Any]) -> Any:
         return objects[content]
     if kind == _RULE:
         return CATALOGUE[content]
-    inner = [_value(each, objects) for each in content]
+    inner = [_value(each, objects) if type(each) is tuple else each for each in content]
     return _ours(plain[1], plain[2])(*inner) if kind == _TUPLE else _HOLDERS[kind](inner)
+
+
+@cache
+def _moves(name: str) -> bool:
+    """Return whether an attribute of this name may hold a number that counts over all files."""
+    return name.endswith("frame") or name in {"frames", "number", "connection", "detail"}
 
 
 def _moved(obj: Any, name: str, value: Any, offsets: Offsets) -> Any:
@@ -192,6 +215,12 @@ def _attributes(kind: Any) -> tuple[str, ...]:
 
 
 @cache
+def _sent(kind: Any) -> tuple[str, ...]:
+    left_out = _LEFT_OUT.get(kind.__name__, frozenset())
+    return tuple([name for name in _attributes(kind) if name not in left_out])
+
+
+@cache
 def _parameters(kind: Any) -> tuple[str, ...]:
     return tuple(
         [
@@ -216,11 +245,20 @@ _TAKEN: Final[dict[type, Callable[[Any], tuple[Any, ...]]]] = {
 }
 
 
-def _arguments(obj: Any, state: dict[str, Any]) -> tuple[Any, ...] | None:
+def _arguments(obj: Any, names: tuple[str, ...], values: Sequence[Any]) -> tuple[Any, ...] | None:
     """Return what the constructor of a class takes, None where that is not known; a compiled class cannot do without."""
     kind: Any = type(obj)
     taken = _TAKEN.get(kind)
     if taken is not None:
         return taken(obj)
-    found = [state.get(name, state.get(f"_{name}", state)) for name in _parameters(kind)]
-    return None if any([value is state for value in found]) else tuple(found)
+    places = _places(kind, names)
+    return None if places is None else tuple([values[place] for place in places])
+
+
+@cache
+def _places(kind: Any, names: tuple[str, ...]) -> tuple[int, ...] | None:
+    """Return where in a state what the constructor of a class takes is, None where something is not there."""
+    at = {name: place for place, name in enumerate(names)}
+    found = [at.get(name, at.get(f"_{name}")) for name in _parameters(kind)]
+    places = tuple([place for place in found if place is not None])
+    return places if len(places) == len(found) else None

@@ -2,6 +2,18 @@
 
 A task whose process died is done once more, and given up then; what a task itself cannot do is its failure at once. Nothing is
 done twice otherwise, and nothing is left out: every file has a result or the reason why there is none.
+
+The seam between those who want tasks done and those who do them (processes of this machine, workers of a cluster):
+
+* An executor is one of `concurrent.futures`. What it gets, the function and its arguments, can be pickled and holds nothing of
+  the process that gives it. The last two arguments are the place of the file among all, from 0, and its name.
+* A result can be pickled, stands for itself, and is bounded, however large the file is; ``about`` says which file it is of.
+* Rows are not bounded. One argument of a task (`dissect.cli.task.work`) is a folder that both sides can reach: rows go to a
+  file in it, and the result names that file (`dissect.jobs.spool.Spooled`); whoever takes the result removes it. Where there is
+  no such folder the argument is empty, and the rows are in the result, compressed and bounded, so large ones are refused.
+* An export to Parquet is divided: its tasks write files of their own into that folder, which is then the one the export goes
+  to, in a subfolder for each task. They are moved to their place when the result is taken, so a task that died leaves nothing.
+* Numbers that count over all files are marked in rows (`dissect.jobs.numbers`), and replaced when the result is taken.
 """
 
 from __future__ import annotations
@@ -18,6 +30,16 @@ _AHEAD: Final = 4
 DIED: Final = "the process that read it ended: it was killed, or there was no memory left"
 
 
+class About(NamedTuple):
+    """A file that was read: ``loss`` is what is wrong with it, ``first_ns`` and ``last_ns`` are 0 where it has no packet."""
+
+    name: str
+    loss: str
+    octets: int
+    first_ns: int = 0
+    last_ns: int = 0
+
+
 class Done(NamedTuple):
     """The task of ``file`` is over: with ``result``, or ``why`` there is none. ``tries`` says how often it was begun."""
 
@@ -32,7 +54,7 @@ class FileError(Exception):
 
 
 class Files:
-    """Does ``work(*arguments, file)`` for each of ``files``, ``at_once`` at a time.
+    """Does ``work(*arguments, place, file)`` for each of ``files``, ``at_once`` at a time.
 
     ``lost`` are exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun again.
     """
@@ -70,7 +92,7 @@ class Files:
                     else:
                         at, following = following, following + 1
                     tries[at] += 1
-                    running[self._executor.submit(self._work, *self._arguments, files[at])] = at
+                    running[self._executor.submit(self._work, *self._arguments, at, files[at])] = at
                 finished, _ = wait(running, _LOOK_S, FIRST_COMPLETED)
                 for future in finished:
                     at = running.pop(future)

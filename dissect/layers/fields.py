@@ -7,28 +7,25 @@ nowhere stay in a field of their own or in a `Raw` behind the layer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from difflib import get_close_matches
 from keyword import iskeyword
 from typing import Any, Final
 
+from scapy import fields as scapy_fields
 from scapy.fields import (
-    BitEnumField,
     BitField,
-    ByteEnumField,
     ByteField,
     ConditionalField,
     FieldListField,
     IntField,
     PacketListField,
-    ShortEnumField,
     ShortField,
     ThreeBytesField,
     X3BytesField,
     XBitField,
-    XByteEnumField,
     XByteField,
     XIntField,
-    XShortEnumField,
     XShortField,
     XStrField,
 )
@@ -50,6 +47,63 @@ _FUZZED: Final = 64
 
 _DECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: ByteField, 2: ShortField, 3: ThreeBytesField, 4: IntField}
 _HEXADECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: XByteField, 2: XShortField, 3: X3BytesField, 4: XIntField}
+#: Names that an error lists; of more of them it gives those that are most like the one that is none.
+_LISTED: Final = 24
+
+
+def no_such_name(field: str, name: str, names: Iterable[str]) -> ValueError:
+    """Return the error for a name that no value of a field has: it says which there are."""
+    known = list(names)
+    close = get_close_matches(name, known)
+    listed = known if len(known) <= _LISTED else close
+    advice = f"give {', '.join(listed)}, or a number" if listed else "give its number"
+    if close and listed is known:
+        advice = f"do you mean {close[0]}? Else {advice}"
+    return ValueError(f"{field}: no value is called {name!r}: {advice}")
+
+
+class _Named:
+    """Of a Scapy field with names: one that is not known is a ValueError that says which there are."""
+
+    def any2i(self, pkt: Packet | None, x: Any) -> Any:
+        """Take a number or its name, or a list of these (Scapy's interface). Raises ValueError for a name that is none."""
+        field: Any = self
+        try:
+            return field.taken(pkt, x)
+        except KeyError as error:
+            raise no_such_name(field.name, str(error.args[0]), sorted(field.s2i, key=field.s2i.get)) from None
+
+
+class ByteEnumField(_Named, scapy_fields.ByteEnumField):
+    """One octet with names."""
+
+    taken = scapy_fields.ByteEnumField.any2i
+
+
+class ShortEnumField(_Named, scapy_fields.ShortEnumField):
+    """Two octets with names."""
+
+    taken = scapy_fields.ShortEnumField.any2i
+
+
+class XByteEnumField(_Named, scapy_fields.XByteEnumField):
+    """One octet with names, in hexadecimal."""
+
+    taken = scapy_fields.XByteEnumField.any2i
+
+
+class XShortEnumField(_Named, scapy_fields.XShortEnumField):
+    """Two octets with names, in hexadecimal."""
+
+    taken = scapy_fields.XShortEnumField.any2i
+
+
+class BitEnumField(_Named, scapy_fields.BitEnumField):
+    """Bits with names."""
+
+    taken = scapy_fields.BitEnumField.any2i
+
+
 _NAMED_FIELDS: Final = {
     (1, True): ByteEnumField,
     (2, True): ShortEnumField,
@@ -121,22 +175,27 @@ def _spared(field: Field, fields: list[ScapyField], unnamed: int) -> int:
     return low
 
 
+def _names(codes: CodeTable) -> dict[int, str]:
+    """Return names by number, the lowest number last: for Scapy a name that several have stands for the last of them."""
+    return dict(sorted(codes.names().items(), reverse=True))
+
+
 def _scapy_field(field: Field, default: Any) -> ScapyField:
     name = scapy_name(field.name)
     if field.size < REST:
-        return VarintField(name, default, field.size, field.codes)
+        return VarintField(name, default, field.size, field.codes, field.text)
     if field.means is not None:
         return MeaningField(name, default, field.size, field.means)
     if field.bits is not None or field.size not in _DECIMAL_FIELDS:
         size = field.bits[0].bit_count() if field.bits is not None else 8 * field.size
         if field.codes is not None:
-            return BitEnumField(name, default, size, field.codes.names())
+            return BitEnumField(name, default, size, _names(field.codes))
         return (BitField if field.decimal else XBitField)(name, default, size)
     if field.codes is not None:
         named = _NAMED_FIELDS.get((field.size, field.decimal))
         if named is None:
-            return BitEnumField(name, default, 8 * field.size, field.codes.names())
-        return named(name, default, field.codes.names())
+            return BitEnumField(name, default, 8 * field.size, _names(field.codes))
+        return named(name, default, _names(field.codes))
     return (_DECIMAL_FIELDS if field.decimal else _HEXADECIMAL_FIELDS)[field.size](name, default)
 
 
@@ -234,24 +293,27 @@ class Overlong(int):
 class VarintField(ScapyFieldBase[Any, Any]):
     """A number of variable size (`dissect.wire.varint`), or the name of one in ``codes``.
 
-    Octets that are none, and those of a number that needs fewer, are an `Overlong`.
+    Octets that are none, and those of a number that needs fewer, are an `Overlong`. ``text`` says what the number is.
     """
 
-    __slots__ = ["codes", "kind"]
+    __slots__ = ["codes", "kind", "text"]
 
-    def __init__(self, name: str, default: Any, kind: int, codes: CodeTable | None = None) -> None:
+    def __init__(self, name: str, default: Any, kind: int, codes: CodeTable | None = None, text: str = "") -> None:
         self.kind = kind
         self.codes = codes
+        self.text = text
         super().__init__(name, default, "B")
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
-        """Take a number or its name (Scapy's interface). Raises ValueError for a name that is not in the table."""
+        """Take a number or its name (Scapy's interface). Raises ValueError for a name that is none."""
         if isinstance(x, str) and self.codes is not None:
             number = next((row.number for row in self.codes if row.name == x), None)
             if number is None:
-                message = f"{self.name}: no {self.codes.title} is called {x}: give its number"
-                raise ValueError(message)
+                raise no_such_name(self.name, x, [row.name for row in self.codes])
             return number
+        if isinstance(x, str):
+            message = f"{self.name} is a number, not {x!r}{f': {self.text}' if self.text else ''}"
+            raise ValueError(message)  # noqa: TRY004 - what Scapy's own fields raise for a text that is no number
         return x
 
     def addfield(self, pkt: Packet | None, s: bytes, val: Any) -> bytes:
@@ -356,7 +418,7 @@ class CodesField(FieldListField):
     __slots__ = ["size"]
 
     def __init__(self, name: str, names: dict[int, str], size: Callable[[Packet, bytes], int]) -> None:
-        super().__init__(name, [], XByteEnumField("", 0, names))
+        super().__init__(name, [], XByteEnumField(name, 0, names))
         self.size = size
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, list[Any]]:

@@ -159,7 +159,7 @@ class _LittleField(XLEIntField):
 
 def numbers_field(name: str) -> FieldListField:
     """Return a field for numbers of variable size that take the rest of their part."""
-    return FieldListField(name, [], VarintField("", 0, VLQ))
+    return FieldListField(name, [], VarintField(name, 0, VLQ))
 
 
 def little_numbers_field(name: str) -> FieldListField:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final, TypeVar
 
@@ -25,9 +24,9 @@ from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.message import PlusPdu, fixed_part
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.wire.hexdump import hexdump
-from dissect.wire.layout import REST, Field, FieldValue, Layout
+from dissect.wire.layout import REST, FieldValue, Layout
 from dissect.wire.malformed import Malformed
-from dissect.wire.part import FILL, OCTETS
+from dissect.wire.part import FILL, OCTETS, Part
 from dissect.wire.text import printable, shortened
 
 #: Characters of what a field means, and of what a part is about.
@@ -42,8 +41,12 @@ _DT: Final = b"\x02\xf0"
 _SMALL: Final = 256
 _MOST: Final = 4096
 _ACK_SIZE: Final = s7.ACK_HEADER.size
-#: Which field of a header is the reference.
+#: Which field of a header is the reference, and where it stands.
 _REF_NUMBER: Final = [field.name for field in s7.HEADER.fields].index("pdu_ref")
+_REF: Final = s7.HEADER.fields[_REF_NUMBER]
+_REF_AT: Final[int] = s7.PDU_REF.start
+_REF_END: Final[int] = s7.PDU_REF.stop
+_VARIABLES: Final = s7.VARIABLES_HEAD
 _Key = TypeVar("_Key")
 _Shown = TypeVar("_Shown")
 
@@ -77,14 +80,16 @@ def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
     body = _body_text(pdu, base, hidden)
     if body:
         texts.append(body)
-    texts += _octets(whole, [(begin + base, end + base) for begin, end in hidden])
+    texts.append("")
+    texts += hexdump(whole, 0, [(begin + base, end + base) for begin, end in hidden], "    ")
+    texts.append("")
     return "\n".join(texts)
 
 
 def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
     """Yield the tree of a TPKT whose TPDU carries no S7 PDU, and the hex view below it."""
     yield from _packet(packet).split("\n")
-    data = parse_tpdu(packet[_TPKT_SIZE:]).data
+    data = parse_tpdu(_tpdu(packet)).data
     hidden = secret_spans_within(packet)
     if data:
         said = "not shown" if hidden else words.octets(data)
@@ -141,6 +146,9 @@ def plus_tree_lines(
         yield from _plus_parts(pdu, found, base, hidden)
     elif at < end:
         yield _field(_range(at, end), "octets", words.octets(whole[at:end]))
+    for fact in found.malformed:
+        fact.offset = pdu.place(fact.offset)
+    yield from _malformed(found.malformed, base)
     if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
         yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
     yield from _malformed(pdu.malformed, base)
@@ -159,14 +167,11 @@ def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple
             where = _range(begin + base, stop + base)
             secret = value.octets is not None and any([low <= begin < high for low, high in hidden])
             said = HIDDEN if secret else _meaning(value)
-            yield f"{indent}{_field(where, value.field.name.rstrip('_'), said)}"
+            yield f"{indent}{_field(where, value.field.label, said)}"
         while blobs and blobs[-1][1] <= part.end:
             begin, stop = blobs.pop()
             for line in blob_lines(pdu.data[begin:stop]):
                 yield f"{indent}                 {line}"
-    for fact in found.malformed:
-        fact.offset = pdu.place(fact.offset)
-    yield from _malformed(found.malformed, base)
 
 
 def _netlink(packet: IbhPacket) -> Iterator[str]:
@@ -192,21 +197,26 @@ def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
 
 def _packet(packet: bytes) -> str:
     """Return the lines of a TPKT and the head of the TPDU in it."""
-    head = packet[:_DT_HEAD]
-    if packet[_LI_AT : _LI_AT + 2] != _DT or len(head) < _DT_HEAD:
+    if len(packet) < _DT_HEAD or packet[_LI_AT : _LI_AT + 2] != _DT:
         return "\n".join(_tpkt(packet))
+    head = packet[:_DT_HEAD]
     text = _heads.get(head)  # nothing behind the head of a DT without parameters is shown
     if text is None:
         text = _kept(_heads, head, "\n".join(_tpkt(packet)))
     return text
 
 
+def _tpdu(packet: bytes) -> bytes:
+    """Return the TPDU in a TPKT, empty where there is none."""
+    return packet[_TPKT_SIZE:] if len(packet) > _TPKT_SIZE else b""
+
+
 def _tpkt(packet: bytes) -> Iterator[str]:
     yield from _layout(iso.TPKT, packet, 0)
-    tpdu = parse_tpdu(packet[_TPKT_SIZE:])
+    tpdu = parse_tpdu(_tpdu(packet))
     yield f"    COTP {tpdu.name}"
     for value in tpdu.fields:
-        yield _line(value, _TPKT_SIZE)
+        yield _line(value, _TPKT_SIZE, "")
     for parameter in tpdu.parameters:
         yield _parameter(parameter)
     yield from _malformed(tpdu.malformed, _TPKT_SIZE)
@@ -222,29 +232,17 @@ def _parameter(parameter: Parameter) -> str:
 
 
 def _layout(layout: Layout, octets: bytes, at: int, title: str = "") -> list[str]:
-    return [f"    {title or layout.name}", *[_line(value, 0) for value in layout.read(octets, at)]]
+    return [f"    {title or layout.name}", *[_line(value, 0, "") for value in layout.read(octets, at)]]
 
 
-def _line(value: FieldValue, shift: int, name: str = "") -> str:
-    """Return the line of a field, its offsets moved by ``shift``; that of a number is kept for the next equal one."""
-    if value.octets is not None:
-        return _line_of(value, shift, name)
-    key = (value.field, shift, value.offset, value.end, value.value, name)
-    line = _lines.get(key)
-    if line is None:
-        line = _kept(_lines, key, _line_of(value, shift, name))
-    return line
-
-
-def _line_of(value: FieldValue, shift: int, name: str) -> str:
-    begin, last = value.offset + shift, value.end + shift - 1  # as `_field` does; every value of a data item comes here
-    where = str(begin) if begin == last else f"{begin}-{last}"
-    said = f"{_meaning(value)} {name}".rstrip() if name else _meaning(value).rstrip()
-    return f"      {where:>9}  {value.field.name.rstrip('_'):<16} {said}"
+def _line(value: FieldValue, shift: int, name: str) -> str:
+    """Return the line of a field, its offsets moved by ``shift``; what its value is called may be known as ``name``."""
+    said = f"{_meaning(value)} {name}" if name else _meaning(value)
+    return _field(_range(value.offset + shift, value.end + shift), value.field.label, said.rstrip())
 
 
 def _field(where: str, name: str, said: str) -> str:
-    return f"      {where:>9}  {name:<16} {said}"
+    return f"      {where.rjust(9)}  {name.ljust(16)} {said}"
 
 
 def _range(start: int, end: int) -> str:
@@ -272,65 +270,90 @@ def _header(pdu: Pdu, base: int) -> str:
     """Return the lines of the header of S7; kept is what stands around that of the reference, which counts."""
     octets = pdu.octets
     size = int(pdu.header_size)
-    key = (octets[: s7.PDU_REF.start], octets[s7.PDU_REF.stop : size], base)
+    if len(octets) < size:
+        return "\n".join(_header_lines(octets, size, base))
+    key = (octets[:_REF_AT], octets[_REF_END:size], base)
     around = _headers_kept.get(key)
     if around is None:
-        lines = _layout(s7.ACK_HEADER if size == _ACK_SIZE else s7.HEADER, bytes(base) + octets[:size], base)
-        if len(octets) < size:
-            return "\n".join(lines)
+        lines = _header_lines(octets, size, base)
         at = 1 + _REF_NUMBER
         around = _kept(_headers_kept, key, ("\n".join(lines[:at]), "\n".join(lines[at + 1 :])))
-    reference = FieldValue(s7.HEADER.fields[_REF_NUMBER], s7.PDU_REF.start, s7.PDU_REF.stop, pdu.pdu_ref)
-    return f"{around[0]}\n{_line_of(reference, base, '')}\n{around[1]}"
+    reference = _line(FieldValue(_REF, _REF_AT, _REF_END, pdu.pdu_ref), base, "")
+    return f"{around[0]}\n{reference}\n{around[1]}"
+
+
+def _header_lines(octets: bytes, size: int, base: int) -> list[str]:
+    return _layout(s7.ACK_HEADER if size == _ACK_SIZE else s7.HEADER, bytes(base) + octets[:size], base)
 
 
 def _body_text(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> str:
     """Return what stands below the header; of a small PDU it is kept for the next one that differs in its reference at most."""
     octets = pdu.octets
-    if len(octets) > _SMALL or hidden:
-        return "\n".join([*_body(pdu, base, hidden), *_malformed(pdu.malformed, base)])
-    key = (octets[: s7.PDU_REF.start], octets[s7.PDU_REF.stop :], base, pdu.cut)
+    if not _REF_END <= len(octets) <= _SMALL or hidden:
+        return "\n".join(_body(pdu, base, hidden))
+    key = (octets[:_REF_AT], octets[_REF_END:], base, pdu.cut)
     text = _bodies.get(key)
     if text is None:
-        text = _kept(_bodies, key, "\n".join([*_body(pdu, base, hidden), *_malformed(pdu.malformed, base)]))
+        text = _kept(_bodies, key, "\n".join(_body(pdu, base, hidden)))
     return text
 
 
-def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:
-    """Yield the parts behind the header. A part that there are several of is numbered; octets alone continue the part above.
+def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
+    """Return the lines of the parts behind the header, and what is wrong with them.
 
-    ``hidden`` are (offset, end) of what is not shown.
+    A part that there are several of is numbered; octets alone continue the part above. ``hidden`` are (offset, end) of what is
+    not shown.
     """
     body = parse_body(pdu)
     head = pdu.parameters.userdata
-    counts = Counter([part.layout for part in body.parts])
-    numbers: Counter[Layout] = Counter()
+    counts: dict[Layout, int] = {}
+    for part in body.parts:
+        counts[part.layout] = counts.get(part.layout, 0) + 1
+    numbers: dict[Layout, int] = {}
+    lines: list[str] = []
     for part in body.parts:
         layout = part.layout
         if layout is RETURN_CODE:
-            numbers[layout] += 1
-            if numbers[layout] == 1:
-                yield "    return codes"
+            number = numbers.get(layout, 0) + 1
+            numbers[layout] = number
+            if number == 1:
+                lines.append("    return codes")
             (code,) = part.values
-            yield _field(str(code.offset + base), f"item {numbers[layout]}", _meaning(code))
+            lines.append(_field(str(code.offset + base), f"item {number}", _meaning(code)))
             continue
         if layout not in _WITHOUT_HEADING:
-            numbers[layout] += 1
-            number = f" {numbers[layout]}" if counts[layout] > 1 or layout in _NUMBERED else ""
-            name = f"{pdu.function_name} parameters" if layout is s7.VARIABLES_HEAD else _NAMES.get(layout, layout.name)
+            number = numbers.get(layout, 0) + 1
+            numbers[layout] = number
+            several = f" {number}" if counts[layout] > 1 or layout in _NUMBERED else ""
+            name = f"{pdu.function_name} parameters" if layout is _VARIABLES else _NAMES.get(layout, layout.name)
             note = part.note if not hidden or not _overlap(part.offset, part.end, hidden) else ""
-            yield f"    {name}{number}{f': {shortened(note, _NOTE)}' if note else ''}"
+            lines.append(f"    {name}{several}: {shortened(note, _NOTE)}" if note else f"    {name}{several}")
         if head is None and not hidden:
-            for value in part.values:
-                yield _line_of(value, base, "") if value.octets is not None else _line(value, base)
+            text = _part_text(part, pdu.octets, base)
+            if text:
+                lines.append(text)
             continue
         for value in part.values:
             said = head.subfunction_name if head is not None and value.field.name == "subfunction" else ""
             if hidden and _overlap(value.offset, value.end, hidden):
-                yield _field(_range(value.offset + base, value.end + base), value.field.name.rstrip("_"), "not shown")
+                where = _range(value.offset + base, value.end + base)
+                lines.append(_field(where, value.field.label, "not shown"))
             else:
-                yield _line(value, base, said)
-    yield from _malformed(body.malformed, base)
+                lines.append(_line(value, base, said))
+    lines += _malformed(body.malformed, base)
+    lines += _malformed(pdu.malformed, base)
+    return lines
+
+
+def _part_text(part: Part, octets: bytes, base: int) -> str:
+    """Return the lines of the fields of a part; those of one of fixed size are kept for the next that says the same there."""
+    if part.layout.open:
+        return "\n".join([_line(value, base, "") for value in part.values])
+    key = (part.layout, part.offset + base, octets[part.offset : part.end])
+    text = _parts.get(key)
+    if text is None:
+        text = _kept(_parts, key, "\n".join([_line(value, base, "") for value in part.values]))
+    return text
 
 
 def _overlap(begin: int, end: int, spans: Sequence[tuple[int, int]]) -> bool:
@@ -342,11 +365,11 @@ _WITHOUT_HEADING: Final = frozenset((CONTENT, FILL, OCTETS))
 #: Parts of which there may be several, numbered even where there is one.
 _NUMBERED: Final = frozenset((s7.ITEM_HEAD, s7.S7ANY_ITEM, s7.DATA_ITEM))
 _NAMES: Final = {s7.S7ANY_ITEM: "item"}
-#: What was shown before: heads of DTs by their bytes, S7 headers and what follows them by theirs but the reference, numbers.
+#: What was shown before: heads of DTs by their bytes, S7 headers and what follows them by theirs but the reference, parts.
 _heads: Final[dict[bytes, str]] = {}
 _headers_kept: Final[dict[tuple[bytes, bytes, int], tuple[str, str]]] = {}
 _bodies: Final[dict[tuple[bytes, bytes, int, bool], str]] = {}
-_lines: Final[dict[tuple[Field, int, int, int, int, str], str]] = {}
+_parts: Final[dict[tuple[Layout, int, bytes], str]] = {}
 
 
 def _kept(known: dict[_Key, _Shown], key: _Key, shown: _Shown) -> _Shown:

@@ -14,7 +14,7 @@ from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import u32
-from dissect.wire.text import THREE, decimal
+from dissect.wire.text import THREE, decimal, fraction
 
 _FLOAT: Final = struct.Struct(">f")
 #: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
@@ -37,6 +37,9 @@ _TENS: Final[list[float]] = [10.0**power for power in range(64)]
 _EXPONENT_BITS: Final = 8
 _COUNT_BITS: Final = 4
 _UNDECIDED: Final = -1
+#: Digits behind the point that `fraction` writes, and the powers of ten up to it.
+_MOST_BEHIND: Final = 6
+_WHOLE_TENS: Final[list[int]] = [10**power for power in range(_MOST_BEHIND + 1)]
 #: The greatest power of ten that is a double without rounding.
 _EXACT_POWER: Final = 22
 
@@ -176,7 +179,14 @@ def _double(word: i64, found: i64, power: i64) -> float:
 def _written(word: i64, found: i64, as_repr: bool) -> str:
     """Return what `_shortest` found as %g writes it, or as `repr` writes the float that this is."""
     exponent: i64 = (found & 0xFF) - _BIAS
-    text = decimal(found >> (_EXPONENT_BITS + _COUNT_BITS))
+    number: i64 = found >> (_EXPONENT_BITS + _COUNT_BITS)
+    if exponent >= 0:  # most numbers: digits on both sides of the point
+        behind: i64 = -_power(found)
+        if 0 < behind <= _MOST_BEHIND:
+            tens: i64 = _WHOLE_TENS[behind]
+            text = fraction(number // tens, number % tens, behind)
+            return f"-{text}" if word >> 31 else text
+    text = decimal(number)
     count: i64 = len(text)
     most: i64 = (found >> _EXPONENT_BITS) & 0x0F
     if as_repr:

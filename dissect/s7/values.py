@@ -7,6 +7,7 @@ BCD, a transport size without a known type) gives None: the octets stand beside 
 from __future__ import annotations
 
 import struct
+from codecs import utf_16_be_decode
 from typing import Final
 
 from mypy_extensions import i64
@@ -25,6 +26,8 @@ _MS_PER_DAY: Final = 86_400_000
 #: Fewer characters than these may be a chance.
 LEAST_TEXT: Final = 4
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
+_UNITS: Final[list[str]] = ["d", "h", "m", "s", "ms"]
+_UNIT_MS: Final[list[int]] = [_MS_PER_DAY, 3_600_000, 60_000, 1000, 1]
 
 
 def decode_value(transport_size: i64, octets: bytes) -> Value:
@@ -32,7 +35,7 @@ def decode_value(transport_size: i64, octets: bytes) -> Value:
     if transport_size == CHAR:
         return octets.decode("latin-1")
     if transport_size == WCHAR:
-        return octets.decode("utf-16-be", "replace") if len(octets) % 2 == 0 else None
+        return utf_16_be_decode(octets, "replace", True)[0] if len(octets) % 2 == 0 else None
     size: i64 = _ELEMENT[transport_size] if 0 <= transport_size < 256 else 0
     total: i64 = len(octets)
     if size == 0 or total == 0 or total % size:
@@ -168,20 +171,19 @@ def bcd(*octets: int) -> int | None:
 def s5time(octets: bytes) -> str | None:
     """Return an S5TIME (time base in bits 13-12, three BCD digits) as text, for example ``S5T#1s500ms``."""
     digits = bcd(octets[0] & 0x0F, octets[1])
-    if digits is None:
-        return None
-    return "S5" + duration(digits * _S5_BASE_MS[(octets[0] >> 4) & 3])
+    return None if digits is None else "S5" + duration(digits * _S5_BASE_MS[(octets[0] >> 4) & 3])
 
 
 def duration(ms: int) -> str:
     """Return milliseconds as IEC 61131-3 text, for example ``T#-1d2h3m4s5ms``."""
     sign = "-" if ms < 0 else ""
-    left = abs(ms)
+    left: i64 = -ms if ms < 0 else ms
     parts = ""
-    for unit, size in (("d", _MS_PER_DAY), ("h", 3_600_000), ("m", 60_000), ("s", 1000), ("ms", 1)):
-        count, left = divmod(left, size)
-        if count:
-            parts += f"{count}{unit}"
+    for index in range(len(_UNITS)):
+        size: i64 = _UNIT_MS[index]
+        if left >= size:
+            parts += f"{decimal(left // size)}{_UNITS[index]}"
+            left %= size
     return f"T#{sign}{parts or '0ms'}"
 
 

@@ -92,11 +92,13 @@ class Contents:
     """The contents of one PDU. What a function does not have stays empty, or -1.
 
     ``items`` are values by the number of their item (in a notification by its reference), ``refusals`` return values by the
-    same. ``blobs`` are the compressed ones, ``pieces`` the octets of a stream, one range of offsets within the data each.
+    same. ``begun`` are the objects where one of them ends too soon or is wrong somewhere, as far as they were read. ``blobs``
+    are the compressed ones, ``pieces`` the octets of a stream, one range of offsets within the data each.
     """
 
     __slots__ = (
         "addresses",
+        "begun",
         "blobs",
         "digest",
         "exhausted",
@@ -138,6 +140,7 @@ class Contents:
         self.refusals: list[tuple[int, int]] = []
         self.value: Value | None = None
         self.objects: list[PlusObject] = []
+        self.begun: list[PlusObject] = []
         self.list: list[Member] = []
         self.pieces: list[tuple[int, int]] = []
         self.blobs: list[tuple[int, int]] = []

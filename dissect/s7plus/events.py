@@ -33,10 +33,10 @@ from dissect.s7plus.session import (
     PlusSession,
     reference_list_of,
 )
-from dissect.s7plus.skipping import table
+from dissect.s7plus.skimming import UNSOUND, skim
+from dissect.s7plus.skipping import MET, marks, table
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
-    ATTRIBUTE_TAG,
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
     DELETE_OBJECT,
@@ -54,7 +54,7 @@ from dissect.s7plus.value_showing import value_text
 from dissect.s7plus.values import Blob, Value
 from dissect.s7plus.walk import MAX_WORK, Wanted
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
 # Kinds of events.
@@ -98,15 +98,12 @@ _NAMED: Final = 5
 # What tells cheaply that a PDU may matter.
 _STATE_MARK: Final = build_varint(OPERATING_STATE, VLQ)
 _IDENTIFICATION_MARK: Final = build_varint(IDENTIFICATION, VLQ)
-_EXPLORED_MARKS: Final = (
-    *[bytes((ATTRIBUTE_TAG,)) + build_varint(id_, VLQ) for id_ in sorted(_CODE)],
-    build_varint(TYPE_INFO, VLQ),
-)
+#: What an answer to Explore holds that matters: the code of a block, or the names of variables.
+_MARKS: Final = marks(_CODE, frozenset((TYPE_INFO,)))
 #: Functions that clients count on their own, for the integrity id.
 _COUNTED: Final = frozenset((
     CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
 ))  # fmt: skip
-_ALWAYS: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, EXPLORE))
 #: Those of which a glance tells what matters, when they are plain.
 GLANCED: Final = frozenset((GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES, DELETE_OBJECT))
 _REQUEST_SIZE: Final = 14
@@ -148,17 +145,15 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
     None when there is nothing in it that matters.
     """
     if function < 0:
-        return _notified(session, response) if session.states and response else None
-    if not request or not _may_matter(session, function, request):
-        return None
-    if function == EXPLORE:
-        session.explores += 1
-        if not _tells(response):
-            return None
-    if response and function in GLANCED:
+        return _notified(session, response) if response else None
+    if request and response and function in GLANCED:
         seen = glance(function, request, response, session.outputs_told, session.elsewhere_told)
         if seen is not None:
             return _seen(session, function, seen)
+    if function == EXPLORE and request:
+        session.explores += 1
+    if not request or not _may_matter(session, function, request, response):
+        return _judge_contents(request, response)
     facts = Facts()
     asked = _read(request, facts)
     _judge_integrity(session, facts, *asked)
@@ -169,8 +164,21 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
     return facts
 
 
+def _judge_contents(request: bytes, response: bytes) -> Facts | None:
+    """Look for what is wrong with contents that say nothing else."""
+    facts: Facts | None = None
+    for octets in (request, response):
+        if octets and skim(octets, _MARKS) == UNSOUND:
+            if facts is None:
+                facts = Facts()
+            _read(octets, facts)
+    return facts if facts is not None and (facts.malformed or facts.exhausted) else None
+
+
 def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
     """Judge a plain transaction, of which a glance told all that matters."""
+    if not seen.matters:
+        return None
     facts = Facts()
     _judge_id(session, facts, function, seen.session_id, seen.sequence, seen.integrity_id)
     if seen.stated:
@@ -219,9 +227,11 @@ def _judge_id(session: PlusSession, facts: Facts, function: int, session_id: int
         facts.events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(function), id_)))
 
 
-def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
-    if function in _ALWAYS:
+def _may_matter(session: PlusSession, function: int, octets: bytes, response: bytes) -> bool:
+    if function == CREATE_OBJECT or function == DELETE_OBJECT:
         return True
+    if function == EXPLORE:
+        return bool(response) and skim(response, _MARKS) in {UNSOUND, MET}
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
         return _STATE_MARK in octets or _IDENTIFICATION_MARK in octets
     if function not in {SET_VARIABLE, SET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES}:
@@ -238,18 +248,6 @@ def _may_matter(session: PlusSession, function: int, octets: bytes) -> bool:
         return True
     first, _ = read_varint(octets, at + 5, len(octets), VLQ)
     return first in PASSWORDS or first == REFERENCE_LIST
-
-
-def _tells(response: bytes) -> bool:
-    """Tell whether an answer to Explore may hold the code of a block, or the names of variables.
-
-    Looked for in the octets of one frame; an answer in several, where a mark could be cut, is read in any case.
-    """
-    if len(response) <= _HEADER:
-        return False
-    if _HEADER + u16(response, 2) + _HEADER < len(response):
-        return True
-    return any([mark in response for mark in _EXPLORED_MARKS])
 
 
 def _judge(
@@ -282,14 +280,18 @@ def _gone(session: PlusSession, facts: Facts, object_id: int, good: bool) -> Non
 
 def _created(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
+    these = (
+        asked.objects or asked.begun
+    )  # of a PDU that is too long, or lies further on, its first objects say what it is
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
         if told is not None and good:
             session.session_opened(told)
         facts.events.append(Event(SESSION, "", made[0] if made else 0))
     elif asked.object_id == _PROGRAM:
-        facts.events.append(Event(CHANGED, f"load {_blocks(asked.objects) or 'objects that were not read'}"))
-    for one in asked.objects:
+        more = " and more that was not read" if asked.begun else ""
+        facts.events.append(Event(CHANGED, f"load {_blocks(these) or 'objects that were not read'}{more}"))
+    for one in these:
         if asked.object_id == _ROOT and one.class_id == _HARDWARE:
             facts.events.append(Event(CHANGED, "load the hardware configuration"))
         elif one.class_id == _TEST_JOB:
@@ -427,7 +429,7 @@ def subscription_of(octets: bytes) -> int:
 
 def _notified(session: PlusSession, octets: bytes) -> Facts | None:
     if subscription_of(octets) not in session.states:
-        return None
+        return _judge_contents(b"", octets)
     facts = Facts()
     pdu, found = _read(octets, facts)
     for reference, value in found.items:

@@ -13,7 +13,6 @@ from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
-from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
@@ -23,25 +22,21 @@ from dissect.s7plus.session import (
     REFERENCE_LIST,
     SESSION_KEY,
 )
+from dissect.s7plus.skimming import one_frame
 from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     DELETE_OBJECT,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
-    PROTOCOL_ID,
     REQUEST,
     RESPONSE,
     SET_MULTI_VARIABLES,
     V1,
-    V2,
-    V3,
 )
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, UDINT
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED, read_varint
 
-_HEADER: Final = 4
-_TRAILER: Final = 4
 #: Octets of the fixed part of a request, its session included, and of a response.
 _REQUEST_SIZE: Final = 14
 _RESPONSE_SIZE: Final = 10
@@ -62,34 +57,15 @@ class Glance:
 
     def __init__(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
         """``size`` octets are fixed, of a PDU in one frame of version 1, 2 or 3."""
+        at, end = one_frame(octets)
         self._octets: bytes = octets
-        length: i64 = len(octets)
-        self.plain: bool = False
-        self.data: i64 = 0  # where the opcode stands
-        self.version: i64 = 0
-        self._end: i64 = length - _TRAILER
-        self._skipper: Skipper = Skipper(octets, 0, self._end)
-        if length < _HEADER + size + _TRAILER or length > _LARGEST or octets[0] != PROTOCOL_ID:
-            return
-        version: i64 = octets[1]
-        at: i64 = _HEADER
-        if version == V3:
-            if octets[at] != DIGEST_SIZE:
-                return
-            at += 1 + DIGEST_SIZE
-        elif version != V2 and version != V1:
-            return
-        end: i64 = self._end
-        if u16(octets, 2) != end - _HEADER or at + size > end:
-            return
-        if octets[end] != PROTOCOL_ID or octets[end + 1] != version or u16(octets, end + 2):
-            return
-        if octets[at] != opcode or u16(octets, at + 3) != function:
-            return
-        self.version = version
-        self.data = at
-        self._skipper.at = at + size
-        self.plain = True
+        self._end: i64 = end
+        self._skipper: Skipper = Skipper(octets, at + size, end)
+        self.data: i64 = at  # where the opcode stands
+        self.version: i64 = octets[1] if at >= 0 else 0
+        self.plain: bool = (
+            at >= 0 and at + size <= end <= _LARGEST and octets[at] == opcode and u16(octets, at + 3) == function
+        )
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
@@ -97,6 +73,12 @@ class Glance:
         if value < 0:
             self.plain = False
         return value
+
+    def numbers(self, count: i64) -> bool:
+        """Pass over so many numbers of at most 32 bits without sign."""
+        if not self._skipper.numbers(count):
+            self.plain = False
+        return self.plain
 
     def count(self) -> i64:
         """Read a count of things that take one octet or more each."""
@@ -182,12 +164,23 @@ class Seen:
     """What a plain transaction says: ``state`` is the operating state, -1 for none; ``record`` an identification record.
 
     ``authenticated``: the key of a session was written. ``deleted`` is the object that was, -1 for none. ``integrity_id``,
-    ``sequence`` and ``session_id`` are those of the request.
+    ``sequence`` and ``session_id`` are those of the request. ``matters`` is False for a read of anything else.
     """
 
-    __slots__ = ("authenticated", "deleted", "integrity_id", "record", "sequence", "session_id", "state", "stated")
+    __slots__ = (
+        "authenticated",
+        "deleted",
+        "integrity_id",
+        "matters",
+        "record",
+        "sequence",
+        "session_id",
+        "state",
+        "stated",
+    )
 
     def __init__(self) -> None:
+        self.matters = True
         self.state: int = -1
         self.stated = False  # the state was asked for, and came
         self.record = b""
@@ -226,6 +219,8 @@ def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewh
     told.ends()
     if not _plain(asked, told):
         return None
+    if (function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED) and not seen.stated and not seen.record:
+        seen.matters = False
     data: i64 = asked.data
     seen.sequence = u16(request, data + _SEQUENCE)
     seen.session_id = u32(request, data + _SESSION_ID)
@@ -260,9 +255,7 @@ def _read_addresses(asked: Glance) -> i64:
     count = asked.count()
     fields = asked.count()
     if link:
-        while fields > 0 and asked.plain:
-            asked.number()
-            fields -= 1
+        asked.numbers(fields)
         return 0
     wanted: i64 = 0
     index: i64 = 0
@@ -270,17 +263,17 @@ def _read_addresses(asked: Glance) -> i64:
         index += 1
         asked.number()
         area = asked.number()
-        ids = asked.number()
+        ids = asked.count()
         if ids <= 0:
             asked.plain = False
             return 0
         fields -= 3 + ids
-        asked.number()  # which attribute of the area
-        last: i64 = -1
-        while ids > 1 and asked.plain:
-            last = asked.number()
-            ids -= 1
-        if area == CPU_EXEC_UNIT and last == OPERATING_STATE:
+        if area != CPU_EXEC_UNIT or ids == 1:
+            asked.numbers(ids)
+            continue
+        asked.numbers(ids - 1)
+        last = asked.number()
+        if last == OPERATING_STATE:
             if wanted:
                 asked.plain = False  # twice: to be read
             wanted = index

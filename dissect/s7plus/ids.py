@@ -74,3 +74,8 @@ def block_name(number: int) -> str:
     """Return the name of a block by the id of its object, for example ``DB3``; empty when it is none."""
     kind = BLOCK_KINDS.get(number >> 16)
     return f"{kind}{number & 0xFFFF}" if kind is not None else ""
+
+
+def is_packed(struct_id: int) -> bool:
+    """Tell whether a structure's octets come as the program holds them: those of types that the program declares."""
+    return 0x90000000 < struct_id < 0x9FFFFFFF or 0x02000000 < struct_id < 0x02FFFFFF

@@ -239,7 +239,7 @@ ADDRESS: Final = Layout(
     _SOURCE,
     [
         Field("crc", VLQ, "Checksum of the symbol, 0 for none."),
-        Field("area", VLQ, "The object or area."),
+        Field("area", VLQ, "The object or area: 80 I, 81 Q, 82 M, 83 C, 84 T, 0x8a0e0000 + N DB N."),
         Field("id_count", VLQ, "Numbers that follow."),
         Field("sub_area", VLQ, "The attribute that holds the variable.", codes=IDS),
         Field("lids", REST, "The way to the variable within it."),

@@ -148,6 +148,15 @@ def read_elements(walk: Walk) -> list[Element]:
     Of a walk that wants some attributes only, relations and the other attributes are left out, as far as they are sound.
     """
     elements: list[Element] = []
+    read_into(walk, elements)
+    return elements
+
+
+def read_into(walk: Walk, elements: list[Element]) -> None:
+    """Read elements as `read_elements` does, to the end of ``elements``: where it raises, they hold what came before.
+
+    An object at which it ends is among them, with what was read of it.
+    """
     while True:
         wanted = walk.wanted
         if wanted is not None:
@@ -168,7 +177,7 @@ def read_elements(walk: Walk) -> list[Element]:
             walk.part(RELATION, start, f"{id_name(id_)} → {id_name(rid)}" if walk.shown else "")
             elements.append(Relation(id_, rid))
         elif tag == OBJECT_TAG:
-            elements.append(_read_object(walk))
+            _read_object(walk, elements)
         elif tag == VARIABLES_TAG:
             walk.at += 1
             elements.append(read_variables(walk))
@@ -179,7 +188,7 @@ def read_elements(walk: Walk) -> list[Element]:
             walk.at += 1
             elements.append(read_tag_description(walk))
         else:
-            return elements
+            return
 
 
 def _read_attribute(walk: Walk, start: int, id_: int) -> Attribute:
@@ -191,7 +200,7 @@ def _read_attribute(walk: Walk, start: int, id_: int) -> Attribute:
     return Attribute(id_, read_value(walk, ATTRIBUTE, start, "", id_))
 
 
-def _read_object(walk: Walk) -> PlusObject:
+def _read_object(walk: Walk, elements: list[Element]) -> None:
     start = walk.at
     walk.spend(STEP, "object")
     walk.at += 1
@@ -202,7 +211,9 @@ def _read_object(walk: Walk) -> PlusObject:
     more = walk.number(VLQ, "attribute") if attribute else 0
     walk.part(OBJECT_HELD if attribute else OBJECT, start, f"{id_name(class_id)}, {id_name(rid)}" if walk.shown else "")
     walk.enter("object")
-    found = PlusObject(rid, class_id, class_flags, attribute, more, read_elements(walk))
+    found = PlusObject(rid, class_id, class_flags, attribute, more, [])
+    elements.append(found)
+    read_into(walk, found.elements)
     walk.depth -= 1
     at = walk.at
     tag = walk.u8("end of object")
@@ -211,7 +222,6 @@ def _read_object(walk: Walk) -> PlusObject:
     walk.part(OBJECT_END, at)
     found.offset = start
     found.end = walk.at
-    return found
 
 
 def objects_of(elements: list[Element]) -> list[PlusObject]:

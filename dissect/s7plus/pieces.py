@@ -7,7 +7,7 @@ from typing import Final
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, id_name
-from dissect.s7plus.objects import objects_of, read_elements
+from dissect.s7plus.objects import Element, objects_of, read_into
 from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS, RETURN_CODES
 from dissect.s7plus.skipping import is_wanted, passed
 from dissect.s7plus.value_reading import read_members, read_value
@@ -181,8 +181,14 @@ def take_value(walk: Walk, found: Contents) -> None:
 
 
 def take_objects(walk: Walk, found: Contents) -> None:
-    """Read objects, as many as there are. Raises `FormatError`."""
-    found.objects = objects_of(read_elements(walk))
+    """Read objects, as many as there are. Raises `FormatError`, and then keeps those that were begun."""
+    elements: list[Element] = []
+    try:
+        read_into(walk, elements)
+    except FormatError:
+        found.begun = objects_of(elements)
+        raise
+    found.objects = objects_of(elements)
 
 
 def take_integrity_id(walk: Walk, found: Contents) -> None:

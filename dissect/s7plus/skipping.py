@@ -11,30 +11,56 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED, may_swell
-from dissect.s7plus.tables import ATTRIBUTE_TAG, RELATION_TAG, VARIABLE_NUMBERS
+from dissect.s7plus.ids import is_packed
+from dissect.s7plus.tables import (
+    ATTRIBUTE_TAG,
+    NAMES_TAG,
+    OBJECT_END_TAG,
+    OBJECT_TAG,
+    RELATION_TAG,
+    TAG_DESCRIPTION_TAG,
+    VARIABLE_NUMBERS,
+    VARIABLES_TAG,
+)
 from dissect.s7plus.value_tables import (
     ADDRESS_ARRAY,
     ARRAY,
     BLOB,
     FIXED_SIZES,
     NULL,
+    PACKED_COUNT_TWICE,
     SPARSE_ARRAY,
     STRUCT,
     VARIABLE_SIZES,
+    VARIANT,
     WSTRING,
-    is_packed,
 )
 from dissect.s7plus.walk import MAX_DEPTH, STEP, Walk
-from dissect.wire.octets import u16
-from dissect.wire.varint import VLQ, read_varint
+from dissect.wire.octets import u16, u32
+from dissect.wire.varint import SIGNED64, VLQ, VLQ64, pass_varint, read_varint
 
+_BIT_7: Final = 0x80
+_SEVERAL: Final = SPARSE_ARRAY | ARRAY | ADDRESS_ARRAY
+#: What the elements of a type are that have no fixed size: numbers of variable size, with 32 bits or 64, or else.
 _OTHER: Final = 0x80
-#: By type: octets of one element; what is `_OTHER` has a length of its own, or is a number of variable size.
-_SIZES: Final = bytes([FIXED_SIZES.get(type_, _OTHER) for type_ in range(256)])
+_NUMBER: Final = 0x81
+_WIDE: Final = 0x82
+_TEXT: Final = 0x83
+_BLOB: Final = 0x84
+_VARIANT: Final = 0x85
+_UNKNOWN: Final = 0xFF
+_KINDS: Final = {
+    NULL: 0, WSTRING: _TEXT, BLOB: _BLOB, VARIANT: _VARIANT, **FIXED_SIZES,
+    **{type_: _WIDE if kind in (VLQ64, SIGNED64) else _NUMBER for type_, kind in VARIABLE_SIZES.items()},
+}  # fmt: skip
+#: By type: octets of one element, or one of the above.
+_SIZES: Final = bytes([_KINDS.get(type_, _UNKNOWN) for type_ in range(256)])
 #: Structures inside each other that are passed over; deeper ones are read.
 _MAX_NESTED: Final = 8
-#: Octets of the id of an object.
+#: Octets of the id of an object or a structure.
 _RID: Final = 4
+#: Octets that a structure as the program holds it begins with.
+_INTERFACE_TIME: Final = 8
 #: Of a list of variables (`dissect.s7plus.variables`): its id, a variable without its numbers, its attributes within that, and
 #: by their highest four bits how many numbers of four octets there are.
 _LIST_ID: Final = 4
@@ -44,6 +70,8 @@ _NUMBERS: Final = bytes(VARIABLE_NUMBERS)
 #: What a table of attributes says of one: it may hold compressed blobs, or somebody wants it.
 _CAREFUL: Final = 1
 _WANTED: Final = 2
+#: What `Skipper.seen` says when one of those that `marks` was given passed.
+MET: Final = 2
 #: Ids that such a table knows; attributes have at most two octets of seven bits.
 _IDS: Final = 1 << 14
 
@@ -58,23 +86,35 @@ def table(wanted: frozenset[int]) -> bytes:
     return bytes(said)
 
 
+#: By id, whether an attribute or member may hold compressed blobs.
+_COMPRESSED: Final = table(frozenset())
+
+
+def marks(attributes: frozenset[int], classes: frozenset[int]) -> bytes:
+    """Return a table for `Skipper.elements`: `MET` for each id of an attribute and of a class that is among these."""
+    said = bytearray(2 * _IDS)
+    for id_ in COMPRESSED:
+        said[id_] = _CAREFUL
+    for id_ in attributes:
+        said[id_] |= MET
+    for id_ in classes:
+        said[_IDS + id_] = MET
+    return bytes(said)
+
+
 def is_wanted(wanted: bytes, id_: int) -> bool:
     """Tell whether a table wants an attribute; it does not know ids beyond its own, and so wants them."""
     return id_ >= len(wanted) or wanted[id_] == _WANTED
 
 
-def _is_passed(type_: i64) -> bool:
-    """Tell whether elements of a type without a fixed size are passed over: no Variant, and nothing unknown."""
-    return type_ == NULL or type_ == WSTRING or type_ == BLOB or type_ in VARIABLE_SIZES
-
-
 class Skipper:
-    """Passes over values of ``octets``, from ``at`` on and before ``end``.
+    """Passes over values and objects of ``octets``, from ``at`` on and before ``end``.
 
-    ``spent`` is the work that reading them would cost.
+    ``spent`` is the work that reading them would cost. ``seen`` are the bits that the table of `elements` has for the classes
+    of objects and the ids of attributes that were passed.
     """
 
-    __slots__ = ("_careful", "_end", "_octets", "at", "spent")
+    __slots__ = ("_careful", "_end", "_octets", "at", "seen", "spent")
 
     def __init__(self, octets: bytes, at: i64, end: i64) -> None:
         self._octets: bytes = octets
@@ -82,6 +122,16 @@ class Skipper:
         self._careful = False
         self.at: i64 = at
         self.spent: i64 = 0
+        self.seen: i64 = 0
+
+    def begin(self, octets: bytes, at: i64, end: i64) -> None:
+        """Begin anew with other octets."""
+        self._octets = octets
+        self._end = end
+        self._careful = False
+        self.at = at
+        self.spent = 0
+        self.seen = 0
 
     def value(self, depth: i64, nested: i64 = 0) -> bool:
         """Pass over a value; False when it must be read, and then ``at`` means nothing.
@@ -89,34 +139,53 @@ class Skipper:
         ``depth`` is that of the walk around it.
         """
         octets = self._octets
+        end: i64 = self._end
         at: i64 = self.at
-        if at + 2 > self._end:
+        if at + 2 > end:
             return False
         flags: i64 = octets[at]
         type_: i64 = octets[at + 1]
-        self.at = at + 2
+        at += 2
         self.spent += STEP
+        if flags & _SEVERAL == 0 and type_ != STRUCT:
+            kind: i64 = _SIZES[type_]
+            if kind < _OTHER:
+                self.at = at + kind
+                return at + kind <= end
+            if kind == _NUMBER or kind == _WIDE:
+                self.at = pass_varint(octets, at, end, kind == _WIDE)
+                return self.at >= 0
+            self.at = at
+            return self._one(kind)
+        self.at = at
         if type_ == STRUCT:
-            return flags & (SPARSE_ARRAY | ARRAY | ADDRESS_ARRAY) == 0 and self._struct(depth, nested)
+            return self._struct(flags, depth, nested)
         if flags & SPARSE_ARRAY:
             return self._sparse(type_)
-        count: i64 = 1
-        if flags & (ARRAY | ADDRESS_ARRAY):
-            count = self.number()
-            if count < 0 or type_ == NULL:
-                return False
-            self.spent += count
+        count = self.number()
         size: i64 = _SIZES[type_]
+        if count < 0 or type_ == NULL or size == _UNKNOWN:
+            return False
+        self.spent += count
         if size < _OTHER:
             self.at += size * count
-            return self.at <= self._end
-        if count > self._end - self.at or not _is_passed(type_):
+            return self.at <= end
+        if count > end - self.at:
             return False
+        if size == _NUMBER:
+            return self.numbers(count)
         while count > 0:
-            if not self._one(type_):
+            if not self._one(size):
                 return False
             count -= 1
         return True
+
+    def careful_value(self, depth: i64, careful: bool) -> bool:
+        """Pass over a value as `value` does; with ``careful`` blobs that may become large are left to be read."""
+        self._careful = careful
+        passed = self.value(depth)
+        self._careful = False
+        return passed
 
     def attributes(self, wanted: bytes, depth: i64) -> None:
         """Pass over attributes that nobody wants, and relations, up to something else, whose tag is then at ``at``.
@@ -140,13 +209,53 @@ class Skipper:
             elif id_ < 0 or id_ >= _IDS or wanted[id_] == _WANTED:
                 passed = False
             else:
-                self._careful = wanted[id_] == _CAREFUL
-                passed = self.value(depth)
-                self._careful = False
+                passed = self.careful_value(depth, wanted[id_] == _CAREFUL)
             if not passed:
                 self.at = start
                 self.spent = spent
                 return
+
+    def elements(self, bits: bytes) -> bool:
+        """Pass over objects and all that stands in them, up to an octet that is no tag; False when they must be read.
+
+        ``bits`` is made by `marks`. What it says of the classes and attributes that pass is added to ``seen``.
+        """
+        octets = self._octets
+        end: i64 = self._end
+        level: i64 = 0
+        id_: i64 = 0
+        while self.at < end:
+            at: i64 = self.at
+            tag: i64 = octets[at]
+            self.at = at + 1
+            if tag == ATTRIBUTE_TAG:
+                id_ = self.number()
+                if id_ < 0:
+                    return False
+                mark: i64 = bits[id_] if id_ < _IDS else 0
+                self.seen |= mark & MET
+                if not self.careful_value(level, mark & _CAREFUL != 0):
+                    return False
+            elif tag == RELATION_TAG:
+                if self.number() < 0 or self.at + _RID > end:
+                    return False
+                self.at += _RID
+            elif tag == OBJECT_TAG:
+                level += 1
+                if level > MAX_DEPTH or not self._head(bits):
+                    return False
+            elif tag == OBJECT_END_TAG and level > 0:
+                level -= 1
+            elif tag == VARIABLES_TAG:
+                if not self._listed(pass_variables(octets, at + 1, end)):
+                    return False
+            elif tag == NAMES_TAG:
+                if not self._listed(pass_names(octets, at + 1, end)):
+                    return False
+            else:
+                self.at = at
+                return level == 0 and tag != TAG_DESCRIPTION_TAG
+        return level == 0
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
@@ -154,24 +263,90 @@ class Skipper:
         if at >= self._end:
             return -1
         first: i64 = self._octets[at]
-        if first < _OTHER:
+        if first < _BIT_7:
             self.at = at + 1
             return first
         if at + 1 < self._end:  # most ids have two octets
             second: i64 = self._octets[at + 1]
-            if second < _OTHER:
+            if second < _BIT_7:
                 self.at = at + 2
                 return (first & 0x7F) << 7 | second
         value, behind = read_varint(self._octets, at, self._end, VLQ)
         self.at = behind
         return value
 
-    def _one(self, type_: i64) -> bool:
+    def numbers(self, count: i64) -> bool:
+        """Pass over so many numbers of at most 32 bits; False when they are not there."""
+        octets = self._octets
+        end: i64 = self._end
+        at: i64 = self.at
+        while count > 0:
+            if at < end and octets[at] < _BIT_7:
+                at += 1
+            else:
+                at = pass_varint(octets, at, end, False)
+                if at < 0:
+                    return False
+            count -= 1
+        self.at = at
+        return True
+
+    def ids(self, count: i64) -> bool:
+        """Pass over as many ids of attributes, the last of which may be compressed: that is known to the next `value`."""
+        id_: i64 = 0
+        while count > 0:
+            id_ = self.number()
+            if id_ < 0:
+                return False
+            count -= 1
+        self._careful = id_ < _IDS and _COMPRESSED[id_] != 0
+        return True
+
+    def wide(self) -> bool:
+        """Pass over a number of 64 bits without sign; False when it is not there."""
+        self.at = pass_varint(self._octets, self.at, self._end, True)
+        return self.at >= 0
+
+    def members(self, depth: i64, nested: i64) -> bool:
+        """Pass over pairs of ids and values up to the id 0; False when they must be read."""
+        if nested >= _MAX_NESTED or depth + nested + 1 > MAX_DEPTH:
+            return False
+        careful = self._careful
+        while True:
+            id_ = self.number()
+            if id_ <= 0:
+                self._careful = careful
+                return id_ == 0
+            self._careful = id_ < _IDS and _COMPRESSED[id_] != 0
+            if not self.value(depth, nested + 1):
+                return False
+
+    def _head(self, bits: bytes) -> bool:
+        """Pass over what an object begins with, behind its tag."""
+        self.spent += STEP
+        self.at += _RID
+        class_id = self.number()
+        flags = self.number()
+        attribute = self.number()
+        if class_id < 0 or flags < 0 or attribute < 0 or (attribute > 0 and self.number() < 0):
+            return False
+        if class_id < _IDS:
+            self.seen |= bits[_IDS + class_id]
+        return True
+
+    def _listed(self, passed: tuple[i64, i64]) -> bool:
+        """Take what `pass_variables` or `pass_names` returned."""
+        self.at = passed[0]
+        self.spent += STEP * passed[1]
+        return self.at >= 0
+
+    def _one(self, kind: i64) -> bool:
         """Pass over an element that has no fixed size."""
-        if type_ == NULL:
-            return True
-        if type_ == WSTRING or type_ == BLOB:
-            if type_ == BLOB:
+        if kind == _NUMBER or kind == _WIDE:
+            self.at = pass_varint(self._octets, self.at, self._end, kind == _WIDE)
+            return self.at >= 0
+        if kind == _TEXT or kind == _BLOB:
+            if kind == _BLOB:
                 root = self.number()
                 if root < 0 or root > 1:
                     return False  # then more stands in front of the length
@@ -182,46 +357,58 @@ class Skipper:
             self.at = begin + size
             if self.at > self._end:
                 return False
-            return not (self._careful and type_ == BLOB and may_swell(self._octets[begin : self.at]))
-        kind = VARIABLE_SIZES.get(type_, 0)
-        if kind == 0:
-            return False  # a Variant, or no type at all
-        at: i64 = self.at
-        if at < self._end and self._octets[at] < _OTHER:
-            self.at = at + 1
-            return True
-        self.at = read_varint(self._octets, at, self._end, kind)[1]
-        return self.at >= 0
+            return not (self._careful and kind == _BLOB and may_swell(self._octets[begin : self.at]))
+        return False  # a Variant, or no type at all
 
     def _sparse(self, type_: i64) -> bool:
         """Pass over pairs of keys and values up to the key 0."""
         size: i64 = _SIZES[type_]
+        if size == _UNKNOWN:
+            return False
         while True:
             key = self.number()
             if key <= 0:
-                return key == 0 and (size < _OTHER or _is_passed(type_))
+                return key == 0
             if size < _OTHER:
                 self.at += size
                 if self.at > self._end:
                     return False
-            elif not self._one(type_):
+            elif type_ == VARIANT:
+                if self.number() < 0:
+                    return False
+            elif not self._one(size):
                 return False
 
-    def _struct(self, depth: i64, nested: i64) -> bool:
-        """Pass over a structure whose members stand there one by one, and hold nothing that is compressed."""
-        octets = self._octets
+    def _struct(self, flags: i64, depth: i64, nested: i64) -> bool:
+        """Pass over a structure, its members one by one or as they stand in the program, or an array of them."""
         at: i64 = self.at
-        if at + 4 > self._end or nested >= _MAX_NESTED or depth + nested + 1 > MAX_DEPTH:
+        if flags & SPARSE_ARRAY or at + _RID > self._end:
             return False
-        if is_packed(int.from_bytes(octets[at : at + 4], "big")):
+        self.at = at + _RID
+        if is_packed(u32(self._octets, at)):
+            return self._packed()
+        if flags & (ARRAY | ADDRESS_ARRAY) == 0:
+            return self.members(depth, nested)
+        count = self.number()
+        if count < 0 or count > self._end - self.at:
             return False
-        self.at = at + 4
-        while True:
-            id_ = self.number()
-            if id_ <= 0:
-                return id_ == 0
-            if id_ in COMPRESSED or not self.value(depth, nested + 1):
+        while count > 0:
+            if not self.members(depth, nested):
                 return False
+            count -= 1
+        return True
+
+    def _packed(self) -> bool:
+        """Pass over a structure as its octets stand in the program."""
+        self.at += _INTERFACE_TIME
+        flags = self.number()
+        size = self.number()
+        if flags < 0 or size < 0:
+            return False
+        if flags & PACKED_COUNT_TWICE:
+            size = self.number()
+        self.at += size
+        return size >= 0 and self.at <= self._end
 
 
 def passed(walk: Walk) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dissect.s7plus.blobs import COMPRESSED, PLAIN_KEYS, check_blob, is_compressed, may_swell
-from dissect.s7plus.ids import id_name
+from dissect.s7plus.ids import id_name, is_packed
 from dissect.s7plus.layouts import LIST_END, MEMBER, PACKED, PACKED_TWICE, ROW
 from dissect.s7plus.value_showing import value_said
 from dissect.s7plus.value_tables import (
@@ -23,7 +23,6 @@ from dissect.s7plus.value_tables import (
     VARIABLE_SIZES,
     VARIANT,
     WSTRING,
-    is_packed,
 )
 from dissect.s7plus.values import DOUBLE, FLOAT, Blob, Member, Packed, Rows, Struct, Value
 from dissect.s7plus.walk import STEP, FormatError, Walk, big_endian

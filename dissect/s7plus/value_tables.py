@@ -95,8 +95,3 @@ BIT_TYPES: Final = frozenset((BYTE, WORD, DWORD, LWORD))
 
 #: Flag of a packed structure: its count stands there twice.
 PACKED_COUNT_TWICE: Final = 0x400
-
-
-def is_packed(struct_id: int) -> bool:
-    """Tell whether a structure's octets come as the program holds them: those of types that the program declares."""
-    return 0x90000000 < struct_id < 0x9FFFFFFF or 0x02000000 < struct_id < 0x02FFFFFF

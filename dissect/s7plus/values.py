@@ -181,8 +181,13 @@ def _build_one(type_: int, content: object) -> bytes:
         return content if size else build_varint(len(content), VLQ) + content
     if isinstance(content, int):
         if size:
-            return content.to_bytes(size, "big", signed=type_ in SIGNED_TYPES)
-        return build_varint(content, VARIABLE_SIZES[type_])
+            try:
+                return content.to_bytes(size, "big", signed=type_ in SIGNED_TYPES)
+            except OverflowError:
+                raise ValueError(f"{content} does not fit into {VALUE_TYPES.name(type_)}") from None
+        kind = VARIABLE_SIZES.get(type_, 0)
+        if kind:
+            return build_varint(content, kind)
     if isinstance(content, str) and type_ == WSTRING:
         return _build_one(type_, content.encode("utf-8"))
     if isinstance(content, Value):

@@ -166,11 +166,7 @@ class OpenRequests:
         while older is not None and older.acknowledged(end_seq):
             newer = older
             older = older.superseded
-        if older is not None:
-            newer.superseded = older.superseded
-            older.superseded = None
-            self.count -= 1
-        return older
+        return self._take_behind(newer, older) if older is not None else None
 
     def drop_superseded(self, found: Transaction) -> list[Transaction]:
         """Close and return the requests kept behind ``found``, oldest first; no answers to them will come."""
@@ -197,13 +193,16 @@ class OpenRequests:
         if found.earlier is None:
             del self.table[key]
             return found
-        newer = found
-        oldest = found.earlier
-        while oldest.earlier is not None:
-            newer = oldest
-            oldest = oldest.earlier
-        newer.earlier = None
-        return oldest
+        return _earliest_of(found)
+
+    def _take_behind(self, newer: Transaction, older: Transaction) -> Transaction:
+        """Close the oldest of the identical requests ``older``, which are kept behind ``newer``, and return it."""
+        self.count -= 1
+        if older.earlier is not None:
+            return _earliest_of(older)
+        newer.superseded = older.superseded
+        older.superseded = None
+        return older
 
     def lose(self, found: Transaction, frame: i64, hole_frame: i64) -> Transaction | None:
         """Remove those of several identical requests whose answers are in a gap; return them, linked by ``earlier``.
@@ -229,11 +228,13 @@ class OpenRequests:
             # Finding the first entry of a dict takes the longer the more were deleted before it.
             self.table = {key: found for key, found in self.table.items()}  # noqa: C416 - dict() copies the gaps too
         for key, found in self.table.items():
+            newer = found
             behind = found.superseded
-            if behind is not None:  # the others kept with it are given up with it
-                found.superseded = None
-                self.count -= 1
-                return behind
+            while behind is not None and behind.superseded is not None:
+                newer = behind
+                behind = behind.superseded
+            if behind is not None:
+                return self._take_behind(newer, behind)
             return self.take(key, found)
         return None
 
@@ -334,6 +335,16 @@ class OpenRequests:
         if not orphans:
             self.orphans = None
         return gone
+
+
+def _earliest_of(found: Transaction) -> Transaction:
+    """Take the oldest of several identical requests out of the chain that begins with ``found``, and return it."""
+    newer = oldest = found
+    while oldest.earlier is not None:
+        newer = oldest
+        oldest = oldest.earlier
+    newer.earlier = None
+    return oldest
 
 
 class Dialogue:

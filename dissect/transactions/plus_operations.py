@@ -166,7 +166,9 @@ class PlusOperations:
         """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""
         octets = transaction.request_octets
         at = _BODY + (_DIGEST if len(octets) > 1 and octets[1] == V3 else 0)
-        key = int(transaction.connection.number), octets[at : octets.find(_QUALIFIER, at)]
+        end = octets.find(_QUALIFIER, at)
+        asked = octets[at:end] if end >= at else octets[min(at, len(octets)) :]  # compiled, no slice may end before it begins
+        key = int(transaction.connection.number), asked
         poll = self._polls.get(key)
         if poll is None:
             if len(self._polls) >= MAX_POLLS:
@@ -178,8 +180,8 @@ class PlusOperations:
         if operation is None:
             if poll.count < _POLLED:
                 return
-            asked = transaction.plus_halves()[0]
-            labels = [session.label(address) for address in asked.contents.addresses] if asked is not None else []
+            half = transaction.plus_halves()[0]
+            labels = [session.label(address) for address in half.contents.addresses] if half is not None else []
             operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:_MAX_SUBJECT])
             operation.begin_ns = poll.time_ns
             operation.first_frame = poll.frame

@@ -26,7 +26,7 @@ def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = (
         if hidden:
             for begin, end in hidden:
                 left, right, text = _starred(left, right, text, max(begin - at, 0), min(end - at, 16))
-        lines.append(f"{indent}{start + at:>5}  {left:<23}  {right:<23}  {text}")
+        lines.append(f"{indent}{str(start + at).rjust(5)}  {left.ljust(23)}  {right.ljust(23)}  {text}")
     return lines
 
 

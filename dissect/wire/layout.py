@@ -72,6 +72,7 @@ class Field:
     ``says`` tells a person what the number means where no table does. ``decimal``: a person reads its number as a count or a
     size. ``counts`` tells what a length field counts: one of the constants above, the name of a layout whose parts after it
     are counted, or empty. ``holds`` is one of the kinds above; empty for a plain number, and for octets of unknown meaning.
+    ``label`` is the name for a person: without the underscore that Python's keywords need.
     """
 
     __slots__ = (
@@ -80,6 +81,7 @@ class Field:
         "counts",
         "decimal",
         "holds",
+        "label",
         "means",
         "name",
         "says",
@@ -105,6 +107,7 @@ class Field:
         holds: str = "",
     ) -> None:
         self.name = name
+        self.label = name.rstrip("_")
         self.size = size
         self.text = text
         self.wireshark = wireshark

@@ -32,6 +32,7 @@ _NUMBER: Final = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 #: several times as long as looking them up.
 SHORT: Final[list[str]] = [str(number) for number in range(1000)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
+_TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
 #: Bytes as two hexadecimal digits.
 _HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
 
@@ -45,6 +46,17 @@ def decimal(number: i64) -> str:
     if number < 1_000_000:
         return SHORT[number // 1000] + THREE[number % 1000]
     return f"{SHORT[number // 1_000_000]}{THREE[number // 1000 % 1000]}{THREE[number % 1000]}"
+
+
+def fraction(whole: i64, rest: i64, digits: i64) -> str:
+    """Return ``whole``, a point, and ``rest`` as one to six ``digits``; neither is negative."""
+    if digits > 3:
+        power: i64 = 10 if digits == 4 else 100 if digits == 5 else 1000
+        last = rest % power
+        end = SHORT[last] if digits == 4 else _TWO[last] if digits == 5 else THREE[last]
+        return f"{decimal(whole)}.{THREE[rest // power]}{end}"
+    end = SHORT[rest] if digits == 1 else _TWO[rest] if digits == 2 else THREE[rest]
+    return f"{decimal(whole)}.{end}"
 
 
 def hexadecimal(octets: bytes) -> str:
@@ -62,7 +74,7 @@ def hexadecimal(octets: bytes) -> str:
 
 def printable(text: str) -> str:
     r"""Return ``text`` on one line with everything that does not simply print escaped (``\x1b``, ``\u202e`` …)."""
-    if text.isascii() and text.isprintable():
+    if text.isprintable():  # to Python, characters of no hidden category
         return text
     return "".join([_escape(character) for character in text])
 

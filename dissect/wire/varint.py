@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 # Kinds of numbers; below `REST` of dissect.wire.layout, so that they may stand for the size of a field.
 VLQ: Final = -2
 VLQ64: Final = -3
@@ -43,6 +45,19 @@ def read_varint(octets: bytes, at: int, end: int, kind: int) -> tuple[int, int]:
     if wide and at == last and at < end:
         return (value << 8) | octets[at], at + 1
     return -1, -1
+
+
+def pass_varint(octets: bytes, at: i64, end: i64, wide: bool) -> i64:
+    """Return where the number at ``at`` ends, which is ``wide`` with 64 bits; -1 where `read_varint` finds none."""
+    longest: i64 = _LONGEST_64 if wide else _LONGEST_32
+    last: i64 = at + longest
+    stop: i64 = min(last, end)
+    while at < stop:
+        octet: i64 = octets[at]
+        at += 1
+        if octet < 0x80:
+            return at
+    return at + 1 if wide and at == last and at < end else -1
 
 
 def build_varint(value: int, kind: int) -> bytes:

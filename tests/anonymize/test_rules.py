@@ -11,10 +11,13 @@ from dissect.anonymize import rules
 from dissect.anonymize.account import KEEP, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
+from dissect.anonymize.messages import draft_tsdu
 from dissect.anonymize.rewrite_plan import RewritePlan
+from dissect.s7.build import build_data_item, build_item, build_pdu, build_variables, with_reference
 from dissect.s7.data_parts import CONTENT
 from dissect.s7.security import ENCODED_PASSWORD
 from dissect.s7.szl_records import ETHERNET, IDENTIFICATION
+from dissect.s7.tables import JOB, READ_VAR, WRITE_VAR
 from dissect.wire import layout
 from dissect.wire.layout import (
     HOLDS_ADDRESS,
@@ -114,3 +117,22 @@ def test_values_are_kept_when_asked_for_and_that_is_told() -> None:
     new, account = treated(CONTENT, b"\x01\x02\x03\x04", Choices(KEEP))
     assert new == b"\x01\x02\x03\x04"
     assert account.kept == {"values": 1}
+
+
+def test_the_request_of_a_read_that_comes_again_stays_as_it_did() -> None:
+    """What is remembered of a read is neither taken for a write nor for a read with something behind it."""
+    key = Key(b"x")
+    made, account = rules.Rules(key, AddressMap(key), Choices()), Account()
+    item = build_item(0x04, 1, 10, 0x84, 32)
+    read = build_variables(JOB, READ_VAR, 1, item)
+    write = build_variables(JOB, WRITE_VAR, 1, item, build_data_item(0, 4, b"\x12\x34"))
+    with_more = build_pdu(JOB, read[10:], b"more")
+    for reference in (b"\0\1", b"\0\2"):
+        assert draft_tsdu(with_reference(read, reference), made, account).pieces == [(0, len(read), None)]
+        assert account.as_dict() == Account().as_dict()
+        assert len(made.known) == 1
+    for other in (write, with_more, read + b"x"):
+        pieces = draft_tsdu(other, made, account).pieces
+        assert pieces[-1][1] < len(other), "the octets behind the read are not known to tell nothing"
+    assert len(made.known) == 1
+    assert {kind: size for kind, (_, size) in account.masked.items()} == {"values": 2, "unknown_octets": 5}

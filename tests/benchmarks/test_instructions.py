@@ -33,10 +33,11 @@ def test_what_is_recorded_has_every_number() -> None:
 
 
 def test_more_than_allowed_is_reported() -> None:
-    before = {"analyze": 1000, "transactions": 2000, "start": 3000}
-    assert too_many({"analyze": 1050, "transactions": 1, "start": 3300}, before) == []
-    assert too_many({"analyze": 1051, "transactions": 2101, "start": 3301}, before) == [
+    before = {"analyze": 1000, "transactions": 2000, "s7plus": 1000, "start": 3000}
+    assert too_many({"analyze": 1050, "transactions": 1, "s7plus": 1050, "start": 3300}, before) == []
+    assert too_many({"analyze": 1051, "transactions": 2101, "s7plus": 1051, "start": 3301}, before) == [
         "analyze: 1051 instructions, recorded are 1000, at most 1.05 times that is allowed",
         "transactions: 2101 instructions, recorded are 2000, at most 1.05 times that is allowed",
+        "s7plus: 1051 instructions, recorded are 1000, at most 1.05 times that is allowed",
         "start: 3301 instructions, recorded are 3000, at most 1.10 times that is allowed",
     ]

@@ -55,7 +55,7 @@ def flags_asked(paths: list[Path], folder: Path) -> dict[Path, list[Flags]]:
         ends = [f"[{six}]:{port}" if six else f"{four}:{port}" for four, six, port in
                 ((src4, src6, src_port), (dst4, dst6, dst_port))]  # fmt: skip
         at = bisect.bisect_left(before, int(frame)) - 1
-        found[paths[at]].append((int(frame) - before[at], *ends, fin == "1", reset == "1"))
+        found[paths[at]].append((int(frame) - before[at], ends[0], ends[1], fin == "1", reset == "1"))
     return found
 
 

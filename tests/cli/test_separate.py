@@ -126,7 +126,7 @@ def test_the_only_file_cannot_be_read(capfdbinary: Capture) -> None:
 class Dying(separate.Here):
     """An executor whose processes die at some files: at one once, at another each time."""
 
-    def __init__(self, _count: int) -> None:
+    def __init__(self, _count: int, *_: object) -> None:
         self._begun: list[str] = []
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -162,8 +162,8 @@ def test_who_interrupts_has_what_was_read(capfdbinary: Capture, monkeypatch: pyt
     read = separate.read_file
     seen: list[str] = []
 
-    def interrupting(of: object) -> None:
-        read(of)  # type: ignore[arg-type]
+    def interrupting(of: Any, *each: Any) -> None:
+        read(of, *each)
         seen.append("file")
         if len(seen) == 2:
             signal.raise_signal(signal.SIGINT)

@@ -183,3 +183,36 @@ def test_without_pyshark(
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.count("\n") == 1
     assert "pyshark is not installed: pip install 's7dissect[tshark]'" in ran.err
+
+
+def test_files_apart_are_the_same_for_every_number_of_processes(
+    capfdbinary: pytest.CaptureFixture[bytes], capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a file that is no capture and one that is cut: named, the rest is compared."""
+    monkeypatch.setattr("dissect.cli.options.jobs.processors", lambda: 2)
+    text = tmp_path / "text.pcap"
+    text.write_text("this is no capture, but long enough to be looked at")
+    cut = tmp_path / "cut.pcap"
+    cut.write_bytes(capture.read_bytes()[:-3])
+    for format_ in ("text", "json"):
+        arguments = ("verify", "--separate", "-T", format_, capture, text, cut)
+        one = run(capfdbinary, *arguments)
+        assert run(capfdbinary, *arguments, "-j", "2") == one
+        assert one.code == 3
+        assert [sum([name in line for line in one.err.splitlines()]) for name in ("text.pcap: ", "cut.pcap: ")] == [
+            1,
+            1,
+        ]
+        assert one.out == run(capfdbinary, "verify", "-T", format_, capture, cut).out
+
+
+def test_a_tshark_that_fails_ends_it_whoever_asks(
+    capfdbinary: pytest.CaptureFixture[bytes], capture: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object) -> None:
+        raise tshark.OracleError("tshark has gone")
+
+    monkeypatch.setattr(comparison_module, "compare", failing)
+    for options in ((), ("--separate",)):
+        ran = run(capfdbinary, "verify", *options, capture, capture)
+        assert (ran.code, ran.out, ran.err) == (2, "", "s7dissect: tshark has gone\n")

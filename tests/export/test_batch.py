@@ -16,7 +16,7 @@ from dissect.export.arrow import Batches
 from dissect.export.batch import Batch, Part
 from dissect.export.feed import Sink, TableFeed
 from dissect.export.parquet import by_days
-from dissect.export.tables import ITEMS, TRANSACTIONS, Table
+from dissect.export.tables import INT, ITEMS, TRANSACTIONS, WORD, Column, Table
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared
 from dissect.session import Run
 from dissect.transactions.transaction import Transaction
@@ -112,6 +112,19 @@ def test_what_is_shared_is_kept_once_and_bounded() -> None:
     assert len(first) == MOST_KNOWN + 1  # who was given it has it as it was
     assert not shared.bounded()
     assert shared.at((5,)) == 1
+
+
+def test_what_rows_have_together_up_to_an_end_is_had_by_each() -> None:
+    table = Table("t", "row", (Column("a", WORD, "", "", ""), Column("b", INT, "", "", "")), "b")
+    ends = [2, 3, 6]
+    batch = Batch(
+        table, [Part(("a",), [("x",), ("y",)], [1, 0, 1], ends), Part(("b",), [(7,), (8,), (9,)], None, ends)], {}
+    )
+    rows = [("y", 7), ("y", 7), ("x", 8), ("y", 9), ("y", 9), ("y", 9)]
+    assert list(batch) == rows
+    assert len(batch) == 6
+    assert [tuple(row.values()) for row in Batches(table).batch(batch).to_pylist()] == rows
+    assert not Batch(table, [Part(("a",), [], [], []), Part(("b",), [], None, [])], {})
 
 
 def test_a_part_made_before_serves_as_long_as_no_row_is_added() -> None:

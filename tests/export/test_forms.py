@@ -117,6 +117,10 @@ def test_memory_is_handed_on_as_row_groups_fill(tmp_path: Path) -> None:
     assert file.metadata.num_row_groups == 2
     assert file.metadata.row_group(0).num_rows == ROW_GROUP
     assert file.metadata.row_group(0).column(0).compression == "ZSTD"
+    group = file.metadata.row_group(1)
+    columns = [group.column(number) for number in range(group.num_columns)]
+    ranged = {column.path_in_schema for column in columns if column.statistics is not None}
+    assert ranged == {"ts", "ts_ns"}  # what a reader leaves out row groups by
 
 
 def test_naughty_strings_come_back_as_they_were(capfdbinary: Capture, tmp_path: Path) -> None:

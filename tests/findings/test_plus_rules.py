@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import ANY
 
 import pytest
 
@@ -185,25 +186,17 @@ def test_blocks_are_read_out_and_told_once() -> None:
     assert said(talk) == [("security.program_read", "DB3 'tank\\x1b' (DB)")]
 
 
-@pytest.mark.parametrize(
-    ("inside", "frames", "slugs"),
-    [
-        (b"nothing of interest", 1, []),
-        (b"a type \x83\x7f here", 1, ["s7plus.malformed"]),
-        (b"a code \xa3\x93\x65 here", 1, ["s7plus.malformed"]),
-        (b"nothing of interest", 2, ["s7plus.malformed"]),  # what tells it may be cut: read in any case
-    ],
-)
-def test_an_answer_to_explore_is_read_where_it_may_tell_something(inside: bytes, frames: int, slugs: list[str]) -> None:
+@pytest.mark.parametrize("frames", [1, 2])
+def test_an_answer_to_explore_that_lies_is_told(frames: int) -> None:
     talk = begun()
     body = bodies.rid(3) + b"\0\1\1\0\0\0" + bodies.end(4) + b"\0"
     talk.ask(framed(asked(1, EXPLORE, body=body), 3))
-    data = told(1, EXPLORE, b"\0" + bodies.rid(3) + b"\x05" + inside)
+    data = told(1, EXPLORE, b"\0" + bodies.rid(3) + b"\x05" + b"nothing of interest")
     if frames == 2:
         talk.tell(framed(data[:20], 3, trailer=False), framed(data[20:], 3))
     else:
         talk.tell(framed(data, 3))
-    assert [slug for slug, _ in said(talk)] == slugs
+    assert [slug for slug, _ in said(talk)] == ["s7plus.malformed"]
 
 
 def test_names_that_passed_are_used() -> None:
@@ -405,11 +398,17 @@ def test_what_the_cpu_is() -> None:
     )
 
 
-def test_reads_are_not_looked_into() -> None:
+def test_reads_that_lie_are_told_though_nobody_looks_at_what_they_read() -> None:
     talk = begun()
     talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=b"no contents at all"), 3))
     talk.tell(framed(told(1, GET_MULTI_VARIABLES, b"\0no contents either" + bytes(4)), 3))
-    assert said(talk) == []
+    do(talk, 2, GET_MULTI_VARIABLES, bodies.get_multi(Address(0, 82, 3736, [3, 100, 2])), b"\0\1\0\7\0\5\0\0")
+    talk.tell(framed(told(3, GET_MULTI_VARIABLES, b"\0\1\0\7\0"), 3))
+    assert said(talk) == [
+        ("s7plus.malformed", "s7plus: item count at byte 55 claims 111 bytes, the TSDU has 13"),
+        ("transaction.orphan", "reference 0x0003"),
+        ("s7plus.malformed", ANY),
+    ]
 
 
 def test_a_pdu_with_too_many_values_is_told() -> None:
@@ -423,9 +422,32 @@ def test_a_pdu_with_too_many_values_is_told() -> None:
     talk.ask(framed(b"\0", 2))
     talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
     assert said(talk) == [
-        ("security.program_change", "load objects that were not read"),
+        ("security.program_change", "load HWConfiguration and more that was not read"),
         ("s7.plus_too_long", "more than 100000 values"),
     ]
+
+
+def test_a_block_longer_than_what_is_kept_of_a_pdu_is_named_all_the_same() -> None:
+    talk = begun()
+    made = block(0x8A0E0007, 2574, "tank", 4)
+    made.elements.append(Attribute(2580, Value(0, BLOB, Blob(0, bytes(9 << 20)))))
+    data = asked(1, CREATE_OBJECT, body=bodies.create_object(3, NOTHING, made, integrity_id=1))
+    for at in range(0, len(data), 60_000):
+        talk.ask(framed(data[at : at + 60_000], 2, trailer=at + 60_000 >= len(data)))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
+    found = dict(said(talk))
+    assert found["security.program_change"] == "load DB7 'tank' (SCL) and more that was not read"
+    assert "s7plus.malformed" not in found
+    assert "s7.plus_too_long" in found
+
+
+def test_what_a_pdu_that_lies_begins_with_is_not_hidden() -> None:
+    """The hardware configuration, a test job: an attribute further on that ends too soon does not make them nothing."""
+    for parent, class_id, slug in ((1, 2496, "security.program_change"), (7, 2709, "security.debug")):
+        talk = begun()
+        body = bodies.create_object(parent, NOTHING, PlusObject(9, class_id, 0, 0, 0, []), integrity_id=1)[:-5]
+        do(talk, 1, CREATE_OBJECT, body + b"\xa3\7\x10\7\xff\xff\x7f")
+        assert sorted([slug for slug, _ in said(talk)]) == sorted(["s7plus.malformed", slug])
 
 
 @pytest.mark.parametrize(

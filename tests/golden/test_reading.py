@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.golden import golden_text, read_session
-from dissect.golden.model import GoldenError, Session
-from dissect.golden.reading import is_golden
+from dissect.golden.model import GoldenError, Link, Session
+from dissect.golden.reading import is_golden, said_order
+from dissect.golden.writing import link_lines
 from tests.golden.support import WRITTEN, reads, session
 from tests.properties.packets import Flow, Packet, Segment, captured
 from tests.report.support import OWN, ROOT, begun, saved
@@ -43,6 +44,21 @@ def test_transactions_stand_in_the_order_of_their_requests() -> None:
         talk.segments.append(jobs[index])
     said = [item.label for each in session(captured(talk.segments)).transactions for item in each.items]
     assert said == ["DB10.DBW0", "DB10.DBW2"]
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 3), st.booleans()), max_size=8))
+def test_connections_stand_in_the_order_of_their_whole_text(shapes: list[tuple[int, int, bool]]) -> None:
+    """They are compared line by line, as far as they are the same; one may say all that another does, and go on."""
+    said = session(captured(reads(0, 2, 4, 0, 2).segments)).transactions
+    links = []
+    for count, skipped, named in shapes:
+        link = Link()
+        link.protocol = "s7comm" if named else ""
+        link.addresses = (f"10.0.0.{count}", f"10.0.0.{skipped}")
+        link.transactions = said[skipped : skipped + count]
+        links.append(link)
+    by_text = sorted(links, key=lambda link: ("\n".join(link_lines(link)), link.addresses))
+    assert said_order(links) == by_text
 
 
 def test_the_same_octets_under_every_hash_seed(capture: object) -> None:

@@ -40,6 +40,13 @@ def test_one_element_of_a_numeric_type_is_a_number(transport_size: int, data: st
         (0x03, "2322ff", '"\\u0023\\u0022\\u00ff"', ""),
         (0x0B, "000003e8", "<00 00 03 e8>", "T#1s"),
         (0x04, "", "<>", ""),
+        (0x08, "80000000", "-0.0", ""),
+        (0x08, "7f800000", "inf", ""),
+        (0x08, "7fc00000", "nan", ""),
+        (0x08, "406000007fc00000", "[3.5, nan]", ""),
+        (0x08, "406000007fc00001", "<40 60 00 00 7f c0 00 01>", ""),
+        (0x30, "7ff8000000000000", "nan", ""),
+        (0x30, "7ff8000000000001", "<7f f8 00 00 00 00 00 01>", "nan"),
     ],
 )
 def test_values_look_like_this(transport_size: int, octets: str, text: str, remark: str) -> None:

@@ -18,7 +18,8 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
 from dissect.jobs.analyses import Analyses, AnalysisPart, part_of, unread
-from dissect.jobs.sending import Offsets, Sent, receive, send
+from dissect.jobs.numbers import Offsets
+from dissect.jobs.sending import Sent, receive, send
 from dissect.report.analysis import EXACT, MAX_FAILED, Analysis
 from dissect.report.contract import analysis_as_json
 from dissect.report.summary import Summary
@@ -198,6 +199,6 @@ def test_no_key_is_sent() -> None:
 @pytest.mark.parametrize("module", ["os", "dissect.jobs.team"])
 def test_nothing_but_our_classes_is_made_of_what_comes(module: str) -> None:
     with pytest.raises(ValueError, match="no class of this package"):
-        receive(Sent(("object", 0), [(module, "signal", ["x"])], [{}]), Offsets())
+        receive(Sent(("object", 0), [(module, "signal")], [(0, ["x"])], [((), [])]), Offsets())
     with pytest.raises(TypeError, match="cannot be sent"):
         send([re.compile("x")])

@@ -43,10 +43,11 @@ class Shuffled(Executor):
         return future
 
 
-def lines(folder: str, file: str) -> str:
+def lines(folder: str, place: int, file: str) -> str:
     """Be a task."""
     if file in {"7.pcap", "30.pcap"}:
         raise FileError(f"{file}: not a capture")
+    assert FILES[place] == file
     return f"{folder}/{file}"
 
 
@@ -83,7 +84,7 @@ class Dying:
         self._once = once
         self._always = always
 
-    def __call__(self, file: str) -> str:
+    def __call__(self, _place: int, file: str) -> str:
         if file in self._always or file in self._once:
             self._once.discard(file)
             raise BrokenExecutor("a process ended")

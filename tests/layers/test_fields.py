@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import pytest
@@ -10,7 +11,12 @@ from scapy.packet import Packet, Raw
 from dissect.iso import layouts as iso_layouts
 from dissect.layers import fields
 from dissect.layers.fields import WireLayer, fill_number, header_fields
+from dissect.layers.part_classes import S7Plus_Address, S7Plus_ItemValue
+from dissect.layers.plus_messages import plus_parts
+from dissect.layers.s7plus import S7Plus_Request
 from dissect.s7 import layouts as s7_layouts
+from dissect.s7plus.value_tables import INT
+from dissect.s7plus.values import Value
 from dissect.wire.layout import Layout
 from tests.cases import each
 from tests.layers.support import shown
@@ -63,3 +69,26 @@ def test_a_number_too_large_for_its_field_is_refused() -> None:
     assert fill_number(b"abcd", 1, 2, 0x3132, "x") == b"a12d"
     with pytest.raises(ValueError, match=r"the TPKT length would be 65536, more than its 2 byte"):
         fill_number(b"abcd", 2, 2, 65536, "the TPKT length")
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda: S7Plus_ItemValue(type="Intt"), "type: no value is called 'Intt': do you mean Int? Else give Null, Bool"),
+        (lambda: S7Plus_Request(function="Read"), "function: no value is called 'Read': give Error, Explore, CreateObject"),
+        (lambda: S7Plus_Address(area="M"), "area is a number, not 'M': The object or area: 80 I, 81 Q, 82 M"),
+        (lambda: S7Plus_Address(sub_area="pump"), "sub_area: no value is called 'pump': give its number"),
+        (lambda: S7Plus_Address(lids=["M"]), "lids is a number, not 'M'"),
+        (lambda: plus_parts(Value(0, 0x99, 5)), "0x99 does not take int"),
+        (lambda: plus_parts(Value(0, INT, 1 << 15)), "32768 does not fit into Int"),
+    ],
+)  # fmt: skip
+def test_what_has_no_such_name_is_one_line_that_says_which_there_are(made: Callable[[], object], said: str) -> None:
+    with pytest.raises((ValueError, TypeError)) as error:
+        made()
+    assert str(error.value).startswith(said)
+    assert "\n" not in str(error.value)
+
+
+def test_a_name_of_several_numbers_is_the_lowest() -> None:
+    assert bytes(S7Plus_ItemValue(number=1, type="Int", flags="array", content=[5]))[1:3] == b"\x10\x07"

@@ -126,7 +126,7 @@ def test_a_content_of_another_type_is_the_users_error(type_: str, content: objec
 
 def test_numbers_of_variable_size() -> None:
     assert bytes(s7.S7Plus_AttributeId(id="ObjectVariableTypeName")).hex() == "8169"
-    with pytest.raises(ValueError, match="no S7comm-plus id is called pump"):
+    with pytest.raises(ValueError, match="no value is called 'pump': give its number"):
         s7.S7Plus_AttributeId(id="pump")
     with pytest.raises(ValueError, match="id: 4294967296 does not fit"):
         bytes(s7.S7Plus_AttributeId(id=1 << 32))

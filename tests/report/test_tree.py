@@ -24,7 +24,7 @@ def tree(pdu: bytes, cut: bool = False) -> list[str]:
 
 def forget() -> None:
     """Forget what the trees before have left to those that come."""
-    for kept in (tree_module._heads, tree_module._headers_kept, tree_module._bodies, tree_module._lines):
+    for kept in (tree_module._heads, tree_module._headers_kept, tree_module._bodies, tree_module._parts):
         kept.clear()
 
 

@@ -98,18 +98,27 @@ class Sample:
     """
 
     def __init__(self, octets: bytes = b"") -> None:
-        self.octets = octets
+        self._written = bytearray(octets)
         self.frames: list[Frame] = []
         self.ends: list[int] = []
         self.boundaries: set[int] = set()
 
+    @property
+    def octets(self) -> bytes:
+        """What is there up to now."""
+        return bytes(self._written)
+
+    @octets.setter
+    def octets(self, octets: bytes) -> None:
+        self._written = bytearray(octets)
+
     def add(self, octets: bytes, frame: Frame | None = None) -> None:
         """Add a record or block, with the frame that comes of it."""
-        self.octets += octets
-        self.boundaries.add(len(self.octets))
+        self._written += octets
+        self.boundaries.add(len(self._written))
         if frame is not None:
             self.frames.append(frame)
-            self.ends.append(len(self.octets))
+            self.ends.append(len(self._written))
 
     def frames_before(self, size: int) -> list[Frame]:
         """Give the frames whose records stand wholly in the first ``size`` octets."""

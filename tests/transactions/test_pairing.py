@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.s7.parameters import Parameters
@@ -209,6 +209,48 @@ def test_any_course_of_asking_and_answering(steps: list[tuple[bool, int, int, in
         for since in (0, now // 2, now):
             assert requests.open_since(since, -1, 999) <= sum(1 for one in model.open if one[3] >= since)
     assert [one.number for one in requests.drain()] == [one[1] for one in model.open]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["ask", "ask", "after", "take", "behind", "oldest"]), st.integers(0, 1), st.integers(1, 9)
+        ),
+        max_size=60,
+    )
+)
+@example([("ask", 0, 1), ("ask", 0, 1), ("after", 1, 1), ("behind", 0, 1)])  # two wait behind it
+@example([("ask", 0, 1), ("after", 0, 1), ("after", 0, 1), ("oldest", 0, 1)])  # one behind the other
+def test_no_request_is_forgotten(steps: list[tuple[str, int, int]]) -> None:
+    """Identical ones that wait behind a request that was asked after what they wait for."""
+    requests = OpenRequests()
+    asked: list[int] = []
+    gone: list[int] = []
+    for number, (step, content, ago) in enumerate(steps, 1):
+        waiting = requests.table.get(5)
+        one = request(number, bytes((content,)), number)
+        one.request_ack = number
+        closed: Transaction | None = None
+        if step in {"ask", "after"}:
+            asked.append(number)
+            if waiting is None:
+                requests.add(5, one)
+            elif step == "ask" or not requests.supersede(5, one, waiting):
+                closed = requests.add_again(5, one, waiting)
+                gone += [] if closed is None else [behind.number for behind in requests.drop_superseded(closed)]
+        elif step == "oldest":
+            closed = requests.oldest()
+            assert closed is None or closed.number == min(set(asked) - set(gone))
+        elif waiting is not None:
+            gone += [behind.number for behind in requests.drop_superseded(waiting)] if step == "take" else []
+            closed = (
+                requests.take(5, waiting) if step == "take" else requests.take_superseded(waiting, max(0, number - ago))
+            )
+            # What is answered in turn is not linked to what goes on waiting.
+            assert closed is None or chain(closed) == [closed.number]
+        gone += chain(closed)
+        assert requests.count == len(asked) - len(gone)
+    assert sorted(gone + [one.number for one in requests.drain()]) == asked
 
 
 @pytest.mark.parametrize("distinct", [True, False])

@@ -174,6 +174,16 @@ def read(talk: Talk, number: int, *wanted: Address) -> None:
     talk.tell(framed(told(number, GET_MULTI_VARIABLES, bodies.multi_got(values, [], 2 * number)), 3))
 
 
+def test_reads_that_end_before_their_variables_are_no_fault_of_ours() -> None:
+    for body in (b"", b"\0"):
+        talk = begun()
+        for number in (1, 2, 3):
+            talk.ask(framed(asked(number, GET_MULTI_VARIABLES, body=body)))
+            talk.tell(framed(told(number, GET_MULTI_VARIABLES, b"\0")))
+        assert "internal.bug" not in talk.pipeline.finding_counts
+        assert [one[0] for one in told_of(talk)] == ["polling"]
+
+
 def test_the_same_variables_read_three_times_are_polled() -> None:
     """Others in between make no difference, nor does what was read twice only."""
     talk = begun()

@@ -41,13 +41,6 @@ def _option(**attributes: Any) -> Callable[[Any], Any]:
     )
 
 
-#: ``-j N``; the command's argument is ``jobs``. Not shown: its results are right, but it does not pay yet (decision 15).
-jobs_option: Final[Callable[[Any], Any]] = _option(
-    hidden=True,
-    help="Share the work among N processes, or auto for as many as there are processors. The results are the same.",
-)
-
-
 def separate_options(command: Any) -> Any:
     """Add ``--separate`` and ``-j N``; the command's arguments are ``separate`` and ``jobs``."""
     command = _option(
@@ -61,7 +54,11 @@ def separate_options(command: Any) -> Any:
 
 
 def check_jobs(separate: bool, jobs: int) -> None:
-    """Raise UsageError for several processes where files may go on one in another."""
+    """Raise UsageError for several processes where files may go on one in another.
+
+    `transactions` and `values` do without it: they share the connections of one run among processes then, which gives the same
+    result and does not pay yet, so nothing says so (decision 15).
+    """
     if jobs > 1 and not separate:
         raise click.UsageError(
             "-j reads several files at the same time, and needs --separate: each is a capture of its own."

@@ -546,7 +546,7 @@ def tpdu_json_line(tpdu: Tpdu, frame: int, time_ns: int, connection: Connection,
 def _facts(tpdu: Tpdu) -> dict[str, object]:
     """Return the type, the fields of the fixed part by name, and what the variable part says."""
     facts: dict[str, object] = {"type": tpdu.name}
-    facts["fields"] = {value.field.name.rstrip("_"): int(value.value) for value in tpdu.fields if value.octets is None}
+    facts["fields"] = {value.field.label: int(value.value) for value in tpdu.fields if value.octets is None}
     why = [value for value in tpdu.fields if value.field.name in {"reason", "cause"}]
     facts["reason"] = {"code": int(why[0].value), "name": why[0].meaning or None} if why else None
     facts["calling_tsap"] = _tsap(tpdu.tsap(0xC1))

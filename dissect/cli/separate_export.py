@@ -1,0 +1,194 @@
+"""Exports of files that stand for themselves (option --separate).
+
+Tasks of an export to Parquet write files of their own; they are moved to their place in the order of the captures. Rows of
+other forms are sent, and written by one process. Numbers that count over all files begin at a thousand million times the place
+of the capture, so that each task knows them.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
+
+import click
+
+from dissect import __version__
+from dissect.cli.separate import about, read_file, separately
+from dissect.export.feed import Sink
+from dissect.export.forms import Request, TableExport, Target
+from dissect.export.parquet import ParquetSink, metadata_of
+from dissect.export.tables import TABLES, Table, chosen_tables
+from dissect.jobs.numbers import Offsets, count_from
+from dissect.jobs.spool import Spool, Spooled, opened
+from dissect.jobs.tasks import About, Done
+from dissect.session import Run
+from dissect.wire.saving import PART
+from dissect.wire.text import encodable
+
+if TYPE_CHECKING:
+    from dissect.cli.options.select import Chosen
+    from dissect.cli.task import Task
+    from dissect.engine.pipeline import Options
+    from dissect.export.transaction_rows import Row
+
+#: Numbers that one capture has for its connections, transactions, operations, findings and PDUs.
+NUMBERS: Final = 10**9
+_PARQUET: Final = "parquet"
+_BYTES: Final = "base64"
+#: Forms that one process writes as it reads: their rows are not those of tables.
+_ONE_RUN: Final = ("zeek", "zeek-json", "ecs", "stix")
+
+
+class ExportPart(NamedTuple):
+    """What the task of a file wrote: ``rows`` for one process to write, or Parquet files in ``folder``; rows by table."""
+
+    about: About
+    rows: Spooled | None
+    folder: str
+    counts: Mapping[str, int]
+
+
+class _Sending(Sink):
+    """Sends rows to who writes them: a line of JSON for some of a table, bytes in base 64 as the only thing in an object."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def take(self, table: Table, rows: Sequence[Row]) -> None:
+        text = json.dumps([table.name, list(rows)], separators=(",", ":"), default=_packed)
+        self._file.write(text.encode("ascii") + b"\n")
+
+    def close(self) -> None:
+        """Nothing waits."""
+
+    def abandon(self) -> None:
+        """Nothing is open."""
+
+
+def _packed(octets: bytes) -> dict[str, str]:
+    return {_BYTES: base64.b64encode(octets).decode("ascii")}
+
+
+def _unpacked(packed: dict[str, str]) -> bytes:
+    return base64.b64decode(packed[_BYTES])
+
+
+def refuse_form(target: Target) -> None:
+    """Raise UsageError for a form that is written in one run only."""
+    if target.form.name in _ONE_RUN:
+        raise click.UsageError(
+            f"--separate: {target.form.name} is written in one run; choose a form of tables, such as Parquet."
+        )
+
+
+def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
+    """Export the file of a task."""
+    name = encodable(of.file)
+    folder = Path(of.folder, f".task-{of.place}{PART}")
+    spool: Spool | None = None
+    if target.form.name == _PARQUET:
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that died
+        folder.mkdir()
+        tables = chosen_tables(only)
+        sink: Any = ParquetSink(folder, tables, False, True, metadata_of(__version__, [name]), empty=False)
+    else:
+        spool = Spool(of.folder, f"rows-{of.place}")
+        sink = _Sending(spool.file)
+    export = TableExport(Request(folder, True, only, [name], __version__), sink)
+    run = Run([of.file], chosen.sieve(export.observer), chosen.narrow(options))
+    chosen.begin(run, of.files)
+    export.begin(run)
+    before = of.place * NUMBERS
+    count_from(run.pipeline, Offsets(0, before, before))
+    run.pipeline.exchange.watch.operations.count = before
+    export.observer.count_from(before)
+    try:
+        read_file(run)
+        export.close()
+    except BaseException:
+        export.abandon()
+        shutil.rmtree(folder, ignore_errors=True)
+        if spool is not None:
+            spool.abandon()
+        raise
+    of.found = ExportPart(about(run), spool.done() if spool is not None else None, str(folder), export.counts)
+    return 0
+
+
+def export_separately(
+    files: Sequence[str], jobs: int, target: Target, only: Sequence[str], place: Path
+) -> tuple[dict[str, int], int]:
+    """Export each of ``files`` to ``place``; return the rows by table, and the exit code."""
+    tables = chosen_tables(only)
+    names = [encodable(name) for name in files]
+    counts: Counter[str] = Counter()
+    with ExitStack() as stack:
+        if target.form.name == _PARQUET:
+            gathered = _Gathered(place, tables, metadata_of(__version__, names))
+            code = separately(files, jobs, lambda done: gathered.take(done, counts), folder=str(place), kept=False)
+            gathered.close()
+        else:
+            folder = stack.enter_context(TemporaryDirectory(prefix="s7dissect-rows-"))
+            export: Any = target.form.open(Request(place, target.folder, only, names, __version__))
+            try:
+                code = separately(
+                    files, jobs, lambda done: _write(done, export.sink, counts), folder=folder, kept=False
+                )
+                export.sink.close()
+            except BaseException:
+                export.abandon()
+                raise
+    return {table.name: counts[table.name] for table in tables}, code
+
+
+def _write(done: Done, sink: Sink, counts: Counter[str]) -> None:
+    part: ExportPart | None = done.result
+    if part is None or part.rows is None:
+        return
+    counts.update(part.counts)
+    with opened(part.rows) as file:
+        for line in file:
+            name, rows = json.loads(line, object_hook=_unpacked)
+            sink.take(TABLES[name], [tuple(row) for row in rows])
+
+
+class _Gathered:
+    """Gathers the Parquet files of tasks in ``place``."""
+
+    def __init__(self, place: Path, tables: Sequence[Table], metadata: Mapping[str, str]) -> None:
+        self._place = place
+        self._tables = tables
+        self._metadata = metadata
+        self._files: Counter[Path] = Counter()
+        # Now, so that a library that is missing is said before anything is read.
+        self._empty = ParquetSink(place, tables, False, True, metadata)
+
+    def take(self, done: Done, counts: Counter[str]) -> None:
+        """Move the files of a task to their place; they are numbered in the order in which they come."""
+        part: ExportPart | None = done.result
+        if part is None:
+            return
+        counts.update(part.counts)
+        source = Path(part.folder)
+        for path in sorted(source.rglob("*.parquet")):
+            day = path.parent.relative_to(source)
+            self._files[day] += 1
+            (self._place / day).mkdir(parents=True, exist_ok=True)
+            path.rename(self._place / day / f"part-{self._files[day]:04}.parquet")
+        shutil.rmtree(source, ignore_errors=True)
+
+    def close(self) -> None:
+        """Remove what tasks left that died; a table without rows is there too, with its columns."""
+        for rest in self._place.glob(f".task-*{PART}"):
+            shutil.rmtree(rest, ignore_errors=True)
+        found = {day.parts[0] for day in self._files}
+        missing = [table for table in self._tables if table.name not in found]
+        if missing:
+            ParquetSink(self._place, missing, False, True, self._metadata).close()

@@ -1,0 +1,444 @@
+"""Whether the contents of a PDU are sound (counts, lengths, depths, types, the end), found without making anything of them.
+
+This is asked of every PDU. What is surely sound is passed over; everything else is left to `dissect.s7plus.bodies`, which knows
+what is wrong and where. That nothing passes in which it finds a fault is a property test (tests/s7plus/test_skimming.py).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7plus.message import DIGEST_SIZE, SHORT_HEADS, parsed
+from dissect.s7plus.pieces import USUAL_QUALIFIER
+from dissect.s7plus.skipping import Skipper
+from dissect.s7plus.tables import (
+    BEGIN_SEQUENCE,
+    CREATE_OBJECT,
+    DELETE_OBJECT,
+    END_SEQUENCE,
+    EXPLORE,
+    GET_LINK,
+    GET_MULTI_VARIABLES,
+    GET_VAR_SUBSTREAMED,
+    GET_VARIABLE,
+    INVOKE,
+    NOTIFICATION,
+    OBJECT_TAG,
+    OBJECTS_ITEM,
+    PLAIN_VALUE_ITEM,
+    PROTOCOL_ID,
+    REFUSED_ITEM,
+    REFUSED_ITEM_3,
+    REQUEST,
+    RESPONSE,
+    RESPONSE2,
+    SET_MULTI_VARIABLES,
+    SET_VAR_SUBSTREAMED,
+    SET_VARIABLE,
+    UNKNOWN_ITEM,
+    V1,
+    V2,
+    V3,
+    VALUE_ITEM,
+    VALUE_ITEM_VLQ,
+)
+from dissect.s7plus.walk import MAX_WORK
+from dissect.wire.octets import u16, u32
+from dissect.wire.varint import VLQ64, read_varint
+
+#: What `skim` returns for contents that must be read.
+UNSOUND: Final = -1
+
+_HEADER: Final = 4
+_TRAILER: Final = 4
+#: Octets of the fixed part of a request, a response and a notification.
+_REQUEST_SIZE: Final = 14
+_RESPONSE_SIZE: Final = 10
+_NOTIFICATION_SIZE: Final = 12
+_BIT_7: Final = 0x80
+_DETAILS: Final = 62
+#: Zeros that end a response of the other kind, and at most those of a notification and of everything else.
+_RESPONSE2_FILL: Final = 11
+_NOTIFICATION_FILL: Final = 4
+_FILL: Final = 5
+#: Octets of an id; of a filter of Explore before its members; of what stands between the parts of a notification; of a time.
+_ID: Final = 4
+_FILTER: Final = 5
+_SECOND_PART: Final = 6
+_TIME: Final = 8
+
+
+def one_frame(octets: bytes) -> tuple[i64, i64]:
+    """Return where the data of a PDU begin and end that is one sound frame and a trailer; (-1, -1) for any other."""
+    end: i64 = len(octets) - _TRAILER
+    if end < _HEADER or octets[0] != PROTOCOL_ID or octets[end] != PROTOCOL_ID:
+        return -1, -1
+    version: i64 = octets[1]
+    at: i64 = _HEADER
+    if version == V3:
+        if end <= at or octets[at] != DIGEST_SIZE:
+            return -1, -1
+        at += 1 + DIGEST_SIZE
+    elif version != V2 and version != V1:
+        return -1, -1
+    if at > end or u16(octets, 2) != end - _HEADER or octets[end + 1] != version or u16(octets, end + 2):
+        return -1, -1
+    return at, end
+
+
+def skim(octets: bytes, marks: bytes) -> i64:
+    """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
+
+    Else what `marks` says of the objects in it (`Skipper.seen`); 0 for what is no whole PDU, whose contents nobody judges.
+    """
+    at, end = one_frame(octets)
+    if at >= 0:
+        return _skim(octets, at, end, octets[1], True, marks)
+    pdu = parsed(octets)
+    if not pdu.whole or pdu.malformed:
+        return 0
+    return _skim(pdu.data, 0, len(pdu.data), pdu.version, pdu.frames == 1, marks)
+
+
+def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: bytes) -> i64:
+    """Pass over the data of a PDU, which stand in ``octets`` from ``at`` to ``end``."""
+    opcode: i64 = octets[at] if at < end else 0
+    if opcode == NOTIFICATION:
+        if version == V1:
+            return UNSOUND
+        if end - at < _NOTIFICATION_SIZE:
+            return 0
+        body = _BODY
+        body.begin(octets, at + _NOTIFICATION_SIZE, end, version, marks)
+        return body.result(body.notification(u32(octets, at + 1)))
+    request = opcode == REQUEST
+    size: i64 = _REQUEST_SIZE if request else _RESPONSE_SIZE
+    if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
+        return 0
+    function = u16(octets, at + 3)
+    body = _BODY
+    body.begin(octets, at + size, end, version, marks)
+    if request:
+        if function == SET_VAR_SUBSTREAMED and not single:
+            return UNSOUND
+        return body.result(body.request(function) and (not body.known or body.ends(_FILL)))
+    first: i64 = octets[at + size] if at + size < end else 0
+    details = False
+    if first >= _BIT_7 and function == DELETE_OBJECT:
+        details = read_varint(octets, at + size, end, VLQ64)[0] >> _DETAILS & 1 != 0
+    if not body.skipper.wide():
+        return body.result(False)
+    fill: i64 = _RESPONSE2_FILL if opcode == RESPONSE2 else _FILL
+    return body.result(body.response(function, details) and (not body.known or body.ends(fill)))
+
+
+class Body:
+    """The body of a PDU, which ``skipper`` passes over; each method returns False where it must be read.
+
+    ``known`` is False for functions whose body nobody knows.
+    """
+
+    __slots__ = ("_end", "_marks", "_numbered", "_octets", "_version", "known", "skipper")
+
+    def __init__(self) -> None:
+        self._octets = b""
+        self._end: i64 = 0
+        self._version: i64 = 0
+        self._marks = b""
+        self._numbered = False  # its integrity id has passed
+        self.known = True
+        self.skipper: Skipper = Skipper(b"", 0, 0)
+
+    def begin(self, octets: bytes, at: i64, end: i64, version: i64, marks: bytes) -> None:
+        """Begin with the body of a PDU, from ``at`` to ``end`` of ``octets``."""
+        self._octets = octets
+        self._end = end
+        self._version = version
+        self._marks = marks
+        self._numbered = False
+        self.known = True
+        self.skipper.begin(octets, at, end)
+
+    def result(self, sound: bool) -> i64:
+        """Return what `skim` returns for contents that are sound, or not; the octets are let go."""
+        skipper = self.skipper
+        result: i64 = skipper.seen if sound and skipper.spent <= MAX_WORK else UNSOUND
+        self._octets = b""
+        skipper.begin(b"", 0, 0)
+        return result
+
+    def request(self, function: i64) -> bool:
+        """Pass over the body of a request, its end left out."""
+        skipper = self.skipper
+        if function == GET_MULTI_VARIABLES:
+            return self._addresses() >= 0 and self._qualifier(0)
+        if function == SET_VARIABLE:
+            return self._ids() and skipper.value(0) and self._qualifier(1)
+        if function == GET_VAR_SUBSTREAMED:
+            return self._skip(_ID) and skipper.value(0) and self._qualifier(2)
+        if function == SET_MULTI_VARIABLES:
+            return self._values(self._addresses()) and self._skip(1) and self._qualifier(0)
+        if function == EXPLORE:
+            return self._explore()
+        if function == DELETE_OBJECT:
+            return self._skip(_ID + 1) and self._qualifier(0)
+        if function == CREATE_OBJECT:
+            return self._create()
+        if function == GET_LINK:
+            return self._skip(_ID) and skipper.number() >= 0 and self._skip(2)
+        if function == BEGIN_SEQUENCE:
+            return self._begin_sequence()
+        if function == END_SEQUENCE:
+            return self._skip(2)
+        if function == GET_VARIABLE:
+            return self._ids() and self._qualifier(0)
+        if function == INVOKE:
+            return self._skip(2 * _ID) and self._items() and self._skip(1)
+        if function == SET_VAR_SUBSTREAMED:
+            # Which attribute is written stands in the first value; whether it may be compressed is left open.
+            return self._skip(_ID) and skipper.value(0) and self._qualifier(2) and skipper.careful_value(0, True)
+        self.known = False
+        return True
+
+    def response(self, function: i64, details: bool) -> bool:
+        """Pass over the body of a response behind its return value, its end left out; ``details`` says that objects follow."""
+        skipper = self.skipper
+        if function == GET_MULTI_VARIABLES:
+            return self._items() and self._refusals()
+        if function in {SET_VARIABLE, END_SEQUENCE, SET_VAR_SUBSTREAMED}:
+            return True
+        if function == GET_VAR_SUBSTREAMED:
+            return self._skip(1) and skipper.value(0)
+        if function == SET_MULTI_VARIABLES:
+            return self._refusals()
+        if function == EXPLORE:
+            return self._skip(_ID) and (self._version != V3 or self._id()) and skipper.elements(self._marks)
+        if function == DELETE_OBJECT:
+            return self._skip(_ID) and (not details or skipper.elements(self._marks))
+        if function == CREATE_OBJECT:
+            return self._created()
+        if function == GET_LINK:
+            return self._skip(_ID * self._octet())
+        if function == BEGIN_SEQUENCE:
+            return self._version == V1 or self._skip(2 + _ID)
+        if function == GET_VARIABLE:
+            return skipper.value(0)
+        if function == INVOKE:
+            return self._invoked()
+        self.known = False
+        return True
+
+    def notification(self, subscription: i64) -> bool:
+        """Pass over the body of a notification, its end included."""
+        skipper = self.skipper
+        if subscription >= SHORT_HEADS:
+            if skipper.number() < 0:
+                return False
+            if self._peek() == 0 and not self._skip(_TIME):
+                return False
+        if not self._skip(1) or not self._notified():
+            return False
+        if self._peek() > 0 and not (self._skip(_SECOND_PART) and self._notified()):
+            return False
+        left: i64 = self._end - skipper.at
+        return left == 0 or (_NOTIFICATION_FILL - 1 <= left <= _NOTIFICATION_FILL and self._zeros(skipper.at))
+
+    def ends(self, fill: i64) -> bool:
+        """Pass over the end of a request or response, of at most ``fill`` zeros."""
+        at: i64 = self.skipper.at
+        left: i64 = self._end - at
+        if left == 0 or self._filled(at, fill) or (self._version == V2 and self._is_digest(at)):
+            return True
+        if self._numbered or self._version == V1 or self.skipper.number() < 0:
+            return False
+        at = self.skipper.at
+        return self._filled(at, _FILL) or self._is_digest(at)
+
+    def _filled(self, at: i64, fill: i64) -> bool:
+        left: i64 = self._end - at
+        return (left == fill or (left == _FILL - 1 and fill == _FILL)) and self._zeros(at)
+
+    def _zeros(self, at: i64) -> bool:
+        octets = self._octets
+        while at < self._end:
+            if octets[at]:
+                return False
+            at += 1
+        return True
+
+    def _is_digest(self, at: i64) -> bool:
+        return self._end - at == 1 + DIGEST_SIZE and self._octets[at] == DIGEST_SIZE
+
+    def _peek(self) -> i64:
+        at: i64 = self.skipper.at
+        return self._octets[at] if at < self._end else -1
+
+    def _octet(self) -> i64:
+        """Read an octet; beyond the end a number that nothing has octets for."""
+        at: i64 = self.skipper.at
+        self.skipper.at = at + 1
+        return self._octets[at] if at < self._end else self._end
+
+    def _skip(self, size: i64) -> bool:
+        self.skipper.at += size
+        return self.skipper.at <= self._end
+
+    def _id(self) -> bool:
+        self._numbered = True
+        return self.skipper.number() >= 0
+
+    def _count(self) -> i64:
+        """Read a count of things that take one octet or more each, -1 where it lies."""
+        count = self.skipper.number()
+        return count if count <= self._end - self.skipper.at else -1
+
+    def _qualifier(self, more: i64) -> bool:
+        """Pass over the usual qualifier and as many octets behind it."""
+        at: i64 = self.skipper.at
+        return self._octets.startswith(USUAL_QUALIFIER, at, self._end) and self._skip(len(USUAL_QUALIFIER) + more)
+
+    def _ids(self) -> bool:
+        """Pass over an object and the ids of its attributes. A compressed value of one is left to be read."""
+        if not self._skip(_ID):
+            return False
+        count = self._count()
+        return count >= 0 and self.skipper.ids(count)
+
+    def _addresses(self) -> i64:
+        """Pass over the addresses of items. Returns how many values they have, -1 where they must be read."""
+        if not self._skip(_ID):
+            return -1
+        skipper = self.skipper
+        link: i64 = u32(self._octets, skipper.at - _ID)
+        count = self._count()
+        fields = self._count()
+        if count < 0 or fields < 0:
+            return -1
+        if link:
+            return count if skipper.numbers(fields) else -1
+        index: i64 = 0
+        while index < count:
+            if not skipper.numbers(2):
+                return -1
+            ids = self._count()
+            if ids <= 0 or not skipper.numbers(ids):
+                return -1
+            fields -= 3 + ids
+            index += 1
+        return count if fields == 0 else -1
+
+    def _values(self, count: i64) -> bool:
+        """Pass over so many numbers and values."""
+        skipper = self.skipper
+        if count < 0:
+            return False
+        while count > 0:
+            if skipper.number() < 0 or not skipper.value(0):
+                return False
+            count -= 1
+        return True
+
+    def _items(self) -> bool:
+        """Pass over numbers and values up to the number 0."""
+        skipper = self.skipper
+        while True:
+            number = skipper.number()
+            if number <= 0:
+                return number == 0
+            if not skipper.value(0):
+                return False
+
+    def _refusals(self) -> bool:
+        """Pass over numbers and return values up to the number 0."""
+        skipper = self.skipper
+        while True:
+            number = skipper.number()
+            if number <= 0:
+                return number == 0
+            if not skipper.wide():
+                return False
+
+    def _explore(self) -> bool:
+        skipper = self.skipper
+        if not self._skip(_ID) or skipper.number() < 0 or not self._skip(3):
+            return False
+        while True:
+            filters = self._octet()
+            count = self._octet()
+            if skipper.at > self._end:
+                return False
+            last = filters == 0
+            while filters > 0:
+                if not self._skip(_FILTER) or not skipper.members(0, 0):
+                    return False
+                filters -= 1
+            if not skipper.numbers(count):
+                return False
+            if last:
+                return True
+
+    def _create(self) -> bool:
+        if not self._skip(_ID) or not self.skipper.value(0) or not self._skip(_ID):
+            return False
+        if self._version == V3 or (self._version == V2 and self._peek() != OBJECT_TAG):
+            if not self._id():
+                return False
+        return self.skipper.elements(self._marks)
+
+    def _created(self) -> bool:
+        if not self.skipper.numbers(self._octet()):
+            return False
+        return self._version != V1 or self.skipper.elements(self._marks)
+
+    def _begin_sequence(self) -> bool:
+        if not self._skip(1):
+            return False
+        if self._version == V1:
+            return True
+        if not self._skip(2):
+            return False
+        if u16(self._octets, self.skipper.at - 2) != 1:
+            return self._skip(_ID)
+        index: i64 = 0
+        while index < 2 and self._peek() != OBJECT_TAG:
+            self.skipper.at += 1
+            index += 1
+        return self.skipper.at <= self._end and self.skipper.elements(self._marks)
+
+    def _invoked(self) -> bool:
+        skipper = self.skipper
+        if not skipper.wide() or not skipper.wide():
+            return False
+        if self._peek() != 1 and not skipper.wide():
+            return False
+        return self._items() and self._skip(1)
+
+    def _notified(self) -> bool:
+        """Pass over the items of a notification."""
+        skipper = self.skipper
+        while True:
+            kind = self._octet()
+            if skipper.at > self._end:
+                return False
+            if kind == VALUE_ITEM:
+                if not self._skip(_ID) or not skipper.value(0):
+                    return False
+            elif kind == 0:
+                return True
+            elif kind == REFUSED_ITEM or kind == REFUSED_ITEM_3 or kind == UNKNOWN_ITEM:
+                if not self._skip(_ID):
+                    return False
+            elif kind == VALUE_ITEM_VLQ:
+                if skipper.number() < 0 or not skipper.value(0):
+                    return False
+            elif kind == OBJECTS_ITEM:
+                if not skipper.elements(self._marks):
+                    return False
+            elif kind != PLAIN_VALUE_ITEM or not skipper.value(0):
+                return False
+
+
+#: One for all PDUs: making one for each would take as long as passing over it.
+_BODY: Final = Body()

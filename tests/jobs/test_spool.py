@@ -1,0 +1,46 @@
+"""Rows of a task: in a file where both sides reach a folder, else in the result, bounded."""
+
+from __future__ import annotations
+
+import pickle
+import random
+from pathlib import Path
+
+import pytest
+
+from dissect.jobs import spool
+from dissect.jobs.spool import Spool, opened, whole_lines
+from dissect.jobs.tasks import FileError
+
+
+def rows(count: int) -> bytes:
+    return b"".join([b"row %d\n" % number for number in range(count)])
+
+
+def test_rows_come_as_they_went(tmp_path: Path) -> None:
+    for folder in ("", str(tmp_path)):
+        for count in (0, 1, 300_000):
+            spooled = Spool(folder, "rows")
+            spooled.write(rows(count))
+            spooled.write(b"")
+            with opened(pickle.loads(pickle.dumps(spooled.done()))) as file:
+                pieces = list(whole_lines(file))
+            assert b"".join(pieces) == rows(count)
+            assert all([piece.endswith(b"\n") and len(piece) < 2 * 1024 * 1024 for piece in pieces])
+    assert not any(tmp_path.iterdir()), "whoever takes the rows removes the file"
+
+
+def test_what_a_result_carries_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spool, "MOST_CARRIED", 1024 * 1024)
+    spooled = Spool("", "rows")
+    octets = random.Random(1).randbytes(1024 * 1024)
+    spooled.write(octets[:512])
+    with pytest.raises(FileError, match="more than 1 MiB compressed"):
+        spooled.write(octets * 2)
+
+
+def test_what_is_abandoned_is_gone(tmp_path: Path) -> None:
+    spooled = Spool(str(tmp_path), "rows")
+    spooled.write(rows(10))
+    spooled.abandon()
+    assert not any(tmp_path.iterdir())
