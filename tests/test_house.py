@@ -47,6 +47,7 @@ ORDER: Final = (
     "index",
     "variables",
     "jobs",
+    "cluster",
     "export",
     "page",
     "golden",

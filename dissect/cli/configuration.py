@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import click
 
+from dissect.cli.task import current
 from dissect.config.finding import find_files
 from dissect.wire.text import printable
 
@@ -57,9 +58,18 @@ def hosts() -> Mapping[str, str]:
     return found
 
 
+def settings_now() -> Mapping[str, Any]:
+    """Return what the settings of the command at hand make the defaults of its options, by parameter."""
+    return dict(click.get_current_context().default_map or {})
+
+
 def _apply(ctx: click.Context, _param: click.Parameter, value: str | None) -> None:
     """Read the files and make what they say the defaults of the command."""
     if value == _NONE or ctx.resilient_parsing:
+        return
+    of = current()
+    if of is not None and of.settings is not None:
+        ctx.default_map = dict(of.settings)
         return
     user = Path(click.get_app_dir("s7dissect"))
     files = find_files(Path.cwd(), user)

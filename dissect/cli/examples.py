@@ -48,6 +48,10 @@ EXAMPLES: Final = {
         "s7dissect index captures",
         "s7dissect index -Y 'slug == security.program_change' captures",
     ),
+    "cluster-check": (
+        "s7dissect cluster-check tcp://scheduler:8786",
+        "s7dissect cluster-check -T json tcp://scheduler:8786",
+    ),
     "tags": (
         "s7dissect tags check plc_tags.xlsx tank.awl",
         "s7dissect tags list plc_tags.xlsx",

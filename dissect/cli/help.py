@@ -37,6 +37,7 @@ _PAGES: Final = {
     "diff": "golden",
     "fields": "select",
     "index": "folders",
+    "cluster-check": "scale",
     "interfaces": "live",
     "schema": "json",
 }

@@ -53,6 +53,7 @@ COMMANDS: Final = {
     "diff": "Report what changed between two sessions.",
     "verify": "Compare our dissection with Wireshark's.",
     "index": "Index a folder of captures: which can answer a question.",
+    "cluster-check": "Check the workers of a Dask cluster before --cluster.",
     "monitor": "Watch live S7 traffic.",
     "extcap": "Capture in Wireshark with findings as comments.",
     "interfaces": "List interfaces and what can capture on them.",
@@ -111,7 +112,8 @@ class LazyGroup(click.Group):
 
     def load(self, name: str) -> click.Command:
         """Import a command."""
-        command: click.Command = importlib.import_module(f"dissect.cli.{name}").command
+        module = name.replace("-", "_")
+        command: click.Command = importlib.import_module(f"dissect.cli.{module}").command
         return command
 
     def list_commands(self, ctx: click.Context) -> list[str]:

@@ -1,4 +1,4 @@
-"""Files that stand for themselves (option --separate): one after another, or by several processes, with the same result.
+"""Files that stand for themselves (option --separate), by one process, several or other machines: the result is the same.
 
 Each file is a `dissect.cli.task`. What they find comes here in the order of the files, and is added up.
 """
@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 
 from dissect.cli import task
 from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, RARELY
+from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.run import Bar, Interruption
 from dissect.source.packet import CaptureError
 from dissect.source.remote import shown
@@ -34,6 +35,22 @@ if TYPE_CHECKING:
 _COUNTED: Final = ("connection", "number")
 
 T = TypeVar("T")
+
+
+class Readers(NamedTuple):
+    """An executor and how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
+
+    ``folder`` is where tasks leave what they write, "" where it is part of what they return. ``settings`` are those of the
+    command here, None where tasks find them by themselves; ``troubled`` says in the end whether some of those who should have
+    helped could not.
+    """
+
+    executor: Executor
+    at_once: int
+    folder: str
+    settings: task.Settings | None = None
+    look: Callable[[], None] = lambda: None
+    troubled: Callable[[], bool] = lambda: False
 
 
 class Here(Executor):
@@ -116,20 +133,31 @@ def separately(
     octets = 0
     joints = _Joints()
 
-    def again(file: str) -> None:
-        _say(file, f"{DIED}; it is read once more")
+    def again(file: str, where: str) -> None:
+        say(file, f"{DIED}; it is read once more", where)
 
     try:
         with (
             Interruption() as interruption,
             Bar(files, direct is not None) as bar,
-            _executor(jobs, direct, folder) as (executor, place),
+            _readers(jobs, files, direct, folder) as readers,
         ):
             Interrupted.asked = staticmethod(lambda: interruption.asked)
-            doer = Files(executor, jobs, task.work, (arguments, len(files) > 1, place), retried=again)
-            for done in doer.run(files, lambda: interruption.asked):
+
+            def stop() -> bool:
+                readers.look()
+                return interruption.asked
+
+            doer = Files(
+                readers.executor,
+                readers.at_once,
+                task.work,
+                (arguments, len(files) > 1, readers.settings, readers.folder),
+                retried=again,
+            )
+            for done in doer.run(files, stop):
                 if done.why and len(files) == 1:
-                    raise CaptureError(done.why)
+                    raise CaptureError(f"{done.why} ({done.where})" if done.where else done.why)
                 take(done)
                 why = done.why
                 if not why:
@@ -139,10 +167,12 @@ def separately(
                     joints.look(found.first_ns, found.last_ns)
                 if why:
                     code = EXIT_DAMAGED
-                    _say(done.file, why)
+                    say(done.file, why, done.where)
                 bar.show(octets)
             if interruption.asked:
                 code = EXIT_INTERRUPTED
+            elif readers.troubled():
+                code = EXIT_DAMAGED
     except (KeyboardInterrupt, click.Abort):
         code = EXIT_INTERRUPTED
     finally:
@@ -154,27 +184,35 @@ def separately(
 
 
 @contextmanager
-def _executor(jobs: int, direct: Any, folder: str | None) -> Iterator[tuple[Executor, str]]:
-    """Give who does the tasks, and the folder for what they write."""
+def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -> Iterator[Readers]:
+    """Give who does the tasks."""
+    address = cluster_meant()
+    if address:
+        from dissect.cli.cluster import readers_of
+
+        with readers_of(address, files, folder or "") as readers:
+            yield readers
+        return
     if jobs == 1:
         with task.directly(direct):
-            yield Here(), folder or ""
+            yield Readers(Here(), 1, folder or "")
         return
     from dissect.jobs.pool import Pool
 
     if folder is not None:
         with Pool(jobs, folder, RARELY) as pool:
-            yield pool, folder
+            yield Readers(pool, jobs, folder)
         return
     with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own, RARELY) as pool:
-        yield pool, own
+        yield Readers(pool, jobs, own)
 
 
-def _say(file: str, why: str) -> None:
-    """Say something of a file on stderr, once with its name."""
+def say(file: str, why: str, where: str = "") -> None:
+    """Say something of a file on stderr, once with its name, and the machine where it was found unless that is this one."""
     name = printable(shown(file))
     text = printable(why)
-    click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}", err=True)
+    at = f" ({printable(where)})" if where else ""
+    click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}{at}", err=True)
 
 
 # ---- analyze --------------------------------------------------------------------------------------------------------

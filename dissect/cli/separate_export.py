@@ -20,6 +20,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 import click
 
 from dissect import __version__
+from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.separate import about, read_file, separately
 from dissect.export.feed import Sink
 from dissect.export.forms import Request, TableExport, Target
@@ -139,7 +140,11 @@ def export_separately(
             export: Any = target.form.open(Request(place, target.folder, only, names, __version__))
             try:
                 code = separately(
-                    files, jobs, lambda done: _write(done, export.sink, counts), folder=folder, kept=False
+                    files,
+                    jobs,
+                    lambda done: _write(done, export.sink, counts),
+                    folder="" if cluster_meant() else folder,  # which no other machine can reach
+                    kept=False,
                 )
                 export.sink.close()
             except BaseException:

@@ -8,23 +8,30 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import click
 
+#: Options of a command that come from settings files (`dissect.cli.configuration`), by parameter.
+Settings = Mapping[str, Any]
+
 
 class Task:
     """A file to read, one of ``several`` or the only one.
 
-    ``folder`` is where it may leave rows, empty where there is none (`dissect.jobs.tasks`); ``place`` is that of the file among
-    all, from 0. ``direct`` takes its rows at once, where whoever writes them is this process.
+    ``settings`` take the place of those of this machine, None leaves them. ``folder`` is where it may leave rows, empty where
+    there is none (`dissect.jobs.tasks`); ``place`` is that of the file among all, from 0. ``direct`` takes its rows at once,
+    where whoever writes them is this process.
     """
 
-    def __init__(self, file: str, several: bool, folder: str, place: int, direct: Any) -> None:
+    def __init__(
+        self, file: str, several: bool, settings: Settings | None, folder: str, place: int, direct: Any
+    ) -> None:
         self.file = file
+        self.settings = settings
         self.folder = folder
         self.place = place
         self.direct = direct
@@ -55,14 +62,17 @@ def directly(sink: Any) -> Iterator[None]:
         _direct = None
 
 
-def work(arguments: list[str], several: bool, folder: str, place: int, file: str) -> Any:
-    """Run the command line ``arguments`` for one file; return what it found. Raises `FileError` when that cannot be done."""
+def work(arguments: list[str], several: bool, settings: Settings | None, folder: str, place: int, file: str) -> Any:
+    """Run the command line ``arguments`` for one file; return what it found. Raises `FileError` when that cannot be done.
+
+    ``settings`` are those of whoever gave the task; None for those that are found here.
+    """
     from dissect.cli.main import group
     from dissect.jobs.tasks import FileError
     from dissect.source.packet import CaptureError
 
     global _task  # noqa: PLW0603 - a process does one task at a time
-    _task = task = Task(file, several, folder, place, _direct)
+    _task = task = Task(file, several, settings, folder, place, _direct)
     try:
         with (
             Path(os.devnull).open("w", encoding="utf-8") as nowhere,

@@ -11,7 +11,7 @@ from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import separate_options
+from dissect.cli.options.jobs import check_cluster, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -93,6 +93,7 @@ def command(
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())
     choice = chosen.choice("transaction", _choice(failed, slow_ns))
+    check_cluster(separate, jobs)
     of = current()
     if of is not None:
         return _task(of, writer, TransactionFeed(writer, choice), chosen, options, bool(fail_on))

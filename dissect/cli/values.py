@@ -14,7 +14,7 @@ from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import separate_options
+from dissect.cli.options.jobs import check_cluster, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -119,6 +119,7 @@ def command(
     writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
     collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"))
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
+    check_cluster(separate, jobs)
     of = current()
     if of is not None:
         return _task(of, writer, collector, chosen, options, bool(fail_on))

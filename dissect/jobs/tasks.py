@@ -41,22 +41,31 @@ class About(NamedTuple):
 
 
 class Done(NamedTuple):
-    """The task of ``file`` is over: with ``result``, or ``why`` there is none. ``tries`` says how often it was begun."""
+    """The task of ``file`` is over: with ``result``, or ``why`` there is none, and ``where`` that was, "" for this machine.
+
+    ``tries`` says how often it was begun.
+    """
 
     file: str
     result: Any
     why: str = ""
     tries: int = 1
+    where: str = ""
 
 
 class FileError(Exception):
-    """What a task cannot do, in words for a person."""
+    """What a task cannot do, in words for a person, and ``where`` it cannot, "" for this machine."""
+
+    def __init__(self, why: str, where: str = "") -> None:
+        super().__init__(why)
+        self.where = where
 
 
 class Files:
     """Does ``work(*arguments, place, file)`` for each of ``files``, ``at_once`` at a time.
 
-    ``lost`` are exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun again.
+    ``lost`` are exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun
+    again, and where the process that died was.
     """
 
     def __init__(
@@ -66,7 +75,7 @@ class Files:
         work: Callable[..., Any],
         arguments: Sequence[Any],
         lost: tuple[type[BaseException], ...] = (BrokenExecutor,),
-        retried: Callable[[str], None] = lambda _: None,
+        retried: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
         self._executor = executor
         self._at_once = at_once
@@ -114,10 +123,11 @@ class Files:
         """Return what became of a task, None when it is to be done again."""
         try:
             return Done(file, future.result(), tries=tries)
-        except self._lost:
+        except self._lost as error:
+            where = str(getattr(error, "where", ""))
             if tries > 1:
-                return Done(file, None, f"{DIED}; so did the one that read it again", tries)
-            self._retried(file)
+                return Done(file, None, f"{DIED}; so did the one that read it again", tries, where)
+            self._retried(file, where)
             return None
         except FileError as error:
-            return Done(file, None, str(error), tries)
+            return Done(file, None, str(error), tries, error.where)

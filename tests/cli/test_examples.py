@@ -24,7 +24,9 @@ from tests.report.schemas import ROOT
 from tests.tags.support import example_files
 
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"
-ALL: Final = [(command, line) for command, lines in EXAMPLES.items() for line in lines]
+#: Its examples need a cluster: tests/cluster/test_cluster.py has one, and runs them.
+WITH_A_CLUSTER: Final = "cluster-check"
+ALL: Final = [(command, line) for command, lines in EXAMPLES.items() if command != WITH_A_CLUSTER for line in lines]
 #: Examples that may end with 1: what they are for is a finding, a difference or something new.
 ONE: Final = (
     "analyze --fail-on",

@@ -94,7 +94,7 @@ class Dying:
 def test_what_died_is_read_once_more_and_then_named() -> None:
     said: list[str] = []
     work = Dying({"2.pcap", "3.pcap"}, {"5.pcap"})
-    done = list(Files(Here(), 2, work, (), retried=said.append).run(FILES[:8], lambda: False))
+    done = list(Files(Here(), 2, work, (), retried=lambda file, _: said.append(file)).run(FILES[:8], lambda: False))
     assert sorted(said) == ["2.pcap", "3.pcap", "5.pcap"]
     assert [one for one in done if one.why] == [Done("5.pcap", None, f"{DIED}; so did the one that read it again", 2)]
     assert [one.result for one in done if not one.why] == [file.upper() for file in FILES[:8] if file != "5.pcap"]

@@ -90,6 +90,7 @@ CASES: Final = """
 3 index BROKENFOLDER
 0 interfaces
 2 interfaces -T xml
+2 cluster-check nowhere
 0 replay GOOD --dry-run
 2 replay GOOD
 0 scd compile PLANT -o OUT
@@ -126,6 +127,9 @@ ELSEWHERE: Final = {
     ("open", "5"): "tests/cli/test_open.py::test_a_full_disk_is_one_line_and_leaves_nothing",
     ("open", "130"): "tests/cli/test_open.py::test_an_interruption_ends_wireshark_and_leaves_nothing",
     ("index", "130"): "tests/cli/test_index.py::test_interrupted_it_keeps_what_was_read_and_goes_on_there",
+    ("cluster-check", "0"): "tests/cluster/test_cluster.py::test_a_sound_cluster",
+    ("cluster-check", "1"): "tests/cluster/test_cluster.py::test_a_worker_of_another_version",
+    ("cluster-check", "5"): "tests/cluster/test_cluster.py::test_a_full_disk_is_one_line",
     ("export", "5"): "tests/cli/test_export.py::test_a_full_disk_is_one_line_and_leaves_nothing",
     ("verify", "0"): "tests/cli/test_verify.py::test_all_is_explained",
     ("verify", "1"): "tests/cli/test_verify.py::test_what_is_not_explained_is_told",

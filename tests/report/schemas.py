@@ -41,6 +41,7 @@ NAMES: Final = (
     "tags-check",
     "tags-list",
     "index",
+    "cluster-check",
     "value",
     "variable",
 )

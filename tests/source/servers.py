@@ -37,7 +37,8 @@ def _program(name: str) -> str:
 
 
 @contextmanager
-def _running(command: list[str], port: int, log: Path, environment: dict[str, str] | None = None) -> Iterator[None]:
+def running(command: list[str], port: int, log: Path, environment: dict[str, str] | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
     """Run a server until the block is over; it is ended by its own id."""
     with log.open("wb") as said:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment)
@@ -50,7 +51,7 @@ def _running(command: list[str], port: int, log: Path, environment: dict[str, st
             assert process.poll() is None, log.read_text(errors="replace")
             assert time.monotonic() < deadline, log.read_text(errors="replace")
             time.sleep(0.05)
-        yield
+        yield process
     finally:
         process.terminate()
         try:
@@ -83,7 +84,7 @@ def sftp_server(folder: Path) -> Iterator[int]:
         "PasswordAuthentication no\nKbdInteractiveAuthentication no\nUsePAM no\nPermitRootLogin prohibit-password\n"
         f"Subsystem sftp internal-sftp\nAllowUsers {getpass.getuser()}\n"
     )
-    with _running([sshd, "-D", "-e", "-f", os.fspath(settings)], port, folder / "sshd.log"):
+    with running([sshd, "-D", "-e", "-f", os.fspath(settings)], port, folder / "sshd.log"):
         yield port
 
 
@@ -103,7 +104,7 @@ def web_server(folder: Path, root: Path) -> Iterator[int]:
         f"  server {{ listen {LOOPBACK}:{port}; root {root}; location /closed {{ return 403; }}\n"
         f"    location /plain/ {{ alias {root}/; max_ranges 0; }} }} }}\n"
     )
-    with _running([nginx, "-p", os.fspath(work), "-c", os.fspath(settings)], port, work / "log"):
+    with running([nginx, "-p", os.fspath(work), "-c", os.fspath(settings)], port, work / "log"):
         yield port
 
 
@@ -113,5 +114,5 @@ def object_store(folder: Path) -> Iterator[int]:
     pytest.importorskip("moto.server", reason="no moto: pip install 's7dissect[test]'")
     port = free_port()
     command = [sys.executable, "-m", "moto.server", "-H", LOOPBACK, "-p", str(port)]
-    with _running(command, port, folder / "moto.log"):
+    with running(command, port, folder / "moto.log"):
         yield port

@@ -1,4 +1,4 @@
-"""The option ``-j``: how many processes read at the same time."""
+"""The options ``-j`` and ``--cluster``: how many processes read at the same time, or which machines."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any, Final
 import click
 
 AUTO: Final = "auto"
+#: Under this the context of a command keeps the address of a cluster.
+_CLUSTER: Final = "dissect.cli.options.jobs.cluster"
 
 
 def processors() -> int:
@@ -41,8 +43,33 @@ def _option(**attributes: Any) -> Callable[[Any], Any]:
     )
 
 
+def cluster_address(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """Return the address of a scheduler, None when none was given."""
+    if value is None or ctx.resilient_parsing:
+        return value
+    from dissect.cluster.connect import checked_address
+
+    try:
+        ctx.meta[_CLUSTER] = checked_address(value)
+    except ValueError as error:
+        raise click.BadParameter(str(error), ctx, param) from None
+    return str(ctx.meta[_CLUSTER])
+
+
+def cluster_meant() -> str:
+    """Return the address that ``--cluster`` of the command at hand has, "" for none."""
+    return str(click.get_current_context().meta.get(_CLUSTER, ""))
+
+
 def separate_options(command: Any) -> Any:
-    """Add ``--separate`` and ``-j N``; the command's arguments are ``separate`` and ``jobs``."""
+    """Add ``--separate``, ``-j N`` and ``--cluster``; the command's arguments are ``separate`` and ``jobs``."""
+    command = click.option(
+        "--cluster",
+        callback=cluster_address,
+        expose_value=False,
+        metavar="ADDRESS",
+        help="With --separate: have the workers of a Dask cluster read the files; tcp://HOST:8786 is its scheduler.",
+    )(command)
     command = _option(
         help="With --separate: read N files at the same time, or auto for one on each processor. The results are the same."
     )(command)
@@ -53,12 +80,23 @@ def separate_options(command: Any) -> Any:
     )(command)
 
 
+def check_cluster(separate: bool, jobs: int) -> None:
+    """Raise UsageError for a cluster where files may go on one in another, or where this machine shall read them."""
+    if cluster_meant() and jobs > 1:
+        raise click.UsageError("-j is for this machine, and --cluster for others; choose one.")
+    if cluster_meant() and not separate:
+        raise click.UsageError(
+            "--cluster has each file read by one of its workers, and needs --separate: each is a capture of its own."
+        )
+
+
 def check_jobs(separate: bool, jobs: int) -> None:
-    """Raise UsageError for several processes where files may go on one in another.
+    """Raise UsageError for several processes or machines where files may go on one in another.
 
     `transactions` and `values` do without it: they share the connections of one run among processes then, which gives the same
     result and does not pay yet, so nothing says so (decision 15).
     """
+    check_cluster(separate, jobs)
     if jobs > 1 and not separate:
         raise click.UsageError(
             "-j reads several files at the same time, and needs --separate: each is a capture of its own."

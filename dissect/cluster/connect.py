@@ -1,0 +1,90 @@
+"""A connection to the scheduler of a Dask cluster, or one line that says why there is none."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import re
+import socket
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from dissect.wire.text import reason, shortened
+
+#: Seconds until a scheduler or worker that does not answer is given up.
+ANSWER_S: Final = 8
+_ADDRESS: Final = re.compile(r"(tcp|tls)://(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+):(\d{1,5})/?")
+_LARGEST_PORT: Final = 65535
+_REASON: Final = 200
+
+
+class ClusterError(Exception):
+    """A cluster that cannot be used, in words for a person."""
+
+
+def checked_address(text: str) -> str:
+    """Return the address of a scheduler. ValueError, saying how one is written, for what is none."""
+    match = _ADDRESS.fullmatch(text)
+    if match is None or not 0 < int(match[3]) <= _LARGEST_PORT:
+        raise ValueError(f"expected tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, got {text!r}.")
+    return text.rstrip("/")
+
+
+def brief(error: BaseException) -> str:
+    """Return what an error of a library says in one line, which may be part of a longer text."""
+    return shortened(reason(error).partition("\\n")[0], _REASON)
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Any]:
+    """Give a `distributed.Client` of the scheduler at ``address``. Raises `ClusterError`.
+
+    Meanwhile no library writes log lines to stderr; what matters of them is said by whoever has the client.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise ClusterError("a cluster needs Dask: pip install 's7dissect[cluster]'")
+    _knock(address)
+    disabled = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        client = _client(address)
+        try:
+            yield client
+        finally:
+            client.close(timeout=ANSWER_S / 2)
+    finally:
+        logging.disable(disabled)
+
+
+def _client(address: str) -> Any:
+    from distributed import Client
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # versions of Dask that differ; `cluster-check` says them
+            return Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - each transport has errors of its own
+        raise _not_a_scheduler(address, error) from None
+
+
+def _knock(address: str) -> None:
+    """Find out at once what Dask would try for seconds: a name that is not known, a port where nobody listens."""
+    parts = urlsplit(address)
+    try:
+        socket.create_connection((parts.hostname or "", parts.port or 0), ANSWER_S).close()
+    except OSError as error:
+        said = f"no answer within {ANSWER_S} seconds" if isinstance(error, TimeoutError) else brief(error)
+        raise ClusterError(f"{address}: no scheduler can be reached there: {said}") from None
+
+
+def _not_a_scheduler(address: str, error: BaseException) -> ClusterError:
+    cause = error.__cause__ or error
+    if address.startswith("tls:") and "TLS" in str(error):
+        why = f"{brief(error)}; certificates are those of Dask's own settings (distributed.comm.tls)"
+    else:
+        said = f" ({brief(cause)})" if isinstance(cause, OSError) else ""
+        why = f"it does not answer as a Dask scheduler{said}"
+    return ClusterError(f"{address}: {why}")

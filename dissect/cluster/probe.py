@@ -1,0 +1,46 @@
+"""What a machine has to read captures with. The text of this module is sent to workers, and runs there as it stands.
+
+So it may use the standard library only, and must not count on this package being there.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def facts(extras: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    """Return what is here, and which of the ``extras`` are whole: of each, the distributions that it consists of.
+
+    ``version`` is that of this package, "" where it cannot be used; ``problem`` says why.
+    """
+    found: dict[str, Any] = {
+        "host": platform.node(),
+        "process": os.getpid(),
+        "python": platform.python_version(),
+        "version": "",
+        "compiled": False,
+        "problem": "",
+        "extras": [name for name, needed in extras.items() if all(map(_has, needed))],
+    }
+    try:
+        found["version"] = str(importlib.import_module("dissect").__version__)
+        build = importlib.util.find_spec("dissect.wire.build")
+    except Exception as error:  # noqa: BLE001 - whatever an import may raise is why the package cannot be used
+        found["problem"] = str(error) or type(error).__name__
+    else:
+        found["compiled"] = build is not None and not str(build.origin).endswith(".py")
+    return found
+
+
+def _has(distribution: str) -> bool:
+    try:
+        importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True

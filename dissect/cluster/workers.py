@@ -1,0 +1,130 @@
+"""The workers of a cluster: who they are, what they have, and what of it stands in the way."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any, Final, NamedTuple
+
+from dissect.cluster import probe
+from dissect.cluster.connect import ANSWER_S, brief
+
+#: The distributions that the extras of this package install, where reading captures or writing results takes them.
+EXTRAS: Final[Mapping[str, Sequence[str]]] = {
+    "data": ("duckdb", "pyarrow"),
+    "eds": ("canopen", "defusedxml"),
+    "remote": ("aiohttp", "fsspec", "s3fs", "sshfs"),
+    "s7plus": ("s7commplus", "defusedxml"),
+    "scd": ("anycrc", "numpy"),
+    "tags": ("python-calamine", "defusedxml"),
+    "tls": ("cryptography",),
+    "zstd": ("zstandard",),
+}
+#: Those without which captures read differently, and nothing says so: a worker has to have them where we have them.
+_SILENT: Final = ("tls",)
+
+#: Evaluated on a worker, whatever Python runs there: the text of a module, then what its function returns.
+_EXPRESSION: Final = "(exec(source, globals()), facts(extras))[1]"
+
+
+class Machine(NamedTuple):
+    """What `dissect.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), Python and extras."""
+
+    host: str
+    process: int
+    python: str
+    version: str
+    compiled: bool
+    problem: str
+    extras: list[str]
+
+
+class Worker(NamedTuple):
+    """A worker: what the scheduler knows of it, and what it says of itself, None with ``silence`` where it says nothing.
+
+    ``memory`` is its limit in bytes, 0 for none. ``running`` tasks are those that it is doing.
+    """
+
+    address: str
+    name: str
+    threads: int
+    memory: int
+    dask: str
+    machine: Machine | None
+    silence: str
+
+    @property
+    def label(self) -> str:
+        """What a person knows the worker by."""
+        host = f" on {self.machine.host}" if self.machine is not None and self.machine.host else ""
+        return f"worker {self.address}{host}" if self.name in {"", self.address} else f"worker {self.name}{host}"
+
+
+@cache
+def here() -> Machine:
+    """Return what this machine has."""
+    return Machine(**probe.facts(EXTRAS))
+
+
+def workers_of(client: Any, addresses: Sequence[str] | None = None) -> list[Worker]:
+    """Return the workers of a cluster, or those at ``addresses``, by name; each was asked, and had a few seconds to answer."""
+    known: Mapping[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
+    asked = [address for address in known if addresses is None or address in addresses]
+    answers: dict[str, Any] = {}
+    threads = [threading.Thread(target=_ask, args=(client, address, answers), daemon=True) for address in asked]
+    for thread in threads:
+        thread.start()
+    deadline = time.monotonic() + ANSWER_S
+    for thread in threads:
+        thread.join(max(0.0, deadline - time.monotonic()))
+    found = [_worker(address, known[address], answers.get(address)) for address in asked]
+    return sorted(found, key=lambda worker: (worker.name, worker.address))
+
+
+def _ask(client: Any, address: str, answers: dict[str, Any]) -> None:
+    names = {"source": inspect.getsource(probe), "extras": {name: list(needed) for name, needed in EXTRAS.items()}}
+    try:
+        answers[address] = client.run(eval, _EXPRESSION, names, workers=[address])[address]
+    except Exception as error:  # noqa: BLE001 - it is said of this worker
+        answers[address] = error
+
+
+def _worker(address: str, info: Mapping[str, Any], answer: object) -> Worker:
+    machine, silence = None, f"does not answer within {ANSWER_S} seconds"
+    if isinstance(answer, dict):
+        machine, silence = Machine(**answer), ""
+    elif isinstance(answer, BaseException):
+        silence = f"cannot be asked: {brief(answer)}"
+    versions = info.get("versions") or {}
+    return Worker(
+        address,
+        str(info.get("name", "")),
+        max(1, int(info.get("nthreads") or 1)),
+        int(info.get("memory_limit") or 0),
+        str(versions.get("distributed", "")),
+        machine,
+        silence,
+    )
+
+
+def obstacle(worker: Worker, ours: Machine) -> str:
+    """Return why a worker cannot do the work of ``ours``, "" when it can: its results would differ, or there would be none."""
+    theirs = worker.machine
+    if theirs is None:
+        return worker.silence
+    if not theirs.version:
+        return f"does not have s7dissect: {theirs.problem}; pip install s7dissect=={ours.version}"
+    if theirs.version != ours.version:
+        return f"has s7dissect {theirs.version}, here is {ours.version}; pip install s7dissect=={ours.version}"
+    missing = [name for name in _SILENT if name in ours.extras and name not in theirs.extras]
+    if missing:
+        return f"has no extra {missing[0]}, which is installed here; pip install 's7dissect[{missing[0]}]'"
+    return ""
+
+
+def lacks(worker: Worker, ours: Machine) -> list[str]:
+    """Return the extras that are here and not on a worker; what needs one of them says so there."""
+    return [name for name in ours.extras if worker.machine is not None and name not in worker.machine.extras]

@@ -1,0 +1,418 @@
+"""--cluster and cluster-check with a real scheduler, real workers, and captures on real servers; all of it on loopback."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from dissect.cli.examples import EXAMPLES
+from dissect.source.files import open_capture
+from tests.cli.support import Ran, run
+from tests.cluster.support import Cluster, cluster
+from tests.report.schemas import ROOT, load, strict
+from tests.source.craft import Pcap, Recorder, step_to_the_end
+from tests.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
+
+pytest.importorskip("distributed", reason="no distributed: pip install 's7dissect[test]'")
+
+Capture = pytest.CaptureFixture[bytes]
+
+CAPTURES: Final = ROOT / "captures"
+SZL: Final = CAPTURES / "szl.pcapng"
+READ: Final = CAPTURES / "read-areas.pcapng"
+POLL: Final = CAPTURES / "nodes7-poll-missing.pcapng"
+CLOCK: Final = CAPTURES / "clock.pcapng"
+SMALL: Final = CAPTURES / "refused-port.pcapng"
+CUT: Final = CAPTURES / "crafted" / "cut-pcapng.pcapng"
+DIED: Final = "the process that read it ended: it was killed, or there was no memory left"
+#: Seconds that a test waits for what has to happen.
+_PATIENCE_S: Final = 60
+
+
+class Site(NamedTuple):
+    """A cluster of two workers, a and b, and captures on three servers; only b has a key of the SSH server."""
+
+    cluster: Cluster
+    sftp: str
+    http: str
+    store: str
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    s3fs = pytest.importorskip("s3fs", reason="no s3fs: pip install 's7dissect[test]'")
+    folder = tmp_path_factory.mktemp("site")
+    day = folder / "day"
+    day.mkdir()
+    for path in (SZL, POLL, CLOCK):
+        shutil.copy(path, day)
+    for name in ("keys", "a", "b"):
+        (folder / name).mkdir()
+    with (
+        sftp_server(folder / "keys") as ssh,
+        web_server(folder, day) as web,
+        object_store(folder) as store,
+        cluster(folder) as made,
+    ):
+        environment = {
+            "AWS_ENDPOINT_URL": f"http://{LOOPBACK}:{store}",
+            "AWS_ACCESS_KEY_ID": "made",
+            "AWS_SECRET_ACCESS_KEY": "up",
+            "AWS_DEFAULT_REGION": "us-east-1",
+            "SSH_AUTH_SOCK": "",
+        }
+        (folder / "a" / ".ssh").mkdir()
+        shutil.copy(folder / "keys" / "home" / ".ssh" / "known_hosts", folder / "a" / ".ssh")
+        made.begin("a", HOME=os.fspath(folder / "a"), **environment)
+        made.begin("b", HOME=os.fspath(folder / "keys" / "home"), **environment)
+        objects = s3fs.S3FileSystem(key="made", secret="up", endpoint_url=environment["AWS_ENDPOINT_URL"])
+        objects.mkdir("ring")
+        objects.put(os.fspath(SZL), "ring/szl.pcapng")
+        objects.clear_instance_cache()
+        made.wait("a", "b")
+        yield Site(made, f"sftp://{LOOPBACK}:{ssh}{day}", f"http://{LOOPBACK}:{web}", "s3://ring")
+
+
+def lines_without_place(told: str) -> list[str]:
+    """Return the lines of stderr, without the workers that are named in them."""
+    return [re.sub(r" \(worker \w+ on \S+\)$", "", line) for line in told.splitlines()]
+
+
+def both(capfdbinary: Capture, site: Site, *arguments: str | Path) -> Ran:
+    """Run a command here and on the cluster, compare, and return what the cluster did."""
+    here = run(capfdbinary, *arguments)
+    there = run(capfdbinary, *arguments, "--cluster", site.cluster.address)
+    assert there.out == here.out
+    assert (there.code, sorted(lines_without_place(there.err))) == (here.code, sorted(here.err.splitlines()))
+    return there
+
+
+# ---- who is there ---------------------------------------------------------------------------------------------------
+
+
+def test_a_sound_cluster(capfdbinary: Capture, site: Site) -> None:
+    """As in the examples of the help, and as JSON."""
+    for line in EXAMPLES["cluster-check"]:
+        words = line.replace("tcp://scheduler:8786", site.cluster.address).split()
+        ran = run(capfdbinary, *words[1:])
+        assert (ran.code, ran.err) == (0, "")
+        if "json" not in words:
+            assert ran.out.splitlines()[-1] == "2 of 2 workers can be used, 2 files at the same time"
+            assert re.search(r"^worker a on \S+, tcp://127\.0\.0\.1:\d+$", ran.out, re.MULTILINE)
+            continue
+        told = json.loads(ran.out)
+        Draft202012Validator(strict(load("cluster-check"))).validate(told)
+        assert [(worker["name"], worker["usable"], worker["lacks"]) for worker in told["workers"]] == [
+            ("a", True, []),
+            ("b", True, []),
+        ]
+        assert told["workers"][0]["machine"] == told["here"]
+
+
+def test_a_worker_of_another_version(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """It gets no file, it is named, and the others do all there is to do."""
+    older = tmp_path / "dissect"
+    older.mkdir()
+    (older / "__init__.py").write_text('__version__ = "0.0.7"\n', encoding="ascii")
+    site.cluster.begin("old", PYTHONPATH=os.fspath(tmp_path))
+    site.cluster.wait("old")
+    try:
+        checked = run(capfdbinary, "cluster-check", site.cluster.address)
+        ran = run(capfdbinary, "analyze", "--separate", "--brief", SZL, "--cluster", site.cluster.address)
+    finally:
+        site.cluster.end("old")
+    assert checked.code == 1
+    assert "  cannot be used: has s7dissect 0.0.7, here is " in checked.out
+    assert checked.out.splitlines()[-1] == "2 of 3 workers can be used, 2 files at the same time"
+    assert ran.code == 3
+    assert re.fullmatch(r"s7dissect: worker old on \S+: has s7dissect 0\.0\.7, here is \S+; pip install \S+\n", ran.err)
+    assert ran.out.startswith(f"{SZL}: 42 packets")
+
+
+def test_nobody_can_be_used(capfdbinary: Capture, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    from dissect.cluster import workers
+
+    monkeypatch.setattr("dissect.cluster.workers.here", lambda: workers.Machine("h", 1, "3.11", "9.9", True, "", []))
+    monkeypatch.setattr("dissect.cli.cluster.here", lambda: workers.Machine("h", 1, "3.11", "9.9", True, "", []))
+    ran = run(capfdbinary, "analyze", "--separate", SZL, "--cluster", site.cluster.address)
+    assert (ran.code, ran.out) == (2, "")
+    said = ran.err.splitlines()
+    assert [line.partition(" on ")[0] for line in said[:2]] == ["s7dissect: worker a", "s7dissect: worker b"]
+    assert said[-1] == f"Error: {site.cluster.address}: no worker of the cluster can be used"
+    assert run(capfdbinary, "cluster-check", site.cluster.address).code == 1
+
+
+def test_no_scheduler(capfdbinary: Capture, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody listens, no such name, an open port that is a web server, and a cluster that wants no certificates."""
+    closed = f"tcp://{LOOPBACK}:{free_port()}"
+    for address, why in (
+        (closed, "no scheduler can be reached there: Connection refused"),
+        ("tcp://no.such.host.invalid:8786", "no scheduler can be reached there: "),
+        (site.http.replace("http", "tcp"), "it does not answer as a Dask scheduler"),
+        (site.cluster.address.replace("tcp", "tls"), "certificates are those of Dask's own settings"),
+    ):
+        begun = time.monotonic()
+        for arguments in (("cluster-check", address), ("analyze", "--separate", str(SZL), "--cluster", address)):
+            ran = run(capfdbinary, *arguments)
+            assert (ran.code, ran.out) == (2, "")
+            assert ran.err.startswith(f"Error: {address}: ")
+            assert why in ran.err
+            assert ran.err.count("\n") == 1
+            if address != closed:
+                break
+        assert time.monotonic() - begun < _PATIENCE_S
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    ran = run(capfdbinary, "cluster-check", closed)
+    assert (ran.code, ran.err) == (2, "Error: a cluster needs Dask: pip install 's7dissect[cluster]'\n")
+
+
+def test_a_full_disk_is_one_line(site: Site) -> None:
+    with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
+        command = [sys.executable, "-m", "dissect", "cluster-check", site.cluster.address]
+        ran = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (5, "s7dissect: cannot write the results: No space left on device\n")
+
+
+# ---- results --------------------------------------------------------------------------------------------------------
+
+
+def test_workers_find_what_one_process_finds(
+    capfdbinary: Capture, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a file that is no capture, one that is cut, one that is not there, tags, and settings of this folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s7dissect.toml").write_text("slow = 0\n", encoding="ascii")
+    (tmp_path / "text.pcap").write_text("this is no capture, but long enough to be looked at")
+    shutil.copy(SZL, "relative.pcapng")
+    tls = CAPTURES / "s7plus" / "s7commplus-tls.pcapng"
+    files: list[str | Path] = ["relative.pcapng", SZL, tls, POLL, CUT, "text.pcap", "gone.pcap"]
+    tags = CAPTURES / "tags" / "valve.csv"
+    ran = both(capfdbinary, site, "analyze", "--separate", "-T", "json", "--tags", tags, "-Y", "not tag == x", *files)
+    assert ran.code == 3
+    assert sum(["gone.pcap: no such file (worker " in line for line in ran.err.splitlines()]) == 1
+    assert sum([f"{CUT}: cut off" in line for line in ran.err.splitlines()]) == 1
+
+
+def test_two_hundred_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """One cut, one that cannot be read: both named, the others as they are, each of them read once."""
+    for number in range(200):
+        (tmp_path / f"{number:03}.pcapng").symlink_to(SMALL)
+    for name, content in (("100.pcapng", CUT.read_bytes()), ("150.pcapng", b"no capture, nor anything like it")):
+        (tmp_path / name).unlink()
+        (tmp_path / name).write_bytes(content)
+    arguments = ["analyze", "--separate", "-T", "json", str(tmp_path / "*.pcapng")]
+    ran = run(capfdbinary, *arguments, "--cluster", site.cluster.address)
+    assert ran.code == 3
+    found = json.loads(ran.out)
+    assert [file["name"] for file in found["files"]] == [str(tmp_path / f"{number:03}.pcapng") for number in range(200)]
+    small, cut = (json.loads(run(capfdbinary, "analyze", "-T", "json", path).out) for path in (SMALL, CUT))
+    packets = 198 * small["packets"]["read"] + cut["packets"]["read"]
+    assert found["packets"]["read"] == packets > 198
+    assert len(found["connections"]) == 198 * len(small["connections"]) + len(cut["connections"])
+    said = ran.err.splitlines()
+    assert [line.partition(": ")[2].partition(": ")[0][-10:] for line in said[:2]] == ["100.pcapng", "150.pcapng"]
+
+
+def test_a_ring_of_forty_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """Its connections go on from file to file: the run that joins them finds what the whole has, --separate says so."""
+    recorder = Recorder()
+    reader = open_capture(READ)
+    step_to_the_end(reader, recorder)
+    reader.close()
+    count = -(-len(recorder.frames) // 40)
+    names = []
+    for number in range(40):
+        piece = Pcap(nanoseconds=True)
+        for frame in recorder.frames[number * count : (number + 1) * count]:
+            piece.packet(frame.time_ns, frame.octets)
+        names.append(tmp_path / f"ring-{number:02}.pcap")
+        names[-1].write_bytes(piece.octets)
+    whole, joined = (json.loads(run(capfdbinary, "analyze", "-T", "json", *files).out) for files in ([READ], names))
+    for key in ("transactions", "functions"):
+        assert joined[key] == whole[key]
+    ends = [
+        [(one["client"], one["first_time"], one["last_time"]) for one in made["connections"]]
+        for made in (whole, joined)
+    ]
+    assert ends[0] == ends[1]
+    ran = run(capfdbinary, "analyze", "--separate", "-T", "json", *names, "--cluster", site.cluster.address)
+    assert re.match(
+        r"s7dissect: \d+ files go on where the file before ends; .* Without --separate they are followed\.", ran.err
+    )
+    found = json.loads(ran.out)
+    assert found["packets"]["read"] == whole["packets"]["read"]
+    assert len(found["connections"]) > len(whole["connections"])
+
+
+def test_captures_on_servers(capfdbinary: Capture, site: Site) -> None:
+    """Of a web server and an object store."""
+    files = [
+        f"{site.http}/szl.pcapng",
+        f"{site.store}/szl.pcapng",
+        f"{site.http}/gone.pcapng",
+        f"{site.http}/closed/x.pcapng",
+    ]
+    ran = run(capfdbinary, "analyze", "--separate", "-T", "json", *files, "--cluster", site.cluster.address)
+    assert ran.code == 3
+    found = json.loads(ran.out)
+    assert [file["packets"] for file in found["files"]] == [42, 42, 0, 0]
+    said = ran.err.splitlines()
+    assert said[0].startswith(f"s7dissect: {files[2]}: no such file (worker ")
+    assert said[1].startswith(f"s7dissect: {files[3]}: access refused (403")
+    assert len(said) == 2
+
+
+def test_a_worker_that_may_not_read_what_another_may(capfdbinary: Capture, site: Site) -> None:
+    """Worker a has no key: it is named with the file, worker b reads it; after three files a is given no more."""
+    files = [
+        f"{site.sftp}/{name}" for name in ("szl.pcapng", "clock.pcapng", "szl.pcapng", "clock.pcapng", "szl.pcapng")
+    ]
+    ran = run(capfdbinary, "analyze", "--separate", "-T", "json", *files, "--cluster", site.cluster.address)
+    assert ran.code == 3
+    assert [file["packets"] for file in json.loads(ran.out)["files"]] == [42, 20, 42, 20, 42]
+    refused = [line for line in ran.err.splitlines() if "access refused" in line]
+    assert 0 < len(refused) <= 3
+    for line in refused:
+        assert line.startswith(f"s7dissect: {site.sftp}/")
+        assert re.search(r"\w\.pcapng: access refused \(.*\).*; another worker read it \(worker a on \S+\)$", line)
+    assert ("worker a on" in ran.err and "gets no more files" in ran.err) == (len(refused) == 3)
+
+
+def test_rows_and_tables(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """Rows come back and are written here; Parquet files are written by the workers."""
+    files = [SZL, POLL, CUT, CLOCK, tmp_path / "gone.pcap"]
+    rows = both(capfdbinary, site, "transactions", "--separate", "-T", "jsonl", *files)
+    assert rows.code == 3
+    assert (
+        sum([line.endswith(")") and "gone.pcap: no such file (worker " in line for line in rows.err.splitlines()]) == 1
+    )
+    assert both(capfdbinary, site, "values", "--separate", "-T", "csv", POLL, READ).out.count("\n") > 2
+    for name in ("tables.csv", "tables.parquet"):
+        made = []
+        for place, more in (("here", ()), ("there", ("--cluster", site.cluster.address))):
+            (tmp_path / place).mkdir(exist_ok=True)
+            out = tmp_path / place / name
+            ran = run(capfdbinary, "export", "--separate", *files, "-o", out, *more)
+            assert ran.code == 3
+            made.append({path.relative_to(out): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()})
+        assert made[0] == made[1]
+        assert len(made[0]) > 3
+
+
+def test_a_cluster_takes_captures_of_their_own(capfdbinary: Capture, site: Site) -> None:
+    for command in ("analyze", "transactions", "values"):
+        ran = run(capfdbinary, command, SZL, "--cluster", site.cluster.address)
+        assert (ran.code, ran.out) == (2, "")
+        assert "--cluster has each file read by one of its workers, and needs --separate" in ran.err
+
+
+# ---- who dies -------------------------------------------------------------------------------------------------------
+
+
+class Pipes:
+    """Captures that are read when it suits the test: named pipes, which keep their readers waiting."""
+
+    def __init__(self, *paths: Path) -> None:
+        self.paths = paths
+        for path in paths:
+            os.mkfifo(path)
+        self._writers: dict[Path, int] = {}
+
+    def await_readers(self) -> None:
+        """Wait until somebody reads each of them."""
+        for path in self.paths:
+            if path not in self._writers:
+                self._writers[path] = _opened(path)
+
+    def without_reader(self) -> Path:
+        """Wait until a reader is gone; return the pipe that it read, and forget it."""
+        poll = select.poll()
+        names = {number: path for path, number in self._writers.items()}
+        for number in names:
+            poll.register(number, 0)
+        found = poll.poll(_PATIENCE_S * 1000)
+        assert found, "nobody went away"
+        path = names[found[0][0]]
+        os.close(self._writers.pop(path))
+        return path
+
+    def feed(self, path: Path, capture: Path) -> None:
+        """Give a reader what it waits for."""
+        number = self._writers.pop(path, None)
+        number = _opened(path) if number is None else number
+        os.set_blocking(number, True)
+        with os.fdopen(number, "wb") as file:
+            file.write(capture.read_bytes())
+
+    def close(self) -> None:
+        """Let all readers go."""
+        for number in self._writers.values():
+            os.close(number)
+        self._writers.clear()
+
+
+def _opened(path: Path) -> int:
+    """Open a pipe for writing when somebody reads it."""
+    deadline = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            return os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError:
+            assert time.monotonic() < deadline, "nobody reads"
+            time.sleep(0.02)
+
+
+def begun(site: Site, *arguments: str | Path) -> subprocess.Popen[str]:
+    """Start a command on the cluster."""
+    command = [sys.executable, "-m", "dissect", *map(str, arguments), "--cluster", site.cluster.address]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_a_worker_that_is_killed(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """What it was reading is read once more by another, which is said; the result is that of one process."""
+    pipes = Pipes(tmp_path / "x.pcapng", tmp_path / "y.pcapng")
+    with begun(site, "analyze", "--separate", "-T", "json", *pipes.paths, CLOCK) as command:
+        pipes.await_readers()
+        site.cluster.end("a", kill=True)
+        lost = pipes.without_reader()
+        (other,) = set(pipes.paths) - {lost}
+        pipes.feed(other, POLL)
+        pipes.feed(lost, SZL)
+        out, err = command.communicate()
+    site.cluster.begin("a", HOME=os.fspath(site.cluster.folder / "a"))
+    said = err.splitlines()
+    assert re.fullmatch(rf"s7dissect: {lost}: {DIED}; it is read once more \(worker a on \S+\)", said[0])
+    assert len(said) == 2  # the other one: a file goes on where the one before ends
+    assert command.returncode == 0
+    for path in pipes.paths:
+        path.unlink()
+    lost.symlink_to(SZL)
+    other.symlink_to(POLL)
+    assert run(capfdbinary, "analyze", "--separate", "-T", "json", *pipes.paths, CLOCK).out == out
+    site.cluster.wait("a")
+
+
+def test_a_scheduler_that_is_gone(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """Each file that was not read is named; what was read is in the result. The last test of this cluster."""
+    pipes = Pipes(tmp_path / "x.pcapng", tmp_path / "y.pcapng")
+    with begun(site, "analyze", "--separate", "--brief", CLOCK, *pipes.paths, SZL) as command:
+        pipes.await_readers()
+        site.cluster.scheduler.kill()
+        out, err = command.communicate()
+    pipes.close()
+    assert command.returncode == 3
+    lost = f"the connection to the scheduler {site.cluster.address} was lost"
+    assert err.splitlines() == [f"s7dissect: {file}: {lost}" for file in (*pipes.paths, SZL)]
+    assert out.startswith(f"{CLOCK}: 20 packets")
