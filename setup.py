@@ -7,7 +7,7 @@ Everything declarative stands in pyproject.toml. Two variables of the environmen
     interpreted. ``1``: the same, but a build that cannot compile fails (CI and releases). ``0``: do not compile.
 
 ``S7DISSECT_RELEASE``
-    Not set: compile fast, as a checkout wants it (one C file per module, side by side, optimized a little). ``1``: compile
+    Not set: compile fast, as a checkout wants it (a few C files, side by side, optimized a little). ``1``: compile
     for speed, as a published wheel wants it (one C file for the whole engine, optimized fully), which takes minutes.
 
 pip shows what a build prints only with ``-v``; ``s7dissect --version`` says which build is installed.
@@ -19,8 +19,8 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
@@ -115,25 +115,45 @@ COLD: Final = (
     "dissect/wire/saving.py",
 )
 
-#: Of what is compiled, what a packet or a transaction of any protocol passes through: where the time is. A fast build optimizes
-#: these and compiles the rest as it stands, which halves the C compiler's work on it
+#: Of what is compiled, where most instructions of S7comm are spent, in a seventh of the C lines. A fast build optimizes these,
+#: the next ones less, and the rest not at all: most of the C compiler's work is optimizing
 #: (docs/decisions/0002-one-source-compiled-by-mypyc.md).
+BUSIEST: Final = (
+    "dissect/wire/codes.py",
+    "dissect/wire/layout.py",
+    "dissect/wire/octets.py",
+    "dissect/wire/text.py",
+    "dissect/source/pcap.py",
+    "dissect/engine/iso.py",
+    "dissect/engine/pipeline.py",
+    "dissect/engine/s7.py",
+    "dissect/s7/singles.py",
+    "dissect/s7/values.py",
+    "dissect/transactions/pairing.py",
+    "dissect/transactions/results.py",
+    "dissect/transactions/table.py",
+    "dissect/report/writers/jsonl.py",
+)
+
+#: What else a packet or a transaction of any protocol passes through.
 BUSY: Final = (
-    "dissect/wire/*.py",
-    "dissect/source/*.py",
-    "dissect/tcp/*.py",
-    "dissect/iso/*.py",
-    "dissect/ibh/framer.py",
+    "dissect/wire/malformed.py",
+    "dissect/wire/part.py",
+    "dissect/wire/varint.py",
+    "dissect/source/packet.py",
+    "dissect/source/pcapng.py",
+    "dissect/source/ring_blocks.py",
+    "dissect/tcp/stream.py",
+    "dissect/iso/cotp.py",
+    "dissect/iso/tpkt.py",
+    "dissect/iso/tsap.py",
+    "dissect/iso/upper.py",
     "dissect/s7/items.py",
     "dissect/s7/message.py",
     "dissect/s7/parameters.py",
-    "dissect/s7/singles.py",
-    "dissect/s7/values.py",
     "dissect/s7plus/assembly.py",
-    "dissect/s7plus/bodies.py",
     "dissect/s7plus/contents.py",
     "dissect/s7plus/ending.py",
-    "dissect/s7plus/events.py",
     "dissect/s7plus/glance.py",
     "dissect/s7plus/hiding.py",
     "dissect/s7plus/ids.py",
@@ -142,42 +162,29 @@ BUSY: Final = (
     "dissect/s7plus/objects.py",
     "dissect/s7plus/parameters.py",
     "dissect/s7plus/pieces.py",
-    "dissect/s7plus/program.py",
-    "dissect/s7plus/session.py",
     "dissect/s7plus/skimming.py",
     "dissect/s7plus/skipping.py",
     "dissect/s7plus/summary.py",
     "dissect/s7plus/value_reading.py",
     "dissect/s7plus/values.py",
-    "dissect/s7plus/variables.py",
     "dissect/s7plus/walk.py",
     "dissect/transactions/connection.py",
     "dissect/transactions/operation.py",
-    "dissect/transactions/pairing.py",
-    "dissect/transactions/plus_operations.py",
-    "dissect/transactions/results.py",
-    "dissect/transactions/table.py",
     "dissect/transactions/transaction.py",
-    "dissect/findings/plus_rules.py",
-    "dissect/findings/plus_sessions.py",
     "dissect/findings/station_rules.py",
     "dissect/findings/transaction_rules.py",
     "dissect/engine/exchange.py",
-    "dissect/engine/iso.py",
-    "dissect/engine/pipeline.py",
     "dissect/engine/plus.py",
-    "dissect/engine/s7.py",
     "dissect/export/item_columns.py",
     "dissect/export/transaction_rows.py",
     "dissect/live/events.py",
-    "dissect/report/facet.py",
     "dissect/report/facets.py",
     "dissect/report/words.py",
     "dissect/report/writer.py",
-    "dissect/report/writers/*.py",
+    "dissect/report/writers/csv.py",
+    "dissect/report/writers/text.py",
     "dissect/variables/collector.py",
     "dissect/variables/model.py",
-    "dissect/variables/statistics.py",
     "dissect/variables/tracker.py",
     "dissect/variables/writers.py",
 )
@@ -185,14 +192,24 @@ BUSY: Final = (
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).
 BUILDING: Final = frozenset(("bdist", "bdist_wheel", "build", "build_ext", "install"))
 
+#: The library of all compiled modules, as mypyc names it.
+LIBRARY: Final = "s7dissect__mypyc"
+#: What is there for each of its modules, for Python to find it.
+SHIM: Final = "scripts/shim.c"
+
 #: How many C compilers run side by side.
 JOBS: Final = os.cpu_count() or 1
 
-#: The C files of a fast build, of optimized and of other modules: enough for the processors of a desk, and few, as each reads
-#: the same long headers.
-PARTS: Final = (5, 3)
-#: How the names of the others begin.
-PLAIN: Final = "plain"
+#: How many C files a fast build makes of each kind: as few as keep two processors at work, for each reads the same long
+#: headers.
+PARTS: Final = 2
+#: How each kind is compiled, by how the names of its files begin. -Og is half the work of -O1, but does not see that a variable
+#: is always set. Glibc's checks of buffers want an optimizing compiler, and complain of any other.
+FAST: Final = {
+    "busiest": (),  # as mypyc asks for it
+    "busy": ("-Og", "-Wno-maybe-uninitialized"),
+    "plain": ("-O0", "-U_FORTIFY_SOURCE"),
+}
 
 
 def interpreted(reason: str) -> list[Extension]:
@@ -227,15 +244,22 @@ def compiler_trouble() -> str:
     return ""
 
 
-def is_busy(source: str) -> bool:
-    """Return whether a C file is to be optimized: that of a module of `BUSY`, or of mypyc's own library."""
+def kind(source: str) -> str:
+    """Return how a C file of the library is compiled (`FAST`): that of a module, or of mypyc's own library."""
     module = Path(source).name.removeprefix("__native_").removesuffix(".c").replace("___", "/") + ".py"
-    return not module.startswith("dissect/") or any([Path(module).match(pattern) for pattern in BUSY])
+    if not module.startswith("dissect/") or any([Path(module).match(pattern) for pattern in BUSIEST]):
+        return "busiest"
+    return "busy" if any([Path(module).match(pattern) for pattern in BUSY]) else "plain"
 
 
-def is_shim(source: str) -> bool:
-    """Return whether a C file is what makes one module of the library importable."""
-    return Path(source).parts[:2] == ("build", "dissect")
+def share_shim(shims: list[Extension]) -> None:
+    """Let one C file make every module of the library importable; mypyc writes one for each, which all have to be compiled."""
+    names = sorted({extension.name.rpartition(".")[2] for extension in shims})
+    modules = " ".join([f"MODULE({name})" for name in names])
+    Path("build", "modules.h").write_text(f'#define LIBRARY "{LIBRARY}"\n#define MODULES {modules}\n', encoding="ascii")
+    for extension in shims:
+        extension.sources = [SHIM]
+        extension.include_dirs = ["build"]
 
 
 def united(sources: list[str], name: str, count: int) -> list[str]:
@@ -282,12 +306,14 @@ def extensions() -> list[Extension]:
         )
     except (Exception, SystemExit) as exc:  # noqa: BLE001 - mypycify ends the process when it rejects a module
         return interpreted(f"mypyc failed ({type(exc).__name__}: {exc}; what it printed is above)")
+    shims = [extension for extension in compiled if extension.name != LIBRARY]
+    if shims and not sysconfig.get_config_var("Py_GIL_DISABLED"):
+        share_shim(shims)
     for extension in compiled:
         extension.optional = True
-        if len(extension.sources) > sum(PARTS):
-            busy = [source for source in extension.sources if is_busy(source)]
-            plain = [source for source in extension.sources if not is_busy(source)]
-            extension.sources = united(busy, "part", PARTS[0]) + united(plain, PLAIN, PARTS[1])
+        if len(extension.sources) > PARTS * len(FAST):
+            kinds = {name: [source for source in extension.sources if kind(source) == name] for name in FAST}
+            extension.sources = [part for name, sources in kinds.items() for part in united(sources, name, PARTS)]
         if new_compiler().compiler_type == "unix":
             # Without this the engine's functions could be replaced from outside, so that none of them may be inlined
             # into another.
@@ -304,7 +330,15 @@ class AllOrNothing(build_ext):
         if self.compiler.compiler_type == "unix":
             self.parallel = JOBS
             self.compiler.compile = SideBySide(self.compiler.compile)
+        every = self.extensions
+        shims = [extension for extension in every if extension.sources == [SHIM]]
+        self.extensions = [extension for extension in every if extension not in shims[1:]]
         super().build_extensions()
+        self.extensions = every
+        if shims and outputs[shims[0].name].exists():
+            for extension in shims[1:]:
+                outputs[extension.name].parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(outputs[shims[0].name], outputs[extension.name])
         failed = [name for name, path in outputs.items() if not path.exists()]
         if failed:
             for path in outputs.values():
@@ -313,16 +347,10 @@ class AllOrNothing(build_ext):
 
 
 class SideBySide:
-    """A compiler's method ``compile`` that starts one process per source; setuptools compiles an extension's in turn.
-
-    Every module has a small C file that only finds it in the library of all (`is_shim`). What it takes to compile one are
-    Python's headers, so these are read once for all of them.
-    """
+    """A compiler's method ``compile`` that starts one process per source; setuptools compiles an extension's in turn."""
 
     def __init__(self, compile_all: Any) -> None:
         self.compile_all = compile_all
-        self._headers: list[str] | None = None
-        self._first = threading.Lock()
 
     def __call__(self, sources: list[str], **options: Any) -> list[str]:
         """Compile; the objects come in the order of the sources, so that the library is the same each time."""
@@ -330,33 +358,11 @@ class SideBySide:
             return [objects[0] for objects in pool.map(lambda source: self._compile(source, options), sources)]
 
     def _compile(self, source: str, options: dict[str, Any]) -> list[str]:
-        if Path(source).name.startswith(f"{PLAIN}_"):
-            # Glibc's checks of buffers want an optimizing compiler, and complain of any other.
-            last = [*(options.get("extra_postargs") or []), "-U_FORTIFY_SOURCE", "-O0"]
-            options = {**options, "extra_postargs": last}
-        elif is_shim(source):
-            with self._first:
-                if self._headers is None:
-                    self._headers = self._precompiled(options)
-            options = {**options, "include_dirs": [*self._headers, *(options.get("include_dirs") or [])]}
+        fast = FAST.get(Path(source).name.rpartition("_")[0], ())
+        if fast:
+            options = {**options, "extra_postargs": [*(options.get("extra_postargs") or []), *fast]}
         objects: list[str] = self.compile_all([source], **options)
         return objects
-
-    def _precompiled(self, options: dict[str, Any]) -> list[str]:
-        """Return the folder in which gcc finds Python.h as it is after reading, for files that are compiled with ``options``.
-
-        Other compilers read it as always, and so does gcc where this fails.
-        """
-        source = Path("build", "headers.c")
-        source.write_text("#include <Python.h>\n", encoding="ascii")
-        try:
-            (made,) = self.compile_all([str(source)], **{**options, "extra_preargs": ["-x", "c-header"]})
-            folder = Path(made).with_suffix("")
-            folder.mkdir(exist_ok=True)
-            Path(made).replace(folder / "Python.h.gch")
-        except Exception:  # noqa: BLE001 - every compiler class has errors of its own
-            return []
-        return [str(folder)]
 
 
 def man_pages() -> list[str]:

@@ -44,7 +44,9 @@ if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
   rm -rf "$venv"
   "$python" -m venv "$venv"
 fi
-pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q)
+# Without bytecode: Python keeps that of a module when it is first imported, and to make it of all modules, most of which nobody
+# imports, takes longer than to install them.
+install=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q install --no-compile)
 
 # What the named table of pyproject.toml requires: "build", or the package with an extra (none: "").
 requirements() {
@@ -78,18 +80,17 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   rm -rf build s7dissect.egg-info "$wheels"
   mkdir -p "$wheels"
   requirements build >"$wheels/build-requirements.txt"
-  # Their bytecode is hardly ever wanted: mypy is compiled otherwise.
-  "${pip[@]}" install --no-compile -r "$wheels/build-requirements.txt" </dev/null
+  "${install[@]}" -r "$wheels/build-requirements.txt" </dev/null
   # What the package needs comes meanwhile: a good part of the build keeps one processor busy. What fails here fails again below.
   requirements "$extra" >"$wheels/requirements.txt"
-  "${pip[@]}" install -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
-  # An environment of its own for the build would install the compiler a second time.
-  if ! "$venv/bin/python" -m pip --disable-pip-version-check --no-input -v wheel --no-deps --no-build-isolation --wheel-dir "$wheels" . \
+  "${install[@]}" -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
+  # What pip would call, in this environment: one of its own for the build would install the compiler a second time.
+  if ! "$venv/bin/python" -c 'import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])' "$wheels" \
     >"$wheels/build.log" 2>&1 </dev/null; then
     cat "$wheels/build.log" >&2
     exit 1
   fi
-  # pip keeps to itself what the build said; what mypyc objected to, and the line that tells of the fallback, matter.
+  # What mypyc objected to, and the line that tells of the fallback, matter.
   grep -E 's7dissect: the (engine (is NOT|cannot be) compiled|pages of man are NOT built)|^ *dissect/[^ ]*\.py:[0-9]+: error' "$wheels/build.log" | sed 's/^ *//' || true
   rm -rf build s7dissect.egg-info
   echo "$print" >"$wheels/built"
@@ -99,12 +100,11 @@ wait
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"
-  # The same version is not the same build: pip would leave an earlier one where it is. Python keeps the bytecode of a module
-  # when it is first imported; making that of all modules takes longer than everything else here.
+  # The same version is not the same build: pip would leave an earlier one where it is.
   if [ -e "$venv/bin/s7dissect" ]; then
-    "${pip[@]}" install --no-compile --force-reinstall --no-deps "$wheel" </dev/null
+    "${install[@]}" --force-reinstall --no-deps "$wheel" </dev/null
   fi
-  "${pip[@]}" install --no-compile "$wheel${extra:+[$extra]}" </dev/null
+  "${install[@]}" "$wheel${extra:+[$extra]}" </dev/null
   touch "$wheels/installed-" "$wheels/installed-$extra"
 fi
 "$venv/bin/s7dissect" --version

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import ast
+import ctypes
 import importlib.util
+import shutil
 import sys
+from collections import Counter
 from collections.abc import Iterator
+from functools import partial
+from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any, Final
 
 import pytest
+from setuptools import Distribution, Extension
+
+# Only importable once setuptools has put its own copy in place.
+from distutils.ccompiler import new_compiler  # isort: skip
+from distutils.sysconfig import customize_compiler, get_python_inc  # isort: skip
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 
@@ -160,15 +170,18 @@ def test_compilers_side_by_side_give_their_objects_in_order(setup: ModuleType) -
 
 def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: ModuleType) -> None:
     compiled = setup.hot_modules()
-    for name in ("wire/octets", "tcp/stream", "engine/pipeline", "transactions/results", "report/writers/jsonl"):
-        assert f"dissect/{name}.py" in compiled
-        assert setup.is_busy(f"build/__native_dissect___{name.replace('/', '___')}.c")
-    assert setup.is_busy("/lib-rt/str_ops.c")
-    assert setup.is_busy("build/__native_s7dissect.c")
-    assert not setup.is_busy("build/__native_dissect___s7plus___alarms.c")
-    names = [f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c" for name in compiled]
-    assert 0.3 < sum(setup.is_busy(name) for name in names) / len(names) < 0.7
-    assert [pattern for pattern in setup.BUSY if not any(Path(name).match(pattern) for name in compiled)] == []
+    kinds = {name: setup.kind(f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c") for name in compiled}
+    for name in ("wire/octets", "engine/pipeline", "transactions/results", "report/writers/jsonl"):
+        assert kinds[f"dissect/{name}.py"] == "busiest"
+    assert setup.kind("/lib-rt/str_ops.c") == "busiest"
+    assert setup.kind("build/__native_s7dissect.c") == "busiest"
+    assert kinds["dissect/tcp/stream.py"] == "busy"
+    assert kinds["dissect/s7plus/alarms.py"] == "plain"
+    counts = Counter(kinds.values())
+    assert counts["busiest"] < counts["busy"] < counts["plain"]
+    patterns = (*setup.BUSIEST, *setup.BUSY)
+    assert [pattern for pattern in patterns if not any(Path(name).match(pattern) for name in compiled)] == []
+    assert len(set(patterns)) == len(patterns)
 
     asked: list[tuple[str, list[str]]] = []
 
@@ -176,39 +189,114 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: Mo
         asked.append((sources[0], extra_postargs))
         return sources
 
-    setup.SideBySide(compile_all)(["part_0.c", "plain_0.c"], extra_postargs=["-O1"])
-    assert sorted(asked) == [("part_0.c", ["-O1"]), ("plain_0.c", ["-O1", "-U_FORTIFY_SOURCE", "-O0"])]
+    setup.SideBySide(compile_all)(
+        ["busiest_1.c", "busy_0.c", "plain_0.c", "__native_s7dissect.c"], extra_postargs=["-O1"]
+    )
+    assert sorted(asked) == [
+        ("__native_s7dissect.c", ["-O1"]),
+        ("busiest_1.c", ["-O1"]),
+        ("busy_0.c", ["-O1", "-Og", "-Wno-maybe-uninitialized"]),
+        ("plain_0.c", ["-O1", "-O0", "-U_FORTIFY_SOURCE"]),
+    ]
 
 
-@pytest.mark.parametrize("takes_headers", [True, False])
-def test_python_s_headers_are_read_once_for_the_files_of_modules(
-    takes_headers: bool, setup: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def building(setup: ModuleType, tmp_path: Path) -> Any:
+    """The command that builds a library and what makes three modules of it importable; no compiler is started."""
+    names = (setup.LIBRARY, "pack.one.items", "pack.two.items", "pack.two.values")
+    extensions = [Extension(name, [setup.SHIM if "." in name else "part_0.c"], optional=True) for name in names]
+    command = setup.AllOrNothing(Distribution({"ext_modules": extensions}))
+    command.build_lib = str(tmp_path)
+    command.ensure_finalized()
+    command.compiler = SimpleNamespace(compiler_type="none")
+    return command
+
+
+def test_what_makes_modules_importable_is_built_once_and_copied(
+    building: Any, setup: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And a compiler that cannot keep what it read compiles the files as always."""
+    built: list[str] = []
+
+    def build(extension: Extension) -> None:
+        built.append(extension.name)
+        path = Path(building.get_ext_fullpath(extension.name))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(extension.sources[0], encoding="ascii")
+
+    monkeypatch.setattr(building, "build_extension", build)
+    every = list(building.extensions)
+    building.build_extensions()
+    assert built == [setup.LIBRARY, "pack.one.items"]
+    assert building.extensions == every
+    made = {extension.name: Path(building.get_ext_fullpath(extension.name)) for extension in every}
+    assert {name: path.read_text("ascii") for name, path in made.items()} == {
+        each.name: each.sources[0] for each in every
+    }
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_half_an_engine_is_not_left_behind(
+    failing: int, building: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def build(extension: Extension) -> None:
+        path = Path(building.get_ext_fullpath(extension.name))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if extension is not building.extensions[failing]:
+            path.touch()
+
+    monkeypatch.setattr(building, "build_extension", build)
+    building.build_extensions()
+    assert not any(Path(path).exists() for path in building.get_outputs())
+    assert "NOT compiled" in capsys.readouterr().err
+
+
+def test_one_file_makes_every_module_importable(
+    setup: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each copy finds its own module in the library, also where two have the same last name."""
+    if setup.compiler_trouble():
+        pytest.skip("there is no C compiler")
+    shims = [Extension(name, ["mypyc's.c"]) for name in ("pack.one.items", "pack.two.items", "pack.two.lost")]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "build").mkdir()
-    asked: list[tuple[str, list[str]]] = []
-    made: list[Path] = []
+    setup.share_shim(shims)
+    assert {tuple(shim.sources) for shim in shims} == {(setup.SHIM,)}
+    compiler = new_compiler()
+    customize_compiler(compiler)
+    includes = [get_python_inc(), str(tmp_path / "build")]
+    # Where it is read from does not matter to it; the path of the result follows that of the source.
+    shutil.copyfile(ROOT / setup.SHIM, tmp_path / "shim.c")
+    objects = compiler.compile(["shim.c"], include_dirs=includes, extra_preargs=["-Wall", "-Werror"])
+    compiler.link_shared_object(objects, "shim.so")
 
-    def compile_all(sources: list[str], include_dirs: list[str], extra_preargs: list[str] | None = None) -> list[str]:
-        (source,) = sources
-        if extra_preargs is not None:
-            assert extra_preargs == ["-x", "c-header"]
-            assert Path(source).read_text("ascii") == "#include <Python.h>\n"
-            made.append(Path(source))
-            if not takes_headers:
-                raise OSError(source)
-            Path(source).with_suffix(".o").write_bytes(b"headers")
-        else:
-            asked.append((source, include_dirs))
-        return [str(Path(source).with_suffix(".o"))]
+    library = ModuleType(setup.LIBRARY)
+    monkeypatch.setitem(sys.modules, setup.LIBRARY, library)
+    capsule = ctypes.pythonapi.PyCapsule_New
+    capsule.restype, capsule.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+    kept: list[Any] = []
+    for name in ("pack.one.items", "pack.two.items"):
+        flat = f"init_{name.replace('.', '___')}"
+        make = ctypes.PYFUNCTYPE(ctypes.py_object)(partial(ModuleType, name, f"made for {name}"))
+        path = f"{setup.LIBRARY}.{flat}".encode()
+        kept += make, path  # a capsule keeps neither
+        setattr(library, flat, capsule(ctypes.cast(make, ctypes.c_void_p), path, None))
+    for shim in shims[:2]:
+        module = imported(shim.name, tmp_path)
+        assert (module.__name__, module.__doc__) == (shim.name, f"made for {shim.name}")
+        assert module.__file__ == str(tmp_path / f"{shim.name}.so")
+    with pytest.raises(AttributeError, match="init_pack___two___lost"):
+        imported("pack.two.lost", tmp_path)
 
-    shims = [f"build/dissect/s7/module_{number}.c" for number in range(5)]
-    setup.SideBySide(compile_all)([*shims, "build/part_0.c"], include_dirs=["python"])
-    assert len(made) == 1
-    ours = ["build/headers", "python"] if takes_headers else ["python"]
-    assert sorted(asked) == [*((shim, ours) for shim in shims), ("build/part_0.c", ["python"])]
-    assert (tmp_path / "build" / "headers" / "Python.h.gch").exists() is takes_headers
+
+def imported(name: str, folder: Path) -> ModuleType:
+    """Import a copy of shim.so as the module of that name."""
+    path = shutil.copyfile(folder / "shim.so", folder / f"{name}.so")
+    spec = importlib.util.spec_from_file_location(name, path, loader=ExtensionFileLoader(name, str(path)))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_a_compiler_that_fails_is_not_overlooked(setup: ModuleType) -> None:
