@@ -88,6 +88,7 @@ PURE_IMPORTS: Final = frozenset(
     (
         "__future__",
         "bisect",
+        "codecs",
         "collections",
         "datetime",
         "difflib",

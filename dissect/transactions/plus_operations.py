@@ -167,7 +167,9 @@ class PlusOperations:
         octets = transaction.request_octets
         at = _BODY + (_DIGEST if len(octets) > 1 and octets[1] == V3 else 0)
         end = octets.find(_QUALIFIER, at)
-        asked = octets[at:end] if end >= at else octets[min(at, len(octets)) :]  # compiled, no slice may end before it begins
+        asked = (
+            octets[at:end] if end >= at else octets[min(at, len(octets)) :]
+        )  # compiled, no slice may end before it begins
         key = int(transaction.connection.number), asked
         poll = self._polls.get(key)
         if poll is None:

@@ -37,7 +37,8 @@ def _program(name: str) -> str:
 
 
 @contextmanager
-def running(command: list[str], port: int, log: Path, environment: dict[str, str] | None = None
+def running(
+    command: list[str], port: int, log: Path, environment: dict[str, str] | None = None
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Run a server until the block is over; it is ended by its own id."""
     with log.open("wb") as said:
