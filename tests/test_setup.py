@@ -16,7 +16,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any, Final
 
 import pytest
-from setuptools import Distribution, Extension
+from setuptools import Distribution, Extension  # type: ignore[import-untyped]
 
 # Only importable once setuptools has put its own copy in place.
 from distutils.ccompiler import new_compiler  # isort: skip
