@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import Final
 
 from mypy_extensions import i64
@@ -45,6 +46,7 @@ class PlusPdu:
     """
 
     __slots__ = (
+        "_places",
         "body",
         "connection",
         "credit_tick",
@@ -84,6 +86,7 @@ class PlusPdu:
         self.frame_starts: dict[
             int, int
         ] = {}  # where frames but the first begin, within ``data`` and within ``octets``
+        self._places: tuple[list[int], list[int]] | None = None  # the same, to be searched
         self.whole = False
         self.integrity = b""
         self.data = b""
@@ -133,12 +136,11 @@ class PlusPdu:
 
     def place(self, at: int) -> int:
         """Return where the octet ``at`` of ``data`` stands within ``octets``."""
-        start, begin = 0, self.data_offset
-        for taken, offset in self.frame_starts.items():
-            if taken > at:
-                break
-            start, begin = taken, offset
-        return begin + at - start
+        if self._places is None:
+            self._places = ([0, *self.frame_starts], [self.data_offset, *self.frame_starts.values()])
+        starts, begins = self._places
+        frame = bisect_right(starts, at) - 1
+        return begins[frame] + at - starts[frame]
 
     def tell(self, reason: str, field: str, offset: int, needed: int, available: int) -> None:
         """Add a fault to ``malformed``."""

@@ -18,7 +18,7 @@ from dissect.s7plus.tables import (
     VALUE_ITEM_VLQ,
 )
 from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.s7plus.walk import STEP, FormatError, Walk
 from dissect.wire.varint import VLQ
 
 
@@ -82,6 +82,7 @@ def _items(walk: Walk, found: Contents) -> None:
             found.items.append((reference, read_value(walk, layout, at, f"{reference}: " if walk.shown else "")))
         elif kind in {REFUSED_ITEM, REFUSED_ITEM_3}:
             reference = walk.fixed(4, "reference")
+            walk.spend(STEP, "reference")
             found.refusals.append((reference, kind))
             walk.part(layouts.NOTIFIED_REFUSAL, at, f"{reference}: refused" if walk.shown else "")
         elif kind == OBJECTS_ITEM:

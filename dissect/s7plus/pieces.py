@@ -84,6 +84,7 @@ def take_count(walk: Walk) -> int:
 
 def take_ids(walk: Walk, found: Contents, count: int) -> None:
     """Read so many ids of attributes. Raises `FormatError`."""
+    walk.spend(count, "count")
     for _ in range(count):
         at = walk.at
         id_ = walk.number(VLQ, "attribute id")
@@ -119,6 +120,7 @@ def _take_address(walk: Walk) -> Address:
     count = walk.counted(VLQ, "id count")
     if count == 0:
         raise FormatError("length_below", "id count", walk.at - 1, 1, 0)
+    walk.spend(STEP + count, "address")
     sub_area = walk.number(VLQ, "sub area")
     address = Address(crc, area, sub_area, [walk.number(VLQ, "LID") for _ in range(count - 1)])
     walk.part(layouts.ADDRESS, at, address.label if walk.shown else "")
@@ -170,6 +172,7 @@ def take_refusals(walk: Walk, found: Contents) -> None:
     at = walk.at
     while number := _item_number(walk):
         value = walk.number(VLQ64, "return value")
+        walk.spend(STEP, "return value")
         found.refusals.append((number, value))
         walk.part(layouts.ITEM_ERROR, at, f"{number}: {return_note(value)}" if walk.shown else "")
         at = walk.at

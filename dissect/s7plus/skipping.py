@@ -369,6 +369,7 @@ class Skipper:
             key = self.number()
             if key <= 0:
                 return key == 0
+            self.spent += 1
             if size < _OTHER:
                 self.at += size
                 if self.at > self._end:
@@ -392,6 +393,7 @@ class Skipper:
         count = self.number()
         if count < 0 or count > self._end - self.at:
             return False
+        self.spent += count
         while count > 0:
             if not self.members(depth, nested):
                 return False

@@ -59,6 +59,7 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
             key = walk.number(VLQ, "key")
             if key == 0:
                 return pairs
+            walk.spend(1, "key")
             pairs.append((key, walk.number(VLQ, "variant") if type_ == VARIANT else _read_one(walk, type_)))
     if flags & (ARRAY | ADDRESS_ARRAY):
         # Elements of Null have no octets: the budget alone bounds how many there are.
@@ -161,7 +162,7 @@ def _look_into_blobs(walk: Walk, value: Value) -> None:
             continue
         begin = one.end - len(one.octets)
         walk.blobs.append((begin, one.end))
-        if walk.hurried and not may_swell(one.octets):
+        if walk.hurried and (walk.faults or not may_swell(one.octets)):
             continue
         opened = check_blob(one.octets, walk.inflating)
         walk.inflating = max(0, walk.inflating - opened.size)
@@ -183,6 +184,7 @@ def _read_struct(walk: Walk, flags: int, layout: Layout, start: int, label: str)
         walk.part(layout, start, note)
         return Struct(id_, read_members(walk))
     count = walk.counted(VLQ, "count")
+    walk.spend(count, "count")
     walk.part(layout, start, f"{note}, {count} elements")
     return Rows(id_, [read_members(walk) for _ in range(count)])
 
@@ -197,6 +199,7 @@ def _read_sparse_structs(walk: Walk) -> list[tuple[int, Struct]]:
             return pairs
         id_ = walk.fixed(4, "structure")
         walk.part(ROW, at)
+        walk.spend(STEP, "structure")
         pairs.append((key, Struct(id_, read_members(walk))))
 
 

@@ -17,7 +17,7 @@ from dissect.wire.varint import VLQ64, read_varint
 MAX_DEPTH: Final = 40
 #: Parts that are kept of one PDU; what comes after them is read, and shown as octets.
 MAX_PARTS: Final = 100_000
-#: What a value, an object or a variable costs; an element of an array costs 1.
+#: What a value, an object, a variable, an address or a refusal costs; an element of an array and an id cost 1.
 STEP: Final = 5
 #: Work on a PDU that somebody waits for: what it costs to judge it. The largest of the captures at hand takes a fiftieth.
 MAX_WORK: Final = 500_000
@@ -67,7 +67,8 @@ class Walk:
 
     ``parts`` are cut only with ``shown``. Values, objects and elements of arrays count against a ``budget``: by default more
     than the octets can hold, so that only elements without octets are stopped; with ``most`` the walk ends there, which is no
-    fault of its sender; such a walk is ``hurried``, and compressed blobs are inflated only where they may swell (`may_swell`).
+    fault of its sender; such a walk is ``hurried``, and compressed blobs are inflated only where they may swell (`may_swell`),
+    and none behind the first that is unsound.
     ``wanted`` is what somebody will ask for, None for everything.
     ``blobs`` are (offset, end) of these blobs, ``faults`` what does not stop the walk.
     """

@@ -15,8 +15,10 @@ from dissect.s7plus.events import take
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, SET_VARIABLE
-from dissect.s7plus.walk import MAX_DEPTH
+from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
+from dissect.s7plus.value_tables import BLOB
+from dissect.s7plus.values import Blob, Value, build_value
+from dissect.s7plus.walk import MAX_DEPTH, MAX_WORK
 from tests.s7plus.bodies import number, rid
 from tests.s7plus.pdus import asked, framed, notified, told
 
@@ -107,6 +109,39 @@ def test_the_finding_says_the_place() -> None:
     detail = str(found.malformed[0])
     assert f"count at byte {found.malformed[0].offset} claims 4294967295 bytes" in detail
     assert pdu.place(found.malformed[0].offset) == len(octets) - len(pdu.data) - 4 + found.malformed[0].offset
+
+
+def test_nothing_is_kept_in_numbers_that_no_budget_counts() -> None:
+    """A PDU of 8 MiB may hold millions of things of a few octets: none of them is free for the finding's walk."""
+    few = 400
+    for name, function, body in (
+        ("rows without members", SET_VARIABLE, HEAD + b"\x10\x17" + rid(7) + number(few) + bytes(few)),
+        ("pairs", SET_VARIABLE, HEAD + b"\x40\2" + b"\1\1" * few),
+        ("structures without members", SET_VARIABLE, HEAD + b"\x40\x17" + (b"\1" + rid(7) + b"\0") * few),
+        ("ids", SET_VARIABLE, rid(52) + number(few) + b"\7" * few),
+        ("addresses", GET_MULTI_VARIABLES, rid(0) + number(few) + number(few) + b"\0\1\1\1" * few),
+        ("LIDs", GET_MULTI_VARIABLES, rid(0) + b"\1" + number(few) + b"\0\1" + number(few) + b"\1" * few),
+        ("ids of filters", EXPLORE, bytes(8) + b"\0\xff" + b"\1" * 255),
+    ):
+        pdu = parse_plus(framed(asked(1, function, body=body), 3))
+        assert parse_contents(pdu, False, 200).exhausted, name
+        assert not parse_contents(pdu, False).exhausted, name
+    for name, data in (
+        ("refusals", told(1, SET_MULTI_VARIABLES, b"\0" + b"\1\1" * few)),
+        ("refusals of a subscription", notified()[:-1] + (b"\x13" + rid(7)) * few),
+    ):
+        found = parse_contents(parse_plus(framed(data, 3)), False, 200)
+        assert found.exhausted, name
+        assert len(found.refusals) <= 40, name
+
+
+def test_one_blob_that_is_no_zlib_stream_is_enough_for_the_finding() -> None:
+    blob = build_value(Value(0, BLOB, Blob(0, b"\x78\x9c" + bytes(20))))
+    body = rid(3) + b"\0\0" + bytes(4) + b"\7\xa1" + rid(9) + b"\7\0\0"
+    body += (b"\xa3" + number(2533) + blob) * 9 + b"\xa2" + bytes(5)
+    pdu = parse_plus(framed(asked(1, CREATE_OBJECT, body=body), 3))
+    assert [fact.reason for fact in parse_contents(pdu, False).malformed] == ["bad_compression"] * 9
+    assert [fact.reason for fact in parse_contents(pdu, False, MAX_WORK).malformed] == ["bad_compression"]
 
 
 def test_a_notification_that_repeats_one_item_without_end() -> None:
