@@ -115,7 +115,7 @@ COLD: Final = (
     "dissect/wire/saving.py",
 )
 
-#: Of what is compiled, where most instructions of S7comm are spent, in a seventh of the C lines. A fast build optimizes these,
+#: Of what is compiled, where most instructions are spent, in a seventh of the C lines. A fast build optimizes these,
 #: the next ones less, and the rest not at all: most of the C compiler's work is optimizing
 #: (docs/decisions/0002-one-source-compiled-by-mypyc.md).
 BUSIEST: Final = (
@@ -133,6 +133,8 @@ BUSIEST: Final = (
     "dissect/transactions/results.py",
     "dissect/transactions/table.py",
     "dissect/report/writers/jsonl.py",
+    "dissect/s7plus/message.py",
+    "dissect/s7plus/walk.py",
 )
 
 #: What else a packet or a transaction of any protocol passes through.
@@ -152,25 +154,32 @@ BUSY: Final = (
     "dissect/s7/message.py",
     "dissect/s7/parameters.py",
     "dissect/s7plus/assembly.py",
+    "dissect/s7plus/bodies.py",
     "dissect/s7plus/contents.py",
     "dissect/s7plus/ending.py",
+    "dissect/s7plus/events.py",
     "dissect/s7plus/glance.py",
     "dissect/s7plus/hiding.py",
     "dissect/s7plus/ids.py",
     "dissect/s7plus/items.py",
-    "dissect/s7plus/message.py",
+    "dissect/s7plus/notifications.py",
     "dissect/s7plus/objects.py",
     "dissect/s7plus/parameters.py",
     "dissect/s7plus/pieces.py",
+    "dissect/s7plus/program.py",
+    "dissect/s7plus/refusals.py",
+    "dissect/s7plus/session.py",
     "dissect/s7plus/skimming.py",
     "dissect/s7plus/skipping.py",
     "dissect/s7plus/summary.py",
     "dissect/s7plus/value_reading.py",
     "dissect/s7plus/values.py",
-    "dissect/s7plus/walk.py",
     "dissect/transactions/connection.py",
     "dissect/transactions/operation.py",
+    "dissect/transactions/plus_operations.py",
     "dissect/transactions/transaction.py",
+    "dissect/findings/plus_rules.py",
+    "dissect/findings/plus_sessions.py",
     "dissect/findings/station_rules.py",
     "dissect/findings/transaction_rules.py",
     "dissect/engine/exchange.py",
@@ -187,6 +196,7 @@ BUSY: Final = (
     "dissect/variables/model.py",
     "dissect/variables/tracker.py",
     "dissect/variables/writers.py",
+    "dissect/stations/facts.py",
 )
 
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).

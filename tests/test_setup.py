@@ -178,7 +178,8 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: Mo
     assert kinds["dissect/tcp/stream.py"] == "busy"
     assert kinds["dissect/s7plus/alarms.py"] == "plain"
     counts = Counter(kinds.values())
-    assert counts["busiest"] < counts["busy"] < counts["plain"]
+    assert counts["busiest"] < 0.2 * len(compiled)
+    assert counts["plain"] > 0.3 * len(compiled)
     patterns = (*setup.BUSIEST, *setup.BUSY)
     assert [pattern for pattern in patterns if not any(Path(name).match(pattern) for name in compiled)] == []
     assert len(set(patterns)) == len(patterns)
