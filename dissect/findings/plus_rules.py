@@ -28,6 +28,7 @@ from dissect.s7plus.events import (
     WRITTEN,
     WRITTEN_OUTPUTS,
     Event,
+    Facts,
     subscription_of,
     take,
 )
@@ -104,7 +105,7 @@ class PlusWatch:
                 elif event.kind in _SUBSCRIBING and len(self._subscribers) < MAX_SUBSCRIBERS:
                     self._subscribers.add((str(connection.client.host), str(connection.server.host)))
             if facts.malformed:
-                self._note("s7plus.malformed", transaction, str(facts.malformed[0]))
+                self._malformed(transaction, facts)
             if facts.exhausted:
                 self._note("s7.plus_too_long", transaction, f"more than {MAX_WORK // STEP} values")
         if transaction.error_code in _PROTECTED and connection.traits.first("security.protected"):
@@ -115,6 +116,18 @@ class PlusWatch:
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         detail = f"{transaction.function_name}: {what}"
         self._judge.note(slug, transaction.connection.number, frames, time_ns, detail)
+
+    def _malformed(self, transaction: Transaction, facts: Facts) -> None:
+        """Say what is wrong first in each half, with its packet: which of the two lies is not seen from the place alone."""
+        asked, told = facts.malformed[: facts.in_request], facts.malformed[facts.in_request :]
+        frames = [int(transaction.request_frame)] if asked else []
+        said = [f"request: {asked[0]}"] if asked else []
+        if told:
+            frames.append(int(transaction.response_frame))
+            said.append(f"response: {told[0]}" if transaction.function >= 0 else str(told[0]))
+        time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
+        detail = f"{transaction.function_name}: {'; '.join(said)}"
+        self._judge.note("s7plus.malformed", transaction.connection.number, frames, time_ns, detail)
 
     def _begin(self, connection: Connection) -> PlusSession:
         host = str(connection.server.host)

@@ -20,7 +20,6 @@ from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
-from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 from dissect.wire.text import json_text, shortened
 
@@ -110,7 +109,8 @@ def plus_subject(transaction: Transaction) -> str:
         said = plus_notes(half.pdu)
     else:
         said = ["expects no response"] if asked is not None and not asked.pdu.wants_response else []
-    wrong = (_malformed(asked) + _malformed(told))[:1]
+    answer = "" if half.pdu.opcode == NOTIFICATION else "response: "
+    wrong = (_malformed(asked, "request: ") + _malformed(told, answer))[:1]
     items = join_items(asked, told, transaction.connection.plus)
     if items and half.pdu.function not in _ITEMS_BESIDE:
         return ", ".join(said + _some([item_text(item) for item in items]) + wrong)
@@ -185,15 +185,12 @@ def _noted(half: Half | None) -> str:
     return ",".join([json_text(text) for text in texts])
 
 
-def _malformed(half: Half | None) -> list[str]:
-    """Return in what the contents of a whole PDU contradict themselves, with the place in the PDU."""
+def _malformed(half: Half | None, which: str = "") -> list[str]:
+    """Return in what the contents of a whole PDU contradict themselves, with the place in the PDU; ``which`` names it."""
     if half is None or half.pdu.cut or half.pdu.malformed or not half.contents.malformed:
         return []
     fact = half.contents.malformed[0]
-    said = Malformed(
-        fact.layer, fact.reason, fact.field, half.pdu.place(fact.offset), fact.needed, fact.available, fact.limit
-    )
-    return [f"MALFORMED {said}"]
+    return [f"MALFORMED {which}{fact.at(half.pdu.place(fact.offset))}"]
 
 
 def _half_json(half: Half | None) -> str:

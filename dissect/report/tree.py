@@ -117,7 +117,7 @@ def plus_tree_lines(
     """Yield the tree of an S7comm-plus PDU and the hex view below it.
 
     ``packet`` as for `tree_lines`, empty where the PDU was ``decrypted``. ``contents`` are its contents where they were read
-    before, with their parts; offsets of faults in them are changed.
+    before, with their parts.
     """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
@@ -146,9 +146,7 @@ def plus_tree_lines(
         yield from _plus_parts(pdu, found, base, hidden)
     elif at < end:
         yield _field(_range(at, end), "octets", words.octets(whole[at:end]))
-    for fact in found.malformed:
-        fact.offset = pdu.place(fact.offset)
-    yield from _malformed(found.malformed, base)
+    yield from _malformed([fact.at(pdu.place(fact.offset)) for fact in found.malformed], base)
     if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
         yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
     yield from _malformed(pdu.malformed, base)

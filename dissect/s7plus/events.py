@@ -45,6 +45,7 @@ from dissect.s7plus.tables import (
     FUNCTIONS,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
+    REQUEST,
     SET_MULTI_VARIABLES,
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
@@ -128,13 +129,15 @@ class Event:
 class Facts:
     """What `take` found: events, and what is wrong with the contents, offsets counted from the beginning of the PDU.
 
-    ``exhausted`` tells of a PDU that takes more than `MAX_WORK`: what it holds is not known.
+    ``exhausted`` tells of a PDU that takes more than `MAX_WORK`: what it holds is not known. ``in_request`` is how many of
+    ``malformed`` are in the request; the others, behind them, are in what it got, or in a notification.
     """
 
-    __slots__ = ("events", "exhausted", "malformed")
+    __slots__ = ("events", "exhausted", "in_request", "malformed")
 
     def __init__(self) -> None:
         self.exhausted = False
+        self.in_request = 0
         self.events: list[Event] = []
         self.malformed: list[Malformed] = []
 
@@ -213,8 +216,9 @@ def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> t
     facts.exhausted = facts.exhausted or found.exhausted
     if pdu.whole and not pdu.malformed:
         for fact in found.malformed:
-            fact.offset = pdu.place(fact.offset)
-            facts.malformed.append(fact)
+            facts.malformed.append(fact.at(pdu.place(fact.offset)))
+        if pdu.opcode == REQUEST:
+            facts.in_request += len(found.malformed)
     return pdu, found
 
 

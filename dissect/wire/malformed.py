@@ -53,6 +53,10 @@ class Malformed:
         self.available = available
         self.limit = limit
 
+    def at(self, offset: int) -> Malformed:
+        """Return the same fact with another offset, for who counts from another place."""
+        return Malformed(self.layer, self.reason, self.field, offset, self.needed, self.available, self.limit)
+
     def __str__(self) -> str:
         return f"{self.layer}: {self._said()}"
 

@@ -199,3 +199,19 @@ def test_frames_may_be_several_and_each_is_shown(capfdbinary: Capture, tmp_path:
     assert all(lines)
     asked = ["--frame", "11", "--frame", "8", "--frame", "9"]
     assert run(capfdbinary, "show", "-T", face, *asked, path).out == "".join(lines)
+
+
+def test_the_line_and_the_tree_of_s7comm_plus_give_a_fault_the_same_place(capfdbinary: Capture) -> None:
+    """Six zeros too many in a request of s7commplus: at byte 69 of its PDU, which is byte 76 of its TPKT."""
+    capture = Path(__file__).parents[2] / "captures" / "s7plus" / "s7commplus.pcapng"
+    lines = run(capfdbinary, "show", "-V", "--frame", "14", capture).out.splitlines()
+    fault = "MALFORMED {}s7plus: 6 bytes too many at byte 69, in the TSDU{}"
+    assert [line[line.find("MALFORMED") :] for line in lines if "MALFORMED" in line] == [
+        fault.format("", ""),
+        fault.format(" ", " (byte 76 here)"),
+    ]
+    assert [line.split() for line in lines if line.startswith("          76-81 ")] == [
+        ["76-81", "octets", *["00"] * 6],
+    ]
+    told = run(capfdbinary, "transactions", "-Y", "frame == 14", capture).out
+    assert told.rstrip().endswith(fault.format("request: ", ""))

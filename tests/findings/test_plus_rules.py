@@ -404,11 +404,24 @@ def test_reads_that_lie_are_told_though_nobody_looks_at_what_they_read() -> None
     talk.tell(framed(told(1, GET_MULTI_VARIABLES, b"\0no contents either" + bytes(4)), 3))
     do(talk, 2, GET_MULTI_VARIABLES, bodies.get_multi(Address(0, 82, 3736, [3, 100, 2])), b"\0\1\0\7\0\5\0\0")
     talk.tell(framed(told(3, GET_MULTI_VARIABLES, b"\0\1\0\7\0"), 3))
+    count = "item count at byte 55 claims 111 bytes, the TSDU has 13"
     assert said(talk) == [
-        ("s7plus.malformed", "s7plus: item count at byte 55 claims 111 bytes, the TSDU has 13"),
+        ("s7plus.malformed", f"request: s7plus: {count}; response: s7plus: type at byte 50 is 32, which is unknown"),
         ("transaction.orphan", "reference 0x0003"),
         ("s7plus.malformed", ANY),
     ]
+
+
+def test_only_the_packet_that_lies_is_named() -> None:
+    for asked_more, told_more, said_of, packet in ((b"", b"x", "response: ", 1), (b"x", b"", "request: ", 0)):
+        talk = begun()
+        request = asked(1, GET_MULTI_VARIABLES, body=bodies.get_multi(Address(0, 82, 3736, [3, 100, 2])) + asked_more)
+        talk.ask(framed(request, 3))
+        first = int(talk.pipeline.frames)
+        talk.tell(framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got([], [], 3) + told_more), 3))
+        (finding,) = [one for one in talk.findings if one.slug == "s7plus.malformed"]
+        assert finding.frames == [first + packet]
+        assert finding.detail.startswith(f"S7comm-plus GetMultiVariables: {said_of}s7plus: ")
 
 
 def test_a_pdu_with_too_many_values_is_told() -> None:

@@ -143,7 +143,7 @@ def test_a_transaction_says_what_is_wrong_with_its_contents() -> None:
     ]
     (line,) = [one for one in everything.transactions if "S7comm-plus" in one]
     missing = "DB3 LID 14 [CRC 0xaabbccdd] (the answer holds neither a value nor a refusal)"
-    assert line.endswith(f"GetMultiVariables  {missing}, {request}")
+    assert line.endswith(f"GetMultiVariables  {missing}, {request.replace('MALFORMED', 'MALFORMED request:')}")
 
 
 def test_transactions(found: Everything) -> None:

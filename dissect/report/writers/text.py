@@ -112,8 +112,8 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
     if pdu.malformed:
         parts.append(f"MALFORMED {pdu.malformed[0]}")
     elif found.malformed and not pdu.cut:
-        found.malformed[0].offset = pdu.place(found.malformed[0].offset)
-        parts.append(f"MALFORMED {found.malformed[0]}")
+        fact = found.malformed[0]
+        parts.append(f"MALFORMED {fact.at(pdu.place(fact.offset))}")
     return f"{_head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)}  {'  '.join(parts)}"
 
 
