@@ -24,7 +24,7 @@ from dissect.cli.run import (
     files_argument,
     slow_option,
 )
-from dissect.cli.separate import analyze_separately, analyze_task, refuse
+from dissect.cli.separate import add_separately, found_task, refuse
 from dissect.cli.task import current
 from dissect.report.formats import ANALYSIS, Format, formats_for
 
@@ -88,12 +88,15 @@ def command(
     options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     of = current()
     if of is not None:
-        return analyze_task(of, analysis, chosen.sieve(analysis), options, chosen)
+        return found_task(of, analysis, chosen.sieve(analysis), options, chosen)
     if separate:
         refuse(chosen, [(decoder, "SCD is decoded over all files"), (per_file, "--per-file reads them in one run")])
-        analysis, code = analyze_separately(files, jobs, options)
-        write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
-        return gate_of(analysis.finding_counts, fail_on, code)
+        from dissect.jobs.analyses import Analyses
+
+        sums = Analyses(options)
+        code = add_separately(files, jobs, sums, Analysis)
+        write_outcome(format_, ANALYSIS, Summary(sums.found, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
+        return gate_of(sums.found.finding_counts, fail_on, code)
     rows = PerFile()
     run = Run(files, chosen.sieve(rows if per_file else analysis), chosen.narrow(options))
     rows.files = run.files

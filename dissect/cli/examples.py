@@ -42,6 +42,7 @@ EXAMPLES: Final = {
     "devices": (
         "s7dissect devices trace.pcapng",
         "s7dissect devices -T csv ring_*.pcapng > devices.csv",
+        "s7dissect devices --separate -j auto ring_*.pcapng",
         "s7dissect devices --tags plc_tags.xlsx -Y 'port == 102' trace.pcapng",
     ),
     "index": (

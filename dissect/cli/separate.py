@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypeVar
 
 import click
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from dissect.cli.options.select import Chosen
     from dissect.engine.observer import Observer
     from dissect.engine.options import Options
-    from dissect.jobs.analyses import AnalysisPart
+    from dissect.inventory.collector import Inventory
+    from dissect.jobs.sums import FilePart
     from dissect.jobs.tasks import About, Done
     from dissect.report.analysis import Analysis
     from dissect.session import Run
@@ -215,38 +216,45 @@ def say(file: str, why: str, where: str = "") -> None:
     click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}{at}", err=True)
 
 
-# ---- analyze --------------------------------------------------------------------------------------------------------
+# ---- what is added up ---------------------------------------------------------------------------------------------------
 
 
-def analyze_task(of: task.Task, analysis: Analysis, observer: Observer, options: Options, chosen: Chosen) -> int:
-    """Analyze the file of a task with ``observer``, which fills ``analysis``."""
-    from dissect.jobs.analyses import part_of
+class Adder(Protocol):
+    """Adds up what was found in files, in their order (`dissect.jobs.analyses`, `dissect.jobs.inventories`)."""
+
+    def add(self, part: FilePart) -> None:
+        """Add the part of the file that comes next."""
+
+
+def found_task(of: task.Task, found: Analysis | Inventory, observer: Observer, options: Options, chosen: Chosen) -> int:
+    """Read the file of a task with ``observer``, which fills ``found``."""
+    from dissect.jobs.sums import part_of
     from dissect.session import Run
 
     run = Run([of.file], observer, chosen.narrow(options))
     chosen.begin(run, of.files)
     read_file(run)
-    analysis.take(run.pipeline, run.files)
-    analysis.part = chosen.part(run)
-    of.found = part_of(analysis, run.pipeline, run.files)
+    found.part = chosen.part(run)
+    of.found = part_of(found, run.pipeline, run.files)
     return EXIT_OK
 
 
-def analyze_separately(files: Sequence[str], jobs: int, options: Options) -> tuple[Analysis, int]:
-    """Analyze files that stand for themselves; return what they come to, and the exit code. Raises as `separately` does."""
-    from dissect.jobs.analyses import Analyses, unread
+def add_separately(files: Sequence[str], jobs: int, adder: Adder, nothing: Callable[[], Observer]) -> int:
+    """Have ``adder`` add up what is in files that stand for themselves; return the exit code. Raises as `separately` does.
 
-    sums = Analyses(options)
+    ``nothing`` makes what stands for a file that could not be read.
+    """
+    from dissect.jobs.sums import unread
 
     def take(done: Done) -> None:
-        part: AnalysisPart = (
-            unread(shown(done.file), done.why.removeprefix(f"{printable(shown(done.file))}: "))
+        part: FilePart = (
+            unread(shown(done.file), done.why.removeprefix(f"{printable(shown(done.file))}: "), nothing())
             if done.why
             else done.result
         )
-        sums.add(part)
+        adder.add(part)
 
-    return sums.analysis, separately(files, jobs, take)
+    return separately(files, jobs, take)
 
 
 class _Joints:

@@ -12,10 +12,10 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.inventory.model import Area, Device, Names, Talk
+from dissect.inventory.model import Area, Device, Talk
 from dissect.inventory.roles import LISTS_BLOCKS, judge_client, judge_server
 from dissect.mc7.block import CODE_BLOCKS
-from dissect.program.carved import carve
+from dissect.program.carved import CarvedBlock, carve
 from dissect.report.analysis import Latencies, Part
 from dissect.s7.items import Item
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, GROUP_BLOCKS, JOB, NUMBERED_AREAS, READ_VAR, USERDATA, WRITE_VAR
@@ -32,7 +32,6 @@ from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 MAX_DEVICES: Final = 4096
 MAX_TALKS: Final = 16_384
 MAX_TARGETS: Final = 65_536
-MAX_BLOCKS: Final = 1024
 #: Bytes of the blocks of all devices whose code is looked at.
 MAX_CODE: Final = 1024 * 1024
 
@@ -136,6 +135,39 @@ class Inventory(Observer):
             self._found[talk.client].asks.append(talk)
             self._found[talk.server].asked_by.append(talk)
 
+    @property
+    def finding_counts(self) -> dict[str, int]:
+        """How often each finding was made, by slug, of a selection those that it let through; empty before `take`."""
+        if self.part is not None:
+            return self.part.finding_counts
+        return self.pipeline.finding_counts if self.pipeline is not None else {}
+
+    def merge(self, later: Inventory) -> None:
+        """Take what ``later`` found in packets behind these, neither of them taken yet; it is used up."""
+        self._book.merge(later._book)
+        for address, theirs in later._found.items():
+            device = self._device(address)
+            if device is not None:
+                device.merge(theirs)
+                for block in theirs.code:
+                    self._keep_code(device, block)
+        for talk in later._talks.values():
+            if talk.client not in self._found or talk.server not in self._found:
+                self.devices_not_listed += talk.connections
+                continue
+            known = self._talk(talk.client, talk.server)
+            if known is not None:
+                known.merge(talk)
+            else:
+                self.talks_not_listed += talk.connections
+        self.devices_not_listed += later.devices_not_listed
+        self.talks_not_listed += later.talks_not_listed
+        self.requests_not_looked_at += later.requests_not_looked_at
+        if self.part is None:
+            self.part = later.part
+        elif later.part is not None:
+            self.part.merge(later.part)
+
     def _facts_of(self, address: str) -> Iterable[tuple[str, str]]:
         station = self._book.stations.get(address)
         return station.facts if station is not None else ()
@@ -205,20 +237,21 @@ class Inventory(Observer):
         if device is None:
             return
         for name in _blocks_of(operation):
-            if name in device.blocks or len(device.blocks) < MAX_BLOCKS:
-                device.blocks.setdefault(name, Names()).add(done)
-            else:
-                device.more_blocks += 1
+            names = device.block(name)
+            if names is not None:
+                names.add(done)
 
     def _take_code(self, device: Device, operation: Operation) -> None:
         for block in carve(operation):
-            if block.classic is None or block.kind not in CODE_BLOCKS or not block.complete:
-                continue
-            if self._code + len(block.octets) > MAX_CODE:
-                device.more_code += 1
-            else:
-                self._code += len(block.octets)
-                device.code.append(block)
+            if block.classic is not None and block.kind in CODE_BLOCKS and block.complete:
+                self._keep_code(device, block)
+
+    def _keep_code(self, device: Device, block: CarvedBlock) -> None:
+        if self._code + len(block.octets) > MAX_CODE:
+            device.more_code += 1
+        else:
+            self._code += len(block.octets)
+            device.code.append(block)
 
     def fact(self, fact: Fact) -> None:
         """Keep what a station said of itself."""
@@ -238,9 +271,9 @@ class Inventory(Observer):
         tcp = connection.tcp
         for device, side in ((client, client_side), (server, 1 - client_side)):
             mac = tcp.mac(side)
-            if mac and (device.sent_to is None or (device.sent_to.time_ns > tcp.first_ns)):
+            if mac:
                 place = (int(connection.number), [int(tcp.first_frame)], int(tcp.first_ns))
-                device.sent_to = Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place)
+                device.addressed(Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place))
             device.seen((int(tcp.first_frame), int(tcp.first_ns)), (int(tcp.last_frame), int(tcp.last_ns)))
         talk = self._talk(client.address, server.address)
         if talk is None:

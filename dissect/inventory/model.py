@@ -31,6 +31,7 @@ MAX_REASONS: Final = 32
 MAX_AREAS: Final = 128
 MAX_TAGS: Final = 64
 MAX_NAMES: Final = 16
+MAX_BLOCKS: Final = 1024
 
 
 class Names:
@@ -50,6 +51,12 @@ class Names:
             insort(self.texts, text)
         else:
             self.more += 1
+
+    def merge(self, later: Names) -> None:
+        """Take the texts of ``later`` as well."""
+        for text in later.texts:
+            self.add(text)
+        self.more += later.more
 
 
 class Reason:
@@ -102,6 +109,17 @@ class Area:
         else:
             self.more_tags += 1
 
+    def merge(self, later: Area) -> None:
+        """Add what was read and written of the same area in packets behind those of this one."""
+        self.reads += later.reads
+        self.writes += later.writes
+        self.refused += later.refused
+        if later.low >= 0:
+            self.reach(later.low, later.high)
+        for name in later.tags:
+            self.tag(name)
+        self.more_tags += later.more_tags
+
 
 class Talk:
     """What a client and a server had to do with each other, over all their connections."""
@@ -140,6 +158,29 @@ class Talk:
                 return None
             found = self.areas[name] = Area(name)
         return found
+
+    def merge(self, later: Talk) -> None:
+        """Add what the same two had to do with each other in packets behind those of this one."""
+        self.connections += later.connections
+        self.protocols.merge(later.protocols)
+        self.transactions += later.transactions
+        self.reads += later.reads
+        self.writes += later.writes
+        self.answered += later.answered
+        self.errors += later.errors
+        self.missed += later.missed
+        self.pushes += later.pushes
+        for kind, count in later.operations.items():
+            self.operations[kind] = self.operations.get(kind, 0) + count
+        for name, theirs in later.areas.items():
+            area = self.area(name)
+            if area is not None:
+                area.merge(theirs)
+        self.more_areas += later.more_areas
+        if not self.first_frame:
+            self.first_frame, self.first_ns = later.first_frame, later.first_ns
+        if later.last_frame > self.last_frame:
+            self.last_frame, self.last_ns = later.last_frame, later.last_ns
 
 
 class Device:
@@ -201,6 +242,44 @@ class Device:
             known.count += 1
         elif len(self.reasons) < MAX_REASONS:
             self.reasons[role, text] = Reason(role, certainty, text, frame)
+
+    def block(self, name: str) -> Names | None:
+        """Return what became of a block, made where there is room."""
+        found = self.blocks.get(name)
+        if found is None:
+            if len(self.blocks) >= MAX_BLOCKS:
+                self.more_blocks += 1
+                return None
+            found = self.blocks[name] = Names()
+        return found
+
+    def addressed(self, fact: Fact | None) -> None:
+        """Packets for it went to the network card that ``fact`` names; the earliest counts."""
+        if fact is not None and (self.sent_to is None or self.sent_to.time_ns > fact.time_ns):
+            self.sent_to = fact
+
+    def merge(self, later: Device) -> None:
+        """Add what was seen of the same device in packets behind these; both without ``station``, ``code`` and talks."""
+        for key, reason in later.reasons.items():
+            known = self.reasons.get(key)
+            if known is not None:
+                known.count += reason.count
+            elif len(self.reasons) < MAX_REASONS:
+                self.reasons[key] = reason
+        self.latencies.merge(later.latencies)
+        self.sessions.merge(later.sessions)
+        self.addressed(later.sent_to)
+        self.tsaps.merge(later.tsaps)
+        self.pdu_lengths.merge(later.pdu_lengths)
+        self.parallel_jobs.merge(later.parallel_jobs)
+        for name, done in later.blocks.items():
+            names = self.block(name)
+            if names is not None:
+                names.merge(done)
+        self.more_blocks += later.more_blocks
+        self.more_code += later.more_code
+        if later.first_frame:
+            self.seen((later.first_frame, later.first_ns), (later.last_frame, later.last_ns))
 
     def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
         """It was seen from one packet to another, each with its time."""

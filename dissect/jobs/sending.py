@@ -23,7 +23,7 @@ from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
 from dissect.jobs.numbers import Offsets
 from dissect.s7.parameters import UserdataHead
-from dissect.stations.facts import Stretch
+from dissect.stations.facts import Fact, Stretch
 from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import Ending
@@ -47,6 +47,8 @@ _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Connection": frozenset(("begun", "naming", "open_requests", "operations", "subscriptions", "traits")),
     "Analysis": frozenset(("pipeline",)),
+    "CarvedBlock": frozenset(("activation", "operation")),
+    "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),
     "Direction": frozenset(("_keys", "messages")),
@@ -188,11 +190,10 @@ def _moved(obj: Any, name: str, value: Any, offsets: Offsets) -> Any:
         return value + offsets.connections
     if name == "number" and isinstance(obj, Transaction):
         return value + offsets.transactions
-    if isinstance(obj, Finding):
-        if name == "connection" and value:
-            return value + offsets.connections
-        if name == "detail":
-            return _NAMED.sub(lambda match: str(int(match[0]) + offsets.connections), value)
+    if name == "connection" and value and isinstance(obj, (Fact, Finding)):
+        return value + offsets.connections
+    if name == "detail" and isinstance(obj, Finding):
+        return _NAMED.sub(lambda match: str(int(match[0]) + offsets.connections), value)
     return value
 
 

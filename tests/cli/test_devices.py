@@ -63,4 +63,6 @@ def test_a_change_between_two_captures_fails_the_command(capfdbinary: Capture, t
     ran = run(capfdbinary, "devices", SZL, later, "--fail-on", "device.*")
     assert (ran.code, "device.serial_changed (1)" in ran.err) == (1, True)
     assert "serial number S C-C2UR28922012 → S C-X9ZZ00000001" in ran.out
+    apart = run(capfdbinary, "devices", "--separate", SZL, later, "--fail-on", "device.*")
+    assert (apart.code, apart.out) == (0, ran.out)
     assert run(capfdbinary, "devices", SZL, SZL, "--fail-on", "device.*").code == 0

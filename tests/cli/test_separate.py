@@ -173,3 +173,54 @@ def test_who_interrupts_has_what_was_read(capfdbinary: Capture, monkeypatch: pyt
     found = json.loads(ran.out)
     assert (ran.code, found["interrupted"], len(found["files"])) == (130, True, 2)
     assert ran.err.splitlines()[0] == "s7dissect: interrupted; the results cover what was read so far"
+
+
+def test_devices_of_all_files_are_one_inventory(capfdbinary: Capture, tmp_path: Path) -> None:
+    """As one run finds them, by any number of processes; with a file that is no capture and one that is cut."""
+    tags = ["--tags", str(CAPTURES / "tags" / "valve.csv"), "-Y", "not failed"]
+    ran = both(capfdbinary, "devices", "--separate", *tags, *FILES)
+    whole = run(capfdbinary, "devices", *tags, *FILES)
+    assert (ran.code, ran.out) == (whole.code, whole.out) == (0, whole.out)
+    assert ran.err.startswith("s7dissect: 1 file goes on where the file before ends")
+    text = tmp_path / "text.pcap"
+    text.write_text("this is no capture, but long enough to be looked at")
+    cut = both(capfdbinary, "devices", "--separate", "-T", "json", *FILES, str(text), CUT)
+    assert cut.code == 3
+    assert [sum([f"{name}: " in line for line in cut.err.splitlines()]) for name in ("text.pcap", CUT)] == [1, 1]
+    found, sound = (json.loads(out) for out in (cut.out, run(capfdbinary, "devices", "-T", "json", *FILES, CUT).out))
+    assert [Path(name).name for name in found.pop("files")][-2:] == ["text.pcap", "cut-pcapng.pcapng"]
+    assert sound.pop("files") == [*FILES, CUT]
+    assert found == sound
+
+
+def test_devices_after_a_process_died(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file is read once more; one that cannot be read at all leaves the others as they are."""
+    monkeypatch.setattr("dissect.jobs.pool.Pool", Dying)
+    ran = run(capfdbinary, "devices", "--separate", "-T", "json", "-j", "2", *FILES)
+    without = run(capfdbinary, "devices", "-T", "json", *FILES[:4])
+    assert ran.code == 3
+    assert (
+        "transfer.pcapng: the process that read it ended: it was killed, or there was no memory left; it is" in ran.err
+    )
+    assert "clock.pcapng: the process that read it ended: it was killed, or there was no memory left; so did" in ran.err
+    assert json.loads(ran.out)["devices"] == json.loads(without.out)["devices"]
+
+
+@each(("options", "why"), [
+    (["-j", "2"], "needs --separate"),
+    (["--separate", "--connection", "2"], "--separate: the field connection counts over all files"),
+])  # fmt: skip
+def test_what_devices_do_not_take(capfdbinary: Capture, options: list[str], why: str) -> None:
+    ran = run(capfdbinary, "devices", SZL, *options)
+    assert (ran.code, ran.out) == (2, "")
+    assert why in ran.err
+    assert "Traceback" not in ran.err
+
+
+def test_the_gate_of_devices(capfdbinary: Capture) -> None:
+    """Of files by themselves as of one run: with and without a selection."""
+    for selection in ([], ["-Y", "slug == security.write"]):
+        options = ["--fail-on", "warning", *selection]
+        ran = run(capfdbinary, "devices", "--separate", *options, *FILES)
+        assert ran.code == run(capfdbinary, "devices", *options, *FILES).code == 1
+        assert "--fail-on: " in ran.err

@@ -203,6 +203,8 @@ def test_workers_find_what_one_process_finds(
     assert ran.code == 3
     assert sum(["gone.pcap: no such file (worker " in line for line in ran.err.splitlines()]) == 1
     assert sum([f"{CUT}: cut off" in line for line in ran.err.splitlines()]) == 1
+    devices = both(capfdbinary, site, "devices", "--separate", "-T", "json", "--tags", tags, *files)
+    assert (devices.code, len(json.loads(devices.out)["devices"]) > 1) == (3, True)
 
 
 def test_two_hundred_files(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:

@@ -17,9 +17,10 @@ from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
-from dissect.jobs.analyses import Analyses, AnalysisPart, part_of, unread
+from dissect.jobs.analyses import Analyses
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
+from dissect.jobs.sums import FilePart, part_of, unread
 from dissect.report.analysis import EXACT, MAX_FAILED, Analysis
 from dissect.report.contract import analysis_as_json
 from dissect.report.summary import Summary
@@ -54,7 +55,7 @@ def text(analysis: Analysis) -> str:
 
 
 @cache
-def part(path: str) -> AnalysisPart:
+def part(path: str) -> FilePart:
     """Return what a run over one file finds, as it is sent."""
     analysis = Analysis()
     run = Run([path], analysis, Options())
@@ -68,7 +69,7 @@ def added(paths: Sequence[str]) -> Analysis:
     sums = Analyses(Options())
     for path in paths:
         sums.add(part(path))
-    return sums.analysis
+    return sums.found
 
 
 @settings(max_examples=8)
@@ -94,8 +95,8 @@ def test_findings_of_the_whole_capture_have_their_bound() -> None:
             pipeline.note_damage("x")
         pipeline.finish()
         sums.add(part_of(analysis, pipeline, [SourceFile("x", 1)]))
-    assert sums.analysis.finding_counts == {"capture.damaged": 180}
-    assert len(sums.analysis.findings) == 100
+    assert sums.found.finding_counts == {"capture.damaged": 180}
+    assert len(sums.found.findings) == 100
 
 
 @settings(max_examples=12)
@@ -164,15 +165,15 @@ def _stretch(one):  # type: ignore[no-untyped-def]
 
 def test_a_file_that_could_not_be_read_stays_in_the_list() -> None:
     sums = Analyses(Options())
-    for one in (part(APART[0]), unread("gone.pcap", "no such file"), part(APART[3])):
+    for one in (part(APART[0]), unread("gone.pcap", "no such file", Analysis()), part(APART[3])):
         sums.add(one)
-    assert [(file.name, file.damage) for file in sums.analysis.files][1] == ("gone.pcap", "no such file")
-    assert sums.analysis.finding_counts["capture.damaged"] == 1
-    told = [finding.detail for finding in sums.analysis.findings if finding.rule.slug == "capture.damaged"]
+    assert [(file.name, file.damage) for file in sums.found.files][1] == ("gone.pcap", "no such file")
+    assert sums.found.finding_counts["capture.damaged"] == 1
+    told = [finding.detail for finding in sums.found.findings if finding.rule.slug == "capture.damaged"]
     assert told == ["gone.pcap: no such file"]
-    assert text(sums.analysis).count("gone.pcap: 0 packets") == 2
+    assert text(sums.found).count("gone.pcap: 0 packets") == 2
     whole = dissect.analyze(APART[0], APART[3])
-    assert sums.analysis.latencies.as_dict() == whole.latencies.as_dict()
+    assert sums.found.latencies.as_dict() == whole.latencies.as_dict()
 
 
 def test_numbers_in_words_and_frames_move() -> None:
