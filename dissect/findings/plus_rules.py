@@ -15,6 +15,7 @@ from dissect.s7plus.events import (
     CHANGED,
     PASSWORD,
     READ_OUT,
+    REFUSED,
     REPLAYED,
     RESET,
     RUNNING,
@@ -156,7 +157,7 @@ class PlusWatch:
         if area:
             self._wrote(session, slug, area, event, transaction)
         elif kind not in _ONCE or transaction.connection.traits.first(slug):
-            became = accepted(transaction) if kind in _COMMANDS else ""
+            became = accepted(transaction) if kind in _COMMANDS and not event.text.endswith(REFUSED) else ""
             self._security.tell(slug, transaction, shortened(event.text, _TEXT) + became)
 
     def _wrote(self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction) -> None:

@@ -29,6 +29,7 @@ from dissect.s7plus.session import (
     REFERENCE_LIST,
     SERVER_SESSION,
     SESSION_KEY,
+    STATE_REQUEST,
     SUBSCRIPTION,
     PlusSession,
     reference_list_of,
@@ -85,20 +86,25 @@ _CYCLE: Final = 1049
 #: A job of the test functions, by which an engineering tool watches a program at work. Of the others (watch and force tables,
 #: breakpoints) no class is known.
 _TEST_JOB: Final = 2709
-_STATE_REQUEST: Final = 2167
 _STATES: Final = {4: STOPPED, 8: RUNNING}
 _NUMBER: Final = 2521
 _LANGUAGE: Final = 2523
 #: Attributes that hold the code of a block.
 _CODE: Final = frozenset((2533, 2580))
 #: Attributes of objects that are read, those that are only sought included.
-_WANTED: Final = table(ASKED_OF_OBJECTS | _CODE | {NAME, _NUMBER, _LANGUAGE, _CYCLE})
+_WANTED: Final = table(ASKED_OF_OBJECTS | _CODE | {NAME, _NUMBER, _LANGUAGE, _CYCLE, STATE_REQUEST})
 #: Blocks that are named.
 _NAMED: Final = 5
+
+#: How the text of an order ends whose item the CPU refused.
+REFUSED: Final = ", refused"
 
 # What tells cheaply that a PDU may matter.
 _STATE_MARK: Final = build_varint(OPERATING_STATE, VLQ)
 _IDENTIFICATION_MARK: Final = build_varint(IDENTIFICATION, VLQ)
+#: What a write of several holds that is more than variables.
+_WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
+_WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
 #: What an answer to Explore holds that matters: the code of a block, or the names of variables.
 _MARKS: Final = marks(_CODE, frozenset((TYPE_INFO,)))
 #: Functions that clients count on their own, for the integrity id.
@@ -245,7 +251,9 @@ def _may_matter(session: PlusSession, function: int, octets: bytes, response: by
         return True
     object_id = u32(octets, at)
     if function == SET_MULTI_VARIABLES:
-        return object_id != 0 or not (session.outputs_told and session.elsewhere_told)
+        if object_id or not (session.outputs_told and session.elsewhere_told):
+            return True
+        return any([mark in octets for mark in _WRITTEN_MARKS])
     if function == SET_VAR_SUBSTREAMED or object_id == CPU_EXEC_UNIT or object_id in AREAS:
         return True
     if (object_id >> 16) in BLOCK_KINDS:
@@ -354,6 +362,8 @@ def _written(session: PlusSession, facts: Facts, asked: Contents, told: Contents
             session.authenticated = session.authenticated or good
         elif last == REFERENCE_LIST and value is not None and good:
             session.change(address.area, value)
+        elif last == STATE_REQUEST and address.area == CPU_EXEC_UNIT and value is not None:
+            facts.events.append(_state_requested(value, number in refused))
         elif number not in refused:
             _write(session, facts, address, value)
 
@@ -386,7 +396,7 @@ def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, tol
         facts.events.append(Event(PASSWORD, ""))
     elif ids[0] == REFERENCE_LIST and value is not None and good:
         session.change(object_id, value)
-    elif object_id == CPU_EXEC_UNIT and ids == [_STATE_REQUEST] and value is not None:
+    elif object_id == CPU_EXEC_UNIT and ids == [STATE_REQUEST] and value is not None:
         facts.events.append(_state_requested(value))
     else:
         address = single_address(asked)
@@ -394,11 +404,14 @@ def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, tol
             _write(session, facts, address, value)
 
 
-def _state_requested(value: Value) -> Event:
+def _state_requested(value: Value, refused: bool = False) -> Event:
     number = value.content if isinstance(value.content, int) else -1
     kind = {1: STOP, 2: RESET}.get(number, START)
     row = STATE_REQUESTS.get(number)
-    return Event(kind, f"operating state request {number} {row.name if row is not None else '(unknown)'}")
+    return Event(
+        kind,
+        f"operating state request {number} {row.name if row is not None else '(unknown)'}{REFUSED if refused else ''}",
+    )
 
 
 def _states(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None) -> None:

@@ -21,6 +21,7 @@ from dissect.s7plus.session import (
     OPERATING_STATE,
     REFERENCE_LIST,
     SESSION_KEY,
+    STATE_REQUEST,
 )
 from dissect.s7plus.skimming import one_frame
 from dissect.s7plus.skipping import Skipper
@@ -45,7 +46,7 @@ _SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
 _LARGEST: Final = 4096
 #: Attributes whose writing is more than a glance can tell.
-_TOLD: Final = PASSWORDS | {REFERENCE_LIST}
+_TOLD: Final = PASSWORDS | {REFERENCE_LIST, STATE_REQUEST}
 #: Areas of the outputs.
 OUTPUTS: Final = frozenset((81,))
 

@@ -38,6 +38,7 @@ CPU_EXEC_UNIT: Final = 52
 ASKED_OF_OBJECTS: Final = frozenset((
     REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _CLIENT_ID, _SESSION_VERSION, _CHALLENGE,
 ))  # fmt: skip
+STATE_REQUEST: Final = 2167  # written to the execution unit: STOP, RUN …
 OPERATING_STATE: Final = 3486
 
 _NEW_LIST: Final = 0x80000000

@@ -412,6 +412,29 @@ def test_reads_that_lie_are_told_though_nobody_looks_at_what_they_read() -> None
     ]
 
 
+def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_write_of_one() -> None:
+    """With a link to the object and without, alone and behind writes of which no more is to be told."""
+    five = Value(0, INT, 5)
+    first = bodies.set_multi([(Address(0, area, 3736, [3, 0, 2]), five) for area in (81, 82)])
+    for id_, text, slug, detail, accepted in (
+        (2167, 1, "security.plc_stop", "operating state request 1 STOP", ", accepted"),
+        (2167, 3, "security.plc_start", "operating state request 3 RUN", ", accepted"),
+        (304, 1, "security.password", "accepted", ""),
+    ):
+        value = Value(0, DINT, text)
+        linked = bodies.rid(52) + b"\1\1" + bodies.number(id_) + b"\1" + build_value(value) + b"\0"
+        linked += bodies.QUALIFIER + bodies.end(4)
+        for body in (linked, bodies.set_multi([(Address(0, 52, id_, []), value)])):
+            talk = begun()
+            do(talk, 1, SET_MULTI_VARIABLES, first, b"\0\0")
+            do(talk, 2, SET_MULTI_VARIABLES, body, b"\0\0")
+            do(talk, 3, SET_MULTI_VARIABLES, body, b"\0\1" + bodies.number(0xFFF4) + b"\0")
+            found = [text for name, text in said(talk) if name == slug]
+            assert found == [detail + accepted, ANY], (id_, body.hex())
+            if accepted:
+                assert found[1] == f"{detail}, refused"
+
+
 def test_only_the_packet_that_lies_is_named() -> None:
     for asked_more, told_more, said_of, packet in ((b"", b"x", "response: ", 1), (b"x", b"", "request: ", 0)):
         talk = begun()
