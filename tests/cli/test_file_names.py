@@ -109,6 +109,8 @@ tags convert MISSING
 analyze GOOD --tags MISSING
 analyze GOOD --tls-keys MISSING
 transactions GOOD -Y WORD
+cluster-check WORD
+analyze GOOD --separate --cluster WORD
 fields WORD
 schema WORD
 completion WORD
