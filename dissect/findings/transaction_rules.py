@@ -64,6 +64,7 @@ from dissect.transactions.transaction import (
     Transaction,
     TransactionError,
 )
+from dissect.wire.codes import coded
 from dissect.wire.text import distance_text, duration_text
 
 #: Areas that have an element of their own, by the transport size of the same number.
@@ -282,7 +283,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 _frames(transaction),
                 transaction.response_ns,
-                f"{subject(transaction)}: 0x{error.code:04x} {error.name}",
+                f"{subject(transaction)}: {coded(f'0x{error.code:04x}', error.name)}",
             )
         return
     slug = "transaction.item_error"
@@ -293,7 +294,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 _frames(transaction),
                 transaction.response_ns,
-                f"{transaction.function_name} {_about(transaction, error)}: 0x{error.code:02x} {error.name}",
+                f"{transaction.function_name} {_about(transaction, error)}: {coded(f'0x{error.code:02x}', error.name)}",
             )
 
 

@@ -44,6 +44,7 @@ from dissect.transactions.transaction import (
     Transaction,
     TransactionError,
 )
+from dissect.wire.codes import coded
 from dissect.wire.text import decimal, duration_text, encodable, printable, shortened
 
 
@@ -339,8 +340,7 @@ def error_text(error: TransactionError) -> str:
         return f"{error.name} {error.code}: {printable(error.text)}"
     if error.code == NO_CODE:
         return error.name
-    code = f"0x{error.code:02x}" if error.part == ITEM else f"0x{error.code:04x}"
-    return f"{code} {error.name}"
+    return coded(f"0x{error.code:02x}" if error.part == ITEM else f"0x{error.code:04x}", error.name)
 
 
 def outcome(transaction: Transaction) -> str:

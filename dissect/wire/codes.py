@@ -92,3 +92,8 @@ class CodeTable:
     def names(self) -> dict[int, str]:
         """Return {number: name} for every row, in table order (Scapy's enumeration fields take this form)."""
         return {row.number: row.name for row in self._rows.values()}
+
+
+def coded(code: str, name: str) -> str:
+    """Return a code with its name, ``0x0a Object does not exist``; one that no table knows names itself: it is unknown."""
+    return f"{code} (unknown code)" if name.startswith("0x") else f"{code} {name}"

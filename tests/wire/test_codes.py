@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.wire.codes import CodeTable
+from dissect.wire.codes import CodeTable, coded
 
 TABLE = CodeTable("test", 2, [(0x04, "Read Var", "Reads."), (0x01, "", "Has no name."), (0xF0, "Setup", "")])
 
@@ -59,3 +59,8 @@ def test_no_table_of_the_package_has_a_row_twice() -> None:
                     )
                     tables += 1
     assert tables > 10
+
+
+def test_a_code_with_its_name() -> None:
+    assert coded("0x04", TABLE.name(4)) == "0x04 Read Var"
+    assert coded("0x05", TABLE.name(5)) == "0x05 (unknown code)"
