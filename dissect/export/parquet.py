@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +31,11 @@ _NO_DAY: Final = "__HIVE_DEFAULT_PARTITION__"
 
 
 class ParquetFile:
-    """One Parquet file, and the batches that wait for its next row group."""
+    """One Parquet file, and the batches that wait for its next row group.
+
+    A row group is encoded and compressed by a thread, which needs no Python for it, while the next one is gathered; what went
+    wrong there is raised with the next row group, or when the file is closed.
+    """
 
     def __init__(self, path: Path, batches: Batches) -> None:
         parquet = needed("pyarrow.parquet")
@@ -39,6 +44,8 @@ class ParquetFile:
         self._waiting: list[Any] = []
         self._rows = 0
         self._bytes = 0
+        self._writes = ThreadPoolExecutor(1, "parquet")
+        self._writing: Future[None] | None = None
         columns = batches.table.columns
         path.parent.mkdir(parents=True, exist_ok=True)
         self._writer = parquet.ParquetWriter(
@@ -63,21 +70,34 @@ class ParquetFile:
     def write(self) -> None:
         """Write the rows that wait as a row group."""
         if self._waiting:
-            table = self._pa.Table.from_batches(self._waiting, self._batches.schema).unify_dictionaries()
-            self._writer.write_table(table, row_group_size=self._rows)
+            self._settle()
+            self._writing = self._writes.submit(self._write, self._waiting, self._rows)
             self._waiting = []
             self._rows = self._bytes = 0
 
     def close(self) -> None:
         """Write the rest, and the end of the file."""
         self.write()
+        self._settle()
+        self._writes.shutdown()
         self._writer.close()
 
     def abandon(self) -> None:
         """Close a file of which nothing will be kept."""
+        self._writes.shutdown()
         with suppress(Exception):  # it could not be written to
             self._writer.close()
         self._writer.is_open = False  # else it tries again when it is forgotten, and complains
+
+    def _write(self, batches: list[Any], rows: int) -> None:
+        table = self._pa.Table.from_batches(batches, self._batches.schema).unify_dictionaries()
+        self._writer.write_table(table, row_group_size=rows)
+
+    def _settle(self) -> None:
+        """Wait for the row group that is being written. Raises what went wrong with it."""
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            writing.result()
 
 
 class ParquetSink(Sink):

@@ -107,20 +107,43 @@ def test_memory_is_handed_on_as_row_groups_fill(tmp_path: Path) -> None:
     table = TABLES["items"]
     (row,) = [tuple(row.values()) for row in rows_of(ERRORS)["items"][:1]]
     sink = ParquetSink(tmp_path / "items.parquet", [table], True, False, {})
-    for _ in range(20):
+    for _ in range(31):
         sink.take(table, [row] * 8192)
     written = (tmp_path / "items.parquet").stat().st_size
-    assert written > 1000  # a group is in the file before the end
+    assert written > 1000  # the first group is in the file when the second begins to be written
     sink.close()
     file = pyarrow.parquet.ParquetFile(tmp_path / "items.parquet")
-    assert file.metadata.num_rows == 20 * 8192
-    assert file.metadata.num_row_groups == 2
+    assert file.metadata.num_rows == 31 * 8192
+    assert file.metadata.num_row_groups == 3
     assert file.metadata.row_group(0).num_rows == ROW_GROUP
     assert file.metadata.row_group(0).column(0).compression == "ZSTD"
-    group = file.metadata.row_group(1)
+    group = file.metadata.row_group(2)
     columns = [group.column(number) for number in range(group.num_columns)]
     ranged = {column.path_in_schema for column in columns if column.statistics is not None}
     assert ranged == {"ts", "ts_ns"}  # what a reader leaves out row groups by
+
+
+def test_what_goes_wrong_while_a_row_group_is_written_is_raised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread writes it: the next row group, or the end of the file, hears of it."""
+    from dissect.export.arrow import Batches
+    from dissect.export.parquet import ParquetFile
+
+    batches = Batches(TABLES["devices"])
+    for end in (ParquetFile.write, ParquetFile.close):
+        file = ParquetFile(tmp_path / "devices.parquet", batches)
+
+        def full(*_: object, **__: object) -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(file._writer, "write_table", full)
+        file.add(pyarrow.RecordBatch.from_pylist([{}], batches.schema))
+        file.write()
+        file.add(pyarrow.RecordBatch.from_pylist([{}], batches.schema))
+        with pytest.raises(OSError, match="No space left"):
+            end(file)
+        file.abandon()
 
 
 def test_naughty_strings_come_back_as_they_were(capfdbinary: Capture, tmp_path: Path) -> None:
