@@ -73,6 +73,7 @@ print("\n".join([*lines, *(needed(sys.argv[1]) if sys.argv[1] not in {"", "build
 PROGRAM
 }
 
+fetched=
 print=$(fingerprint)
 if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   echo "environment: building the package"
@@ -84,6 +85,7 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   # What the package needs comes meanwhile: a good part of the build keeps one processor busy. What fails here fails again below.
   requirements "$extra" >"$wheels/requirements.txt"
   "${install[@]}" -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
+  fetched=yes
   # What pip would call, in this environment: one of its own for the build would install the compiler a second time.
   if ! "$venv/bin/python" -c 'import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])' "$wheels" \
     >"$wheels/build.log" 2>&1 </dev/null; then
@@ -100,6 +102,11 @@ wait
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"
+  if [ -z "$fetched" ]; then
+    # As a list, as beside the build: asked for as an extra of the wheel, pip may not find versions that go together.
+    requirements "$extra" >"$wheels/requirements.txt"
+    "${install[@]}" -r "$wheels/requirements.txt" </dev/null
+  fi
   # The same version is not the same build: pip would leave an earlier one where it is.
   if [ -e "$venv/bin/s7dissect" ]; then
     "${install[@]}" --force-reinstall --no-deps "$wheel" </dev/null
