@@ -35,6 +35,13 @@ from distutils.sysconfig import customize_compiler, get_python_inc  # isort: ski
 
 #: The modules on the way of every byte. They import the standard library, mypy_extensions and each other, nothing else.
 HOT: Final = (
+    "dissect/anonymize/messages.py",
+    "dissect/anonymize/rewrite_plan.py",
+    "dissect/anonymize/rules.py",
+    "dissect/anonymize/track.py",
+    "dissect/anonymize/usual_packet.py",
+    "dissect/golden/forms.py",
+    "dissect/golden/values.py",
     "dissect/wire/*.py",
     "dissect/source/packet.py",
     "dissect/source/pcap.py",
@@ -77,7 +84,6 @@ COLD: Final = (
     "dissect/*/tables.py",
     "dissect/*/*_tables.py",
     "dissect/iso/build.py",  # what no capture needs
-    "dissect/s7/build.py",
     "dissect/iso/layouts.py",  # ibh/layouts.py derives from a compiled class, which interpreted classes may not
     "dissect/s7/layouts.py",
     "dissect/s7plus/layouts.py",
@@ -139,6 +145,14 @@ BUSIEST: Final = (
 
 #: What else a packet or a transaction of any protocol passes through.
 BUSY: Final = (
+    "dissect/anonymize/messages.py",
+    "dissect/anonymize/rewrite_plan.py",
+    "dissect/anonymize/rules.py",
+    "dissect/anonymize/track.py",
+    "dissect/anonymize/usual_packet.py",
+    "dissect/golden/forms.py",
+    "dissect/golden/values.py",
+    "dissect/s7/build.py",
     "dissect/wire/malformed.py",
     "dissect/wire/part.py",
     "dissect/wire/varint.py",

@@ -140,7 +140,7 @@ class Account:
 
     def mask(self, kind: str, octets: bytes) -> None:
         """Octets are set to zero; those that were zero need no word."""
-        if any(octets):
+        if octets.count(0) != len(octets):
             fields, size = self.masked.get(kind, (0, 0))
             self.masked[kind] = (fields + 1, size + len(octets))
 

@@ -17,16 +17,28 @@ from dissect.ibh.tables import KIND_OTHER, KIND_SERVICE
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
 from dissect.iso.tables import CC, CR
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, classify
+from dissect.s7.items import DATA_HEAD, DataItem, parse_data_items, walk_areas
 from dissect.s7.layouts import PDU_REF
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import HEADER_SIZE
-from dissect.s7.tables import JOB, READ_VAR
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS, WRITE_VAR
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, V3
+from dissect.transactions.pairing import key_of
+from dissect.transactions.table import Side
+from dissect.wire.malformed import Malformed
+from dissect.wire.octets import u16
 
 #: Parameters of TPDUs that hold numbers of the protocol.
 _NUMBERS: Final = frozenset((0x85, 0x86, 0x87, 0x88, 0x89, 0x8A, 0x8B, 0x8C, 0xC0, 0xC4, 0xC6, 0xC7, 0xF0, 0xF2))
 _PLUS_HEADER: Final = 4
+#: Where the reference of an S7 PDU begins and ends.
+_REFERENCE: Final[int] = PDU_REF.start
+_BEHIND: Final[int] = PDU_REF.stop
+#: Where the lengths of an S7 PDU stand, and the size of an answer that says function and number of items, and nothing else.
+_PARAM_LENGTH: Final = 6
+_DATA_LENGTH: Final = 8
+_PLAIN: Final = ACK_HEADER_SIZE + 2
 #: IBH-NetLink packets without data that stay: a claim of a connection number; connections, acknowledgements and receipts.
 _MAX_SERVICE: Final = 14
 _MAX_NETLINK: Final = 32
@@ -56,9 +68,13 @@ def draft_tsdu(
 
 def _pdu(draft: RewritePlan, rules: Rules, codes: Sequence[int]) -> None:
     octets = draft.octets
-    but_reference = octets[: PDU_REF.start] + octets[PDU_REF.stop :]
+    but_reference = octets[:_REFERENCE] + octets[_BEHIND:] if len(octets) >= HEADER_SIZE else b""
     if but_reference in rules.known:
         draft.keep(0, len(octets))
+        return
+    items = _plain_items(octets, rules) if not codes else None
+    if items is not None:
+        rules.contents(draft, items)
         return
     pdu = parse_pdu(octets)
     if len(octets) < HEADER_SIZE:
@@ -71,8 +87,43 @@ def _pdu(draft: RewritePlan, rules: Rules, codes: Sequence[int]) -> None:
     rules.parts(draft, body.parts, codes)
     end = max([part.end for part in body.parts], default=head)
     draft.zero(end, len(octets), account.UNKNOWN)
-    if pdu.rosctr == JOB and pdu.function == READ_VAR and draft.pieces == [(0, len(octets), None)]:
-        rules.know(but_reference)
+    _learn(draft, pdu, but_reference, rules)
+
+
+def _plain_items(octets: bytes, rules: Rules) -> list[DataItem] | None:
+    """Return the data items of a read's answer or of a write of which everything else stays, None for any other PDU.
+
+    That is one in which nothing contradicts anything; of a write the parameters were seen before (`_learn`).
+    """
+    size = len(octets)
+    if size < _PLAIN:
+        return None
+    answer = octets[1] == ACK_DATA and octets[ACK_HEADER_SIZE] == READ_VAR
+    if not answer and not (octets[1] == JOB and octets[HEADER_SIZE] == WRITE_VAR):
+        return None
+    head = ACK_HEADER_SIZE if answer else HEADER_SIZE
+    at = head + u16(octets, _PARAM_LENGTH)
+    if at + u16(octets, _DATA_LENGTH) != size or at < _PLAIN - 2 or (answer and at != _PLAIN):
+        return None
+    if not answer and octets[head:at] not in rules.known_heads:
+        return None
+    told: list[Malformed] = []
+    items = parse_data_items(octets, at, size, octets[head + 1], answer, told)
+    return None if told else items
+
+
+def _learn(draft: RewritePlan, pdu: Pdu, but_reference: bytes, rules: Rules) -> None:
+    """Remember what stays as a whole of a sound request, or of the answer to a write."""
+    if pdu.malformed or not draft.pieces:
+        return
+    begin, end, new = draft.pieces[0]
+    if begin or new is not None:
+        return
+    asks = pdu.rosctr == JOB
+    if end == len(draft.octets) and pdu.function == (READ_VAR if asks else WRITE_VAR):
+        rules.know(rules.known, but_reference)
+    elif asks and pdu.function == WRITE_VAR and end >= pdu.data_offset:
+        rules.know(rules.known_heads, draft.octets[HEADER_SIZE : pdu.data_offset])
 
 
 def _plus(draft: RewritePlan, begins: bool) -> None:
@@ -143,3 +194,19 @@ def draft_netlink(packet: IbhPacket, told: Account) -> RewritePlan:
     else:
         draft.zero(end, len(octets), account.UNKNOWN)
     return draft
+
+
+def area_codes(side: Side, octets: bytes) -> list[int]:
+    """Return where return codes of areas stand in an answer of ``side``: the answer to a DBREAD item has one for each."""
+    found: list[int] = []
+    if len(octets) < _PLAIN or octets[0] != PROTOCOL_ID or octets[1] != ACK_DATA or octets[ACK_HEADER_SIZE] != READ_VAR:
+        return found
+    requests = side.connection.open_requests[1 - side.index].table
+    asked = requests.get(key_of(ACK_DATA, u16(octets, _REFERENCE)))
+    if asked is None or all([item.areas is None for item in asked.parameters.items]):
+        return found
+    for item, answer in zip(asked.parameters.items, parse_pdu(octets).data_items(), strict=False):
+        if item.areas is not None and answer.return_code == SUCCESS:
+            at = int(answer.offset) + DATA_HEAD
+            found += [at + int(area.offset) for area in walk_areas(item.areas, answer.data)]
+    return found

@@ -10,13 +10,11 @@ from dissect.anonymize.addresses import MAX_CACHED, AddressMap
 from dissect.anonymize.checksum import ONES, moved, renewed, total
 from dissect.anonymize.fragments import Fragment
 from dissect.anonymize.survey import UDP, Survey
-from dissect.ibh.tables import NETLINK_PORT
+from dissect.anonymize.usual_packet import PORTS, UsualPackets
 from dissect.tcp import ip, link
 from dissect.tcp.stream import SYN
-from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.wire.octets import u16, u32
 
-_PORTS: Final = frozenset((ISO_TSAP_PORT, NETLINK_PORT))
 _ARP: Final = 0x0806
 _FRAGMENTED: Final = frozenset((ip.TCP, ip.UDP))
 #: Octets of link headers that hold addresses.
@@ -35,14 +33,16 @@ class Packets:
         self._addresses = addresses
         self._others = choices.keep_others
         self._account = told
-        self._links: dict[tuple[int, bytes], bytes] = {}
-        self._pairs: dict[bytes, tuple[int, int, bytes]] = {}
+        self._usual = UsualPackets(survey.tracks, addresses, told)
 
     def renew(self, frame: int, octets: bytes, link_type: int) -> bytes | Fragment | None:
         """Return what is written in the place of packet ``frame``; None when nothing is. Never raises.
 
         A `Fragment` is what is written once its datagram is whole (`whole`).
         """
+        made = self._usual.renew(frame, octets, link_type)
+        if made is not None:
+            return made
         end = len(octets)
         at, vlan = link.find_ip(octets, 0, end, link_type)
         if at == link.UNSUPPORTED:
@@ -111,11 +111,12 @@ class Packets:
 
     def _link_again(self, head: bytes, link_type: int) -> bytes:
         """Return `_link` of a header, which comes with many packets."""
-        made = self._links.get((link_type, head))
+        links = self._usual.links
+        made = links.get((link_type, head))
         if made is None:
-            if len(self._links) >= MAX_CACHED:
-                self._links.clear()
-            made = self._links[link_type, head] = self._link(head, link_type)
+            if len(links) >= MAX_CACHED:
+                links.clear()
+            made = links[link_type, head] = self._link(head, link_type)
         return made
 
     def _link(self, head: bytes, link_type: int) -> bytes:
@@ -167,7 +168,7 @@ class Packets:
             self._extensions(octets, new, at + 40, end, octets[at + 6])
             return
         new[at : at + 12] = octets[at : at + 12]
-        was, becomes, made = self._pair(octets[at + 12 : at + 20])
+        was, becomes, made = self._usual.pair(octets[at + 12 : at + 20])
         new[at + 12 : at + 20] = made
         if end > at + 20:
             new[at + 20 : end] = bytes((_NOP,)) * (end - at - 20)
@@ -180,17 +181,6 @@ class Packets:
             old = octets[at : at + 10] + b"\0\0" + octets[at + 12 : end]
             stored = renewed(stored, old, bytes(new[at:end]), b"", b"")
         new[at + 10 : at + 12] = stored.to_bytes(2, "big")
-
-    def _pair(self, addresses: bytes) -> tuple[int, int, bytes]:
-        """Return the sum of two addresses, that of what stands for them, and what stands for them."""
-        known = self._pairs.get(addresses)
-        if known is None:
-            if len(self._pairs) >= MAX_CACHED:
-                self._pairs.clear()
-            half = len(addresses) // 2
-            new = self._addresses.ip(addresses[:half]) + self._addresses.ip(addresses[half:])
-            known = self._pairs[addresses] = (total(addresses), total(new), new)
-        return known
 
     def _extensions(self, octets: bytes, new: bytearray, at: int, end: int, kind: int) -> None:
         """Write the IPv6 extension headers between ``at`` and ``end``: of their contents only padding is left."""
@@ -223,7 +213,7 @@ class Packets:
         track = self._survey.find(packet.addresses + octets[at : at + 4] + tag, frame)
         if track is None:
             empty = data == end and not packet.missing
-            if not empty or _PORTS.isdisjoint((u16(octets, at), u16(octets, at + 2))):
+            if not empty or PORTS.isdisjoint((u16(octets, at), u16(octets, at + 2))):
                 return False
         new[at : at + 20] = octets[at : at + 20]
         if data > at + 20:
@@ -296,7 +286,7 @@ class Packets:
         start, end = int(packet.start), int(packet.end)
         size = end - start + int(packet.missing)
         stored = int(u16(octets, at))
-        was, becomes, addresses = self._pair(packet.addresses)
+        was, becomes, addresses = self._usual.pair(packet.addresses)
         left = stored - was - (size >> 16) - (size & 0xFFFF) - int(packet.protocol)
         if stored and packet.protocol != 1 and left % ONES:  # neither none, nor one that a network card was to work out
             old, made = octets[start:end], bytes(new[start:end])

@@ -29,7 +29,7 @@ class RewritePlan:
     def put(self, begin: int, new: bytes, kind: str) -> None:
         """The octets from ``begin`` on get others."""
         end = begin + len(new)
-        if new == self.octets[begin:end]:
+        if new == (self.octets[begin:end] if begin <= len(self.octets) else b""):
             self.keep(begin, end)
         elif new:
             self.pieces.append((begin, end, new))
@@ -51,5 +51,7 @@ class RewritePlan:
 
     def zero(self, begin: int, end: int, kind: str) -> None:
         """The octets are set to zero, which is what becomes of all that nothing is said of."""
-        if begin < end:
-            self.account.mask(kind, self.octets[begin:end])
+        if begin < min(end, len(self.octets)):
+            octets = self.octets[begin:end]
+            if octets.count(0) != len(octets):
+                self.account.mask(kind, octets)

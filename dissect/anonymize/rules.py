@@ -17,6 +17,7 @@ from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.texts import replace_bit, replace_octets, replace_path, replace_text
 from dissect.s7.data_parts import CONTENT
+from dissect.s7.items import DATA_HEAD, DataItem
 from dissect.s7.layouts import DATA_ITEM
 from dissect.s7.services import PI_SERVICES
 from dissect.s7.tables import DATA_BIT
@@ -67,24 +68,38 @@ def numbers_size(layout: Layout) -> int:
 class Rules:
     """Treats the parts of messages as ``choices`` say.
 
-    ``known`` are small requests of reads, without their references, of which everything stays: polling repeats them.
+    ``known`` are small requests of reads and answers to writes, without their references, of which everything stays: polling
+    repeats them. ``known_heads`` are the parameters of writes of which everything stays.
     """
 
     def __init__(self, key: Key, addresses: AddressMap, choices: Choices, scd: ScdRules | None = None) -> None:
         self.scd = scd
         self.known: set[bytes] = set()
+        self.known_heads: set[bytes] = set()
         self._key = key
         self._addresses = addresses
         self._choices = choices
         self._codes: Sequence[int] = ()
+        self._openings: tuple[bytes, bytes] = scd.openings if scd is not None else (b"", b"")
         self._inside = choices.values != KEEP or (scd is not None and scd.described)
 
-    def know(self, request: bytes) -> None:
-        """Remember the request of a read of which everything stays."""
-        if len(request) <= _SMALL:
-            if len(self.known) >= _MOST:
-                self.known.clear()
-            self.known.add(request)
+    def know(self, known: set[bytes], octets: bytes) -> None:
+        """Remember octets of which everything stays in ``known``, one of the two sets."""
+        if len(octets) <= _SMALL:
+            if len(known) >= _MOST:
+                known.clear()
+            known.add(octets)
+
+    def contents(self, draft: RewritePlan, items: list[DataItem]) -> None:
+        """Treat a PDU of which the contents of ``items`` become others, and everything else stays."""
+        at = 0
+        for item in items:
+            begin = int(item.offset) + DATA_HEAD
+            end = begin + len(item.data)
+            draft.keep(at, begin)
+            self._plain_value(draft, begin, end, item.transport_size == DATA_BIT)
+            at = end
+        draft.keep(at, len(draft.octets))
 
     def parts(self, draft: RewritePlan, parts: list[Part], codes: Sequence[int] = ()) -> None:
         """Treat the parts of a message, which stand in order; at ``codes`` are return codes inside values, which stay."""
@@ -164,7 +179,9 @@ class Rules:
         if begin == end:
             return
         octets = draft.octets[begin:end]
-        made = self.scd.inside(octets) if self.scd is not None and self._inside else None
+        made = None
+        if self.scd is not None and self._inside and octets.startswith(self._openings):
+            made = self.scd.inside(octets)
         if made is not None:
             draft.lay(made, begin)
         elif self._choices.values == KEEP:

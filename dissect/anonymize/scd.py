@@ -59,6 +59,8 @@ class ScdRules:
         self._holds = {one.name: one.holds for one in carrier.bindings.all} if carrier is not None else {}
         self._envelope = Envelope() if carrier is None else carrier.devices.codec.envelope
         self._default = Envelope()
+        #: How octets begin that may be messages (`inside`).
+        self.openings = (self._envelope.opening, self._default.opening)
 
     @property
     def described(self) -> bool:

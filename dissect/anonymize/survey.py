@@ -9,11 +9,11 @@ from mypy_extensions import i64
 
 from dissect.anonymize.account import FULL, MANY, UNCERTAIN, Account
 from dissect.anonymize.key import Key
-from dissect.anonymize.messages import draft_netlink, draft_tpdu, draft_tsdu
+from dissect.anonymize.messages import area_codes, draft_netlink, draft_tpdu, draft_tsdu
 from dissect.anonymize.plus import PlusRules
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
-from dissect.anonymize.track import COST, Room, Track
+from dissect.anonymize.track import COST, Room, Track, track_at
 from dissect.engine.observer import Observer
 from dissect.ibh.packet import HEADER as IBH_HEADER
 from dissect.ibh.packet import parse_packet
@@ -21,17 +21,10 @@ from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
-from dissect.s7.items import walk_areas
-from dissect.s7.layouts import PDU_REF
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import HEADER_SIZE
-from dissect.s7.parameters import PROTOCOL_ID as S7_PROTOCOL_ID
-from dissect.s7.tables import ACK_DATA, SUCCESS
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.tcp.stream import TcpConnection
 from dissect.transactions.connection import Connection
-from dissect.transactions.pairing import key_of
 from dissect.transactions.payloads import Backlog, ScdMessage
 from dissect.transactions.table import Side, reverse_key
 from dissect.wire.octets import u16
@@ -46,8 +39,6 @@ UDP: Final = b"udp"
 #: Parts of one message that are waited for.
 MAX_PARTS: Final = 8192
 _DT_HEAD: Final = 7
-#: Return code, transport size and length before the octets of a data item.
-_DATA_HEAD: Final = 4
 
 
 class _Part:
@@ -76,8 +67,8 @@ class _Frame:
         """Write what becomes of it, cut as its parts were."""
         at = 0
         for part in self.parts:
-            _lay(track, part.head, part.head_at)
-            _lay(track, draft, part.data_at - at, at, at + len(part.data))
+            track.lay(part.head, part.head_at)
+            track.lay(draft, part.data_at - at, at, at + len(part.data))
             at += len(part.data)
 
 
@@ -98,9 +89,14 @@ class _Message:
         self.claimed = False  # a binding says that SCD is in it
         self.told = 0  # where the TPKT told last ends
 
+    @property
+    def idle(self) -> bool:
+        """True when nothing waits for what comes next."""
+        return not (self.parts or self.dropping or self.frames or self.plus or self.assembler.parts is not None)
+
 
 class Survey(Observer):
-    """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet."""
+    """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet, of those in ``tracks``."""
 
     def __init__(
         self, key: Key, rules: Rules, plus: PlusRules, told: Account, carrier: ScdCarrier | None = None
@@ -113,7 +109,7 @@ class Survey(Observer):
         self._plus = plus
         self._account = told
         self._room = Room()
-        self._tracks: dict[bytes, list[Track]] = {}
+        self.tracks: dict[bytes, list[Track]] = {}
         self._count = 0
         # By direction; the oldest leave when there are too many.
         self._messages: OrderedDict[bytes, tuple[Track, _Message]] = OrderedDict()
@@ -128,7 +124,7 @@ class Survey(Observer):
         """Make room for both directions of a connection, so that its packets are known."""
         tcp = connection.tcp
         for index, direction in enumerate(_keys(tcp, bool(connection.udp))):
-            tracks = self._tracks.setdefault(direction, [])
+            tracks = self.tracks.setdefault(direction, [])
             if tracks and tracks[-1].stream is tcp.streams[index]:
                 continue  # another transport connection on the same TCP connection
             if self._count >= MAX_TRACKS:
@@ -158,6 +154,11 @@ class Survey(Observer):
         message.told = start + len(octets)
         message.claimed = self._carrier is not None and self._carrier.claims_tsdus(side.connection)
         if octets[4] == 2 and octets[5] == 0xF0:
+            if octets[6] >= 0x80 and classify(octets, _DT_HEAD, len(octets)) == S7COMM and message.idle:
+                data = octets[_DT_HEAD:]
+                track.keep(start, start + _DT_HEAD)
+                track.lay(draft_tsdu(data, self._rules, self._account, True, area_codes(side, data)), start + _DT_HEAD)
+                return
             head = RewritePlan(octets, self._account)
             head.keep(0, _DT_HEAD)
             self._part(side, track, message, _Part(head, start, start + _DT_HEAD, octets[_DT_HEAD:]), octets[6] >= 0x80)
@@ -165,7 +166,7 @@ class Survey(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type != DT or tpdu.malformed:
             self._flush(track, message)
-            _lay(track, draft_tpdu(octets, tpdu, self._key, self._account), start)
+            track.lay(draft_tpdu(octets, tpdu, self._key, self._account), start)
             return
         size = len(octets) - len(tpdu.data)
         head = draft_tpdu(octets[:size], tpdu, self._key, self._account)
@@ -204,7 +205,7 @@ class Survey(Observer):
         known = self._messages.get(side.key)
         if known is not None and known[0].stream is side.stream:
             return known
-        for track in reversed(self._tracks.get(side.key, [])):
+        for track in reversed(self.tracks.get(side.key, [])):
             if track.stream is side.stream:
                 if len(self._messages) >= MAX_TRACKS:
                     self._flush(*self._messages.popitem(last=False)[1])
@@ -224,7 +225,7 @@ class Survey(Observer):
         """A part of a message; the data of one that is too long stay zeros."""
         if message.dropping or (not last and not part.data and not message.parts):
             self._lay_frames(track, message)
-            _lay(track, part.head, part.head_at)
+            track.lay(part.head, part.head_at)
             message.dropping = message.dropping and not last
             return
         message.parts.append(part)
@@ -251,7 +252,7 @@ class Survey(Observer):
             self._tsdu = parts  # what becomes of it is said when it is told as SCD
             draft = RewritePlan(octets, self._account)
         else:
-            draft = draft_tsdu(octets, self._rules, self._account, codes=_area_codes(side, octets))
+            draft = draft_tsdu(octets, self._rules, self._account, codes=area_codes(side, octets))
         frame.lay(track, draft)
 
     def _plus_frame(self, side: Side, track: Track, message: _Message, frame: _Frame) -> None:
@@ -301,7 +302,7 @@ class Survey(Observer):
         """A message will not become whole: its headers stay, its data become zeros."""
         self._lay_frames(track, message)
         for part in message.parts:
-            _lay(track, part.head, part.head_at)
+            track.lay(part.head, part.head_at)
         message.parts = []
         message.size = 0
 
@@ -350,7 +351,7 @@ class Survey(Observer):
                 end = begin + len(part.data)
                 if track is None:
                     return
-                _lay(track, draft, part.data_at - begin + at, max(begin - at, 0), max(end - at, 0))
+                track.lay(draft, part.data_at - begin + at, max(begin - at, 0), max(end - at, 0))
                 begin = end
 
     def _in_datagram(self, frame: int, at: int, draft: RewritePlan) -> None:
@@ -378,7 +379,7 @@ class Survey(Observer):
             units.drafts.append(draft)
             message.told = end
             return
-        _lay(track, draft, message.told)
+        track.lay(draft, message.told)
         message.told += len(draft.octets)
         if message.missing != int(side.missing):
             message.missing = int(side.missing)
@@ -390,7 +391,7 @@ class Survey(Observer):
         if units is not None:
             at = units.end - sum([len(draft.octets) for draft in units.drafts])
             for draft in units.drafts:
-                _lay(units.track, draft, at)
+                units.track.lay(draft, at)
                 at += len(draft.octets)
 
     def headers(self, octets: bytes) -> bytes | None:
@@ -413,7 +414,7 @@ class Survey(Observer):
             self._flush(track, message)
             track.expect(message.told, -1)
         self._messages.clear()
-        for tracks in self._tracks.values():
+        for tracks in self.tracks.values():
             for track in tracks:
                 track.settle()
                 if track.full:
@@ -421,15 +422,7 @@ class Survey(Observer):
 
     def find(self, key: bytes, frame: int) -> Track | None:
         """Return what becomes of the octets in packet ``frame`` with this key; None for no connection that was followed."""
-        tracks = self._tracks.get(key)
-        if not tracks:
-            return None
-        found = tracks[0]
-        for track in tracks:
-            if track.first_frame > frame:
-                break
-            found = track
-        return found
+        return track_at(self.tracks.get(key), frame)
 
 
 class Units:
@@ -443,21 +436,6 @@ class Units:
         self.drafts: list[RewritePlan] = []
 
 
-def _area_codes(side: Side, octets: bytes) -> list[int]:
-    """Return where return codes of areas stand in an answer of ``side``: the answer to a DBREAD item has one for each."""
-    if len(octets) < HEADER_SIZE or octets[0] != S7_PROTOCOL_ID or octets[1] != ACK_DATA:
-        return []
-    requests = side.connection.open_requests[1 - side.index].table
-    asked = requests.get(key_of(ACK_DATA, int.from_bytes(octets[PDU_REF], "big")))
-    if asked is None or all([item.areas is None for item in asked.parameters.items]):
-        return []
-    found: list[int] = []
-    for item, answer in zip(asked.parameters.items, parse_pdu(octets).data_items(), strict=False):
-        if item.areas is not None and answer.return_code == SUCCESS:
-            found += [answer.offset + _DATA_HEAD + area.offset for area in walk_areas(item.areas, answer.data)]
-    return found
-
-
 def _keys(tcp: TcpConnection, udp: bool) -> tuple[bytes, bytes]:
     """Return the keys of the packets of both directions."""
     first, second = tcp.ends
@@ -467,16 +445,3 @@ def _keys(tcp: TcpConnection, udp: bool) -> tuple[bytes, bytes]:
     if udp:
         return UDP + key, UDP + reverse_key(key)
     return key, reverse_key(key)
-
-
-def _lay(track: Track, draft: RewritePlan, offset: int, begin: int = 0, end: int = -1) -> None:
-    """Write what becomes of ``draft`` from ``begin`` to ``end`` into a track; position is ``offset`` more than the place."""
-    if end < 0:
-        end = len(draft.octets)
-    for first, last, new in draft.pieces:
-        start, stop = max(first, begin), min(last, end)
-        if start < stop:
-            if new is None:
-                track.keep(offset + start, offset + stop)
-            else:
-                track.put(offset + start, new[start - first : stop - first])

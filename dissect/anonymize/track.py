@@ -11,6 +11,7 @@ from bisect import bisect_left, bisect_right
 from collections import OrderedDict, deque
 from typing import Final
 
+from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream, TcpConnection
 
 #: Ranges, and octets that replace others, remembered over all connections; of what comes after nothing is kept.
@@ -26,6 +27,8 @@ _TPKT: Final = b"\x03\x00"
 _HEADER: Final = 4
 _DT_HEAD: Final = 7
 _DT: Final = b"\x02\xf0"
+#: Ranges that are stepped over before they are searched.
+_STEPS: Final = 8
 #: A segment further ahead than this does not move where the next one is expected.
 _JUMP: Final = 1 << 24
 
@@ -57,13 +60,14 @@ class Room:
 
 
 class Track:
-    """What becomes of a stream's octets: ranges that stay, replacements, zero for all else. `keep` and `put` go forward."""
+    """What becomes of a stream's octets: ranges that stay, replacements, zero for all else. `keep`, `put`, `lay` go forward."""
 
     __slots__ = (
         "_begins",
         "_ends",
         "_expected",
         "_forgotten",
+        "_index",
         "_latest",
         "_new",
         "_new_at",
@@ -90,6 +94,7 @@ class Track:
         self._new: list[bytes] = []
         self._expected = array("Q", (0,))
         self._latest = 0
+        self._index = 0  # of the last range that a segment reached into
         self._recent: deque[tuple[int, bytes]] | None = None
         self._top = 0  # no segment that is remembered goes further
         self._forgotten = 0  # of segments before this position the first copy is not known any more
@@ -126,6 +131,18 @@ class Track:
         if found != place and self._expected[-1] < place and self._room.take(0):
             self._expected.append(place)
 
+    def lay(self, draft: RewritePlan, offset: int, begin: int = 0, end: int = -1) -> None:
+        """Take what becomes of ``draft`` from ``begin`` to ``end``; the position is ``offset`` more than the place in it."""
+        if end < 0:
+            end = len(draft.octets)
+        for first, last, new in draft.pieces:
+            start, stop = max(first, begin), min(last, end)
+            if start < stop:
+                if new is None:
+                    self.keep(offset + start, offset + stop)
+                else:
+                    self.put(offset + start, new[start - first : stop - first])
+
     def settle(self) -> None:
         """The first reading is over."""
         if self.stream is not None:
@@ -137,20 +154,38 @@ class Track:
 
     def render(self, seq: int, octets: bytes) -> tuple[bytes, int]:
         """Return what becomes of the payload of a segment, and how many of its octets were set to zero."""
-        new = bytearray(len(octets))
-        if self.start_seq < 0 or not octets:
-            return bytes(new), len(octets)
+        size = len(octets)
+        if self.start_seq < 0 or not size:
+            return bytes(size), size
         at = self._position(seq)
-        rest = len(octets)
-        for begin, end in self._ranges(at, at + len(octets)):
-            new[begin - at : end - at] = octets[begin - at : end - at]
-            rest -= end - begin
-        rest -= self._headers(at, octets, new)
-        self._compare(at, octets, new)
-        for begin, piece in self._replacements(at, at + len(octets)):
-            new[begin - at : begin - at + len(piece)] = piece
-            rest -= len(piece)
-        return bytes(new), rest
+        end = at + size
+        here = at
+        rest = size
+        pieces: list[bytes] = []
+        for begin, stop in self._ranges(at, end):
+            if begin > here:
+                pieces.append(bytes(begin - here))
+            pieces.append(octets[begin - at : stop - at])
+            rest -= stop - begin
+            here = stop
+        if rest:
+            if here < end:
+                pieces.append(bytes(end - here))
+            made = b"".join(pieces)
+        else:
+            made = octets
+        listens = self._expected[-1] >= at
+        if listens or self._new or at < self._top or at < self._forgotten:
+            new = bytearray(made)
+            if listens:
+                rest -= self._headers(at, octets, new)
+            self._compare(at, octets, new)
+            for begin, piece in self._replacements(at, end):
+                new[begin - at : begin - at + len(piece)] = piece
+                rest -= len(piece)
+            made = bytes(new)
+        self._remember(at, octets)
+        return made, rest
 
     def _position(self, seq: int) -> int:
         """Return the position of a sequence number: the one nearest to what was seen last."""
@@ -164,18 +199,30 @@ class Track:
 
     def _ranges(self, at: int, end: int) -> list[tuple[int, int]]:
         """Return the parts of ``at`` to ``end`` that stay."""
-        found = []
-        index = max(bisect_right(self._begins, at) - 1, 0) if at >= 0 else 0
-        while index < len(self._begins) and self._begins[index] < end:
-            begin, stop = max(self._begins[index], at), min(self._ends[index], end)
-            if begin < stop:
-                found.append((begin, stop))
+        found: list[tuple[int, int]] = []
+        begins, ends = self._begins, self._ends
+        count = len(begins)
+        index = self._index
+        most = index + _STEPS
+        if index < count and begins[index] <= at:  # mostly a little behind the segment before this one
+            while index + 1 < count and begins[index + 1] <= at and index < most:
+                index += 1
+        if index >= count or begins[index] > at or index == most:
+            index = max(bisect_right(begins, at) - 1, 0) if at >= 0 else 0
+        while index < count:
+            begin = begins[index]
+            if begin >= end:
+                break
+            stop = ends[index]
+            if begin < stop and stop > at:
+                found.append((max(begin, at), min(stop, end)))
+            self._index = index
             index += 1
         return found
 
     def _replacements(self, at: int, end: int) -> list[tuple[int, bytes]]:
         """Return (position, octets) of what is replaced between ``at`` and ``end``."""
-        found = []
+        found: list[tuple[int, bytes]] = []
         index = max(bisect_right(self._new_at, at) - 1, 0) if at >= 0 else 0
         while index < len(self._new_at) and self._new_at[index] < end:
             here, new = self._new_at[index], self._new[index]
@@ -191,7 +238,7 @@ class Track:
         index = bisect_left(self._expected, max(at, 0))
         while index < len(self._expected) and self._expected[index] < at + len(octets):
             here = self._expected[index] - at
-            while octets[here : here + 2] == _TPKT and here + _HEADER <= len(octets):
+            while here + _HEADER <= len(octets) and octets[here : here + 2] == _TPKT:
                 size = octets[here + 2] << 8 | octets[here + 3]
                 end = here + _HEADER
                 if size > _DT_HEAD and octets[end : end + 2] == _DT and end + 3 <= len(octets):
@@ -212,19 +259,24 @@ class Track:
         end = at + len(octets)
         if at < self._forgotten:
             new[: self._forgotten - at] = bytes(min(self._forgotten, end) - at)
+        if at < self._top:
+            for there, before in self._recent or ():
+                begin, stop = max(there, at), min(there + len(before), end)
+                if begin < stop and before[begin - there : stop - there] != octets[begin - at : stop - at]:
+                    for place in range(begin, stop):
+                        if before[place - there] != octets[place - at]:
+                            new[place - at] = 0
+
+    def _remember(self, at: int, octets: bytes) -> None:
+        """Remember a segment for those that come after it."""
         recent = self._recent
         if recent is None:
             recent = self._recent = deque()
-        for there, before in recent if at < self._top else ():
-            begin, stop = max(there, at), min(there + len(before), end)
-            if begin < stop and before[begin - there : stop - there] != octets[begin - at : stop - at]:
-                for place in range(begin, stop):
-                    if before[place - there] != octets[place - at]:
-                        new[place - at] = 0
         recent.append((at, octets))
-        self._top = max(self._top, end)
+        self._top = max(self._top, at + len(octets))
         self._room.recent += len(octets)
-        self.forget(MAX_RECENT)
+        if len(recent) > MAX_RECENT:
+            self.forget(MAX_RECENT)
         self._room.touch(self)
 
     def forget(self, left: int) -> None:
@@ -233,3 +285,15 @@ class Track:
             at, octets = self._recent.popleft()
             self._room.recent -= len(octets)
             self._forgotten = max(self._forgotten, at + len(octets))
+
+
+def track_at(tracks: list[Track] | None, frame: int) -> Track | None:
+    """Return which of the ``tracks`` of a direction, in the order of their beginnings, is that of packet ``frame``."""
+    if not tracks:
+        return None
+    found = tracks[0]
+    for track in tracks:
+        if track.first_frame > frame:
+            break
+        found = track
+    return found

@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 from dissect.golden.addresses import item_octets, named_item
 from dissect.golden.values import hex_octets, hex_text, shown_value, value_octets
 from dissect.s7.build import build_data_item, build_items, build_variables
 from dissect.s7.items import Item, parse_item
+from dissect.s7.message import Pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import (
     ACK_DATA,
@@ -53,18 +54,25 @@ def parse_setup(text: str) -> Setup:
     return Setup(numbers[1], numbers[2], numbers[0])
 
 
-class ItemLine(NamedTuple):
+class ItemLine:
     """An item of a read or write and what became of it.
 
     ``data`` is None where there is none, ``code`` -1 where there is no answer; ``size`` is the data transport size; ``head``
     stands behind the code of a refused item of a read.
     """
 
-    octets: bytes
-    data: bytes | None
-    code: int
-    size: int
-    head: bytes = _REFUSED
+    __slots__ = ("code", "data", "head", "octets", "size")
+
+    def __init__(self, octets: bytes, data: bytes | None, code: int, size: int, head: bytes = _REFUSED) -> None:
+        self.octets = octets
+        self.data = data
+        self.code = code
+        self.size = size
+        self.head = head
+
+    def fields(self) -> tuple[bytes, bytes | None, int, int, bytes]:
+        """Return what it holds, in the order of its arguments."""
+        return self.octets, self.data, self.code, self.size, self.head
 
 
 def usual_size(item: Item) -> int:
@@ -72,12 +80,43 @@ def usual_size(item: Item) -> int:
     return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), DATA_BYTES)
 
 
+def item_lines(asked: Pdu, told: Pdu | None) -> list[ItemLine]:
+    """Return the items of a read or write; ``told`` is the answer that says what became of them."""
+    writes = asked.function == WRITE_VAR
+    written = asked.data_items() if writes else []
+    contents = written if writes else told.data_items() if told is not None else []
+    reads = told is not None and not writes and told.function == READ_VAR and told.rosctr == ACK_DATA
+    codes = [] if told is None else [item.return_code for item in contents] if reads else told.return_codes()
+    lines = []
+    for index, item in enumerate(asked.parameters.items):
+        code = int(codes[index]) if index < len(codes) else -1
+        content = contents[index] if index < len(contents) else None
+        if content is None:
+            lines.append(ItemLine(item.octets, None, code, usual_size(item)))
+        elif not writes and code != SUCCESS:
+            head = bytes((content.transport_size,)) + (int(content.length) & 0xFFFF).to_bytes(2, "big")
+            lines.append(ItemLine(item.octets, None, code, usual_size(item), head))
+        else:
+            lines.append(ItemLine(item.octets, content.data, code, int(content.transport_size)))
+    return lines
+
+
+def form_lines(asked: Pdu, told: Pdu | None, response: bytes) -> tuple[list[str], bool]:
+    """Return a read or write as lines, and whether they say the answer ``response`` as well, to the octet."""
+    lines = item_lines(asked, told)
+    plain = bool(response) and build_answer(asked.function, lines) == response
+    if not plain:
+        lines = item_lines(asked, None)
+    return [f"  {item_text(line)}" for line in lines] or ["  # no items"], plain
+
+
 def item_text(line: ItemLine) -> str:
     """Return an item as a line; a comment says what a code or octets mean."""
     item, text = _named(line.octets)
     remark = item.address if text.startswith("item ") else ""
-    if line.data is not None:
-        value, said = shown_value(int(item.transport_size), line.data, item.fits(len(line.data)))
+    data = line.data
+    if data is not None:
+        value, said = shown_value(int(item.transport_size), data, item.fits(len(data)))
         text += f" = {value}"
         remark = remark or said
         if line.size != usual_size(item):

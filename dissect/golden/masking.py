@@ -75,11 +75,12 @@ def mask_s7(octets: bytes) -> bytes:
     if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
         return octets
     rosctr = octets[1]
-    octets = without_secrets(octets)
-    masked = bytearray(octets)
-    _clear(masked, _HEADER)
     at = ACK_HEADER_SIZE if rosctr == ACK_DATA else HEADER_SIZE
     function = octets[at : at + 1]
+    if rosctr == USERDATA or function not in (_READ, _WRITE):
+        octets = without_secrets(octets)
+    masked = bytearray(octets)
+    _clear(masked, _HEADER)
     if rosctr == USERDATA:
         _mask_userdata(masked, octets)
     elif (function == _READ and rosctr == ACK_DATA) or (function == _WRITE and rosctr == JOB):

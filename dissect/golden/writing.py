@@ -7,19 +7,14 @@ remark, which explains and is never read back.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Final
 
+from dissect.golden import forms
 from dissect.golden.blocks import cut_blocks
 from dissect.golden.exchange import PARSED, PLUS, S7, SCD, SMALL, Exchange
-from dissect.golden.forms import (
-    ItemLine,
-    build_answer,
-    build_request,
-    item_text,
-    usual_size,
-)
+from dissect.golden.forms import ItemLine, build_request, form_lines
 from dissect.golden.model import Link, Session, Transaction
 from dissect.golden.plus import plus_notes
 from dissect.golden.values import hex_text, quoted
@@ -27,9 +22,8 @@ from dissect.iso.tsap import Tsap
 from dissect.report import words
 from dissect.s7.build import build_setup
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.naming import Naming
 from dissect.wire.text import Clock, printable
 
@@ -70,9 +64,12 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
         for transaction in link.transactions:
             yield ""
             yield f"{transaction.number} {_head(transaction)}"
-            yield from _outcome(transaction)
-            yield from _job(transaction, transaction.number, jobs)
-            yield from _extra_lines(transaction, wanted, clock)
+            if transaction.outcome != "answered":
+                yield from _outcome(transaction)
+            if transaction.exchange.subscribed or not transaction.exchange.form:
+                yield from _job(transaction, transaction.number, jobs)
+            if wanted:
+                yield from _extra_lines(transaction, wanted, clock)
             yield from _said(transaction)
             if naming is not None:
                 yield from _named(transaction, naming)
@@ -188,15 +185,9 @@ def _exchange_lines(exchange: Exchange) -> Iterator[str]:
             yield f"  gets {told}"
         elif exchange.response:
             yield from _half("answer", exchange)
-    elif form:
-        lines = item_lines(exchange, True)
-        plain = bool(exchange.response) and build_answer(exchange.function, lines) == exchange.response
-        if not plain:
-            lines = item_lines(exchange, False)
-        for line in lines:
-            yield f"  {item_text(line)}"
-        if not lines:
-            yield "  # no items"
+    elif form and exchange.asked is not None:
+        lines, plain = form_lines(exchange.asked, exchange.told, exchange.response)
+        yield from lines
         if exchange.response and not plain:
             yield from _half("answer", exchange)
     else:
@@ -299,7 +290,7 @@ def _form_of(asked: Pdu) -> str:
         setup = asked.parameters.setup
         good = setup is not None and build_setup(JOB, setup) == asked.octets
     else:
-        good = build_request(asked.function, _lines_of(asked, None)) == asked.octets
+        good = build_request(asked.function, forms.item_lines(asked, None)) == asked.octets
     return FORMS[asked.function] if good else ""
 
 
@@ -311,26 +302,7 @@ def _plain_setup(exchange: Exchange) -> bool:
 def item_lines(exchange: Exchange, answered: bool) -> list[ItemLine]:
     """Return the items of a read or write, with what became of them when they are ``answered``."""
     asked = exchange.asked
-    return _lines_of(asked, exchange.told if answered else None) if asked is not None else []
-
-
-def _lines_of(asked: Pdu, told: Pdu | None) -> list[ItemLine]:
-    writes = asked.function == WRITE_VAR
-    written = asked.data_items() if writes else []
-    codes = told.return_codes() if told is not None else []
-    contents: Sequence[DataItem] = written if writes else told.data_items() if told is not None else []
-    lines = []
-    for index, item in enumerate(asked.parameters.items):
-        code = codes[index] if index < len(codes) else -1
-        content = contents[index] if index < len(contents) else None
-        head = bytes(3)
-        if content is not None and not writes and code != SUCCESS:
-            head = bytes((content.transport_size,)) + (int(content.length) & 0xFFFF).to_bytes(2, "big")
-            content = None
-        data = content.data if content is not None else None
-        size = int(content.transport_size) if content is not None else usual_size(item)
-        lines.append(ItemLine(item.octets, data, int(code), size, head))
-    return lines
+    return forms.item_lines(asked, exchange.told if answered else None) if asked is not None else []
 
 
 # ---- width ----------------------------------------------------------------------------------------------------------

@@ -53,6 +53,8 @@ _PACKET_HEAD: Final = struct.Struct("<IIIIIII")
 _PAIR: Final = struct.Struct("<II")
 _TIME_HALVES: Final = struct.Struct("<III")
 _U32: Final = struct.Struct("<I")
+#: What fills a block up, by the octets of a packet beyond a multiple of four.
+_PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
 _MASK: Final = 0xFFFFFFFF
 _MAX_COUNT: Final = 2**64 - 1
 
@@ -105,18 +107,17 @@ def packet_block(
     that readers believe (16 MiB).
     """
     size = len(octets)
-    pad = -size % 4
-    options = b""
+    behind = _PADDING[size & 3]
     if comments:
-        options = _options([(OPT_COMMENT, text) for text in _comments(comments, room)])
-    total = 32 + size + pad + len(options)
+        behind += _options([(OPT_COMMENT, text) for text in _comments(comments, room)])
+    total = 32 + size + len(behind)
     if total > MAX_BLOCK:
         raise ValueError(f"a packet of {size} bytes is larger than a pcapng block may be ({MAX_BLOCK} bytes)")
-    time_ns = min(max(time_ns, 0), _MAX_COUNT)
-    head = _PACKET_HEAD.pack(
-        ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, max(wire_length, size)
-    )
-    return b"".join((head, octets, bytes(pad), options, _U32.pack(total)))
+    if not 0 <= time_ns <= _MAX_COUNT:
+        time_ns = 0 if time_ns < 0 else _MAX_COUNT
+    wire_length = max(wire_length, size)
+    head = _PACKET_HEAD.pack(ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, wire_length)
+    return head + octets + behind + _U32.pack(total)
 
 
 def secrets_block(text: bytes) -> bytes:
@@ -196,11 +197,12 @@ class _Told:
 
     def count(self, time_ns: int) -> None:
         """Take note of a packet."""
-        time_ns = min(max(time_ns, 0), _MAX_COUNT)
         if self.packets == 0:
-            self.first_ns = self.last_ns = time_ns
-        self.first_ns = min(self.first_ns, time_ns)
-        self.last_ns = max(self.last_ns, time_ns)
+            self.first_ns = self.last_ns = min(max(time_ns, 0), _MAX_COUNT)
+        elif time_ns > self.last_ns:
+            self.last_ns = min(time_ns, _MAX_COUNT)
+        elif time_ns < self.first_ns:
+            self.first_ns = max(time_ns, 0)
         self.packets += 1
 
 
@@ -286,7 +288,9 @@ class PcapngWriter:
         name: str = "",
     ) -> None:
         """Add a packet that interface ``name`` (empty when nobody knows) captured. See `packet_block`."""
-        number = self.interface(link_type, name)
+        number = self._interfaces.get((link_type, name), -1)
+        if number < 0:
+            number = self.interface(link_type, name)
         self._put(packet_block(number, time_ns, octets, wire_length, comments))
         self._told[number].count(time_ns)
         self.packets += 1
