@@ -325,9 +325,11 @@ def extensions() -> list[Extension]:
             kinds = {name: [source for source in extension.sources if kind(source) == name] for name in FAST}
             extension.sources = [part for name, sources in kinds.items() for part in united(sources, name, PARTS)]
         if new_compiler().compiler_type == "unix":
-            # Without this the engine's functions could be replaced from outside, so that none of them may be inlined
-            # into another.
-            extension.extra_compile_args = [*extension.extra_compile_args, "-fno-semantic-interposition"]
+            # Without these the engine's functions could be replaced from outside, so that none of them may be inlined into
+            # another, and each call from one C file to another would go through a table. What Python looks for is exported
+            # all the same.
+            hidden = ("-fno-semantic-interposition", "-fvisibility=hidden")
+            extension.extra_compile_args = [*extension.extra_compile_args, *hidden]
     return compiled
 
 

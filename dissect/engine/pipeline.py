@@ -260,10 +260,12 @@ class Pipeline(PacketSink):
         total: i64
         if COMPILED:
             if (
-                u16(buf, start + 12) != 0x0800
+                buf[start + 12] != 0x08
+                or buf[start + 13] != 0x00
                 or buf[start + 14] != 0x45
                 or buf[start + 23] != 6
-                or u16(buf, start + 20) & 0x3FFF
+                or buf[start + 21] != 0  # a fragment, or
+                or buf[start + 20] & 0x3F  # more of them follow
             ):
                 return self._slow_frame(buf, start, end, link_type)
             total = u16(buf, start + 16)
@@ -405,7 +407,10 @@ class Pipeline(PacketSink):
         assert peer is not None
         if side.waiting or peer.waiting:
             self.timers.passing(side, peer, ack, flags & ACK != 0)
-        side.last_ack = ack if flags & ACK else -1
+        if flags & ACK:
+            side.last_ack = ack
+        else:
+            side.last_ack = -1  # as an expression it would make int objects (mypyc), with each packet
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
