@@ -134,7 +134,7 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
         if len(talks) > _TALKS:
             yield title, f"and {len(talks) - _TALKS} more"
     first, last = places.mark(device.first_frame), places.mark(device.last_frame)
-    yield "seen", f"{clock.moment(device.first_ns)} to {clock.moment(device.last_ns)}, packets {first} to {last}"
+    yield "seen", f"{words.span(clock, device.first_ns, device.last_ns)}, packets {first} to {last}"
 
 
 def _reason(reason: Reason, role: str, places: Places) -> str:

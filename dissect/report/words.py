@@ -19,7 +19,7 @@ from dissect.s7.values import Value, spelled
 from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.wire.text import decimal, duration_text, encodable, printable, shortened
+from dissect.wire.text import Clock, decimal, duration_text, encodable, printable, shortened
 
 
 class Places:
@@ -124,6 +124,13 @@ def duration(ns: int | None) -> str:
     if ns is None:
         return "-"
     return duration_text(ns)
+
+
+def span(clock: Clock, first_ns: int, last_ns: int) -> str:
+    """Return the times of the first and the last packet; said where the last is earlier, as with captures in another order."""
+    if last_ns >= first_ns:
+        return f"{clock.moment(first_ns)} to {clock.moment(last_ns)}"
+    return f"{clock.moment(first_ns)} back to {clock.moment(last_ns)} (packets are not in order of time)"
 
 
 def size(octets: int) -> str:
