@@ -121,7 +121,8 @@ def number_texts(transport_size: i64, octets: bytes, as_json: bool, most: i64) -
 
 def number_json(transport_size: i64, octets: bytes) -> str:
     """Return the only element as JSON, as `number_texts` has it; empty where octets are not those of one number."""
-    if transport_size < 0 or transport_size > 255 or len(octets) != _TEXT_SIZES[transport_size]:
+    size: i64 = len(octets)
+    if size == 0 or transport_size < 0 or transport_size > 255 or size != _TEXT_SIZES[transport_size]:
         return ""
     if transport_size == BYTE:
         return SHORT[octets[0]]
