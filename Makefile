@@ -28,8 +28,9 @@ PYTEST := $(BIN)/pytest
 ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
 	tests/engine tests/test_session.py tests/report tests/properties)
 
-# A file goes to one worker as a whole, in the order of tests/conftest.py: those that take long come first.
-WORKERS := -n $(JOBS) --dist loadfile --no-loadscope-reorder
+# A file goes to one worker as a whole, in the order of tests/conftest.py: those that take long come first. One process needs
+# nobody who hands out the files.
+WORKERS := $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile --no-loadscope-reorder,-n 0)
 
 export PYTHONSAFEPATH := 1
 export VENV

@@ -105,7 +105,7 @@ def _client(address: str, patience: Patience) -> Any:
             return bounded(lambda: Client(address, timeout=seconds, set_as_default=False), seconds)
     except TimeoutError:
         raise ClusterError(
-            f"{address}: somebody listens there, and does not answer as a Dask scheduler within {patience.whole} seconds"
+            f"{address}: a program listens there, but it did not answer as a Dask scheduler within {patience.whole} seconds"
         ) from None
     except (Exception, SystemExit) as error:  # noqa: BLE001 - each transport has errors of its own
         raise _not_a_scheduler(address, error) from None

@@ -413,7 +413,7 @@ def _slowest(analysis: Analysis, places: Places) -> Iterator[Line]:
 def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]:
     rows = []
     for transaction in transactions:
-        said = [part for part in (words.outcome(transaction), facets.gist(transaction)) if part]
+        said = [part for part in (facets.outcome(transaction), facets.gist(transaction)) if part]
         rows.append(
             [
                 f"#{transaction.number}",

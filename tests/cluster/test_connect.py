@@ -46,7 +46,9 @@ def test_a_port_that_accepts_and_stays_silent(
         silent.bind((LOOPBACK, 0))
         silent.listen(8)
         address = f"tcp://{LOOPBACK}:{silent.getsockname()[1]}"
-        said = f"Error: {address}: somebody listens there, and does not answer as a Dask scheduler within 0.5 seconds\n"
+        said = (
+            f"Error: {address}: a program listens there, but it did not answer as a Dask scheduler within 0.5 seconds\n"
+        )
         for arguments in (("cluster-check", address), ("analyze", "--separate", "x.pcap", "--cluster", address)):
             ran = run(capfdbinary, *arguments)
             assert (ran.code, ran.out, ran.err) == (2, "", said)
