@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dissect import __version__
+from dissect.cli.indexed import may_match
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.options.jobs import check_jobs, separate_options
+from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -77,6 +78,7 @@ _EXIT_CODES = (
 @tag_options
 @tls_option
 @separate_options
+@indexed_option
 def command(
     files: tuple[str, ...],
     output: str,
@@ -121,6 +123,7 @@ def command(
         return export_task(of, target, only, chosen, options)
     if separate:
         refuse(chosen, [(decoder, "SCD is decoded over all files")])
+        files = may_match(files, chosen)
         refuse_form(target)
     names = [encodable(name) for name in files]
     remote = is_remote(target.path)

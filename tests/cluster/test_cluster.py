@@ -461,6 +461,20 @@ def test_a_worker_without_room(capfdbinary: Capture, site: Site, tmp_path: Path)
     assert made[0] == made[1]
 
 
+def test_workers_do_not_open_what_the_index_rules_out(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """A capture that nobody could read any more is not missed."""
+    for path in (SZL, CLOCK):
+        shutil.copy(path, tmp_path)
+    run(capfdbinary, "index", tmp_path)
+    size, time_ns = (tmp_path / CLOCK.name).stat().st_size, (tmp_path / CLOCK.name).stat().st_mtime_ns
+    (tmp_path / CLOCK.name).write_bytes(bytes(size))
+    os.utime(tmp_path / CLOCK.name, ns=(time_ns, time_ns))
+    files = (tmp_path / SZL.name, tmp_path / CLOCK.name)
+    ran = both(capfdbinary, site, "transactions", "--separate", "--indexed", "-Y", "port == 52228", *files)
+    assert (ran.code, ran.err.count("not opened")) == (0, 1)
+    assert ran.out.count("\n") > 1
+
+
 def test_a_cluster_takes_captures_of_their_own(capfdbinary: Capture, site: Site) -> None:
     for command in ("analyze", "transactions", "values"):
         ran = run(capfdbinary, command, SZL, "--cluster", site.cluster.address)
