@@ -165,6 +165,7 @@ BUSY: Final = (
     "dissect/s7plus/notifications.py",
     "dissect/s7plus/objects.py",
     "dissect/s7plus/parameters.py",
+    "dissect/s7plus/plain.py",
     "dissect/s7plus/pieces.py",
     "dissect/s7plus/program.py",
     "dissect/s7plus/refusals.py",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,7 @@ from dissect.export.parquet import ParquetSink, metadata_of
 from dissect.export.tables import TABLES, Table, chosen_tables
 from dissect.jobs.numbers import Offsets, count_from
 from dissect.jobs.spool import Spool, Spooled, opened
-from dissect.jobs.tasks import About, Done
+from dissect.jobs.tasks import About, Done, FileError
 from dissect.session import Run
 from dissect.wire.saving import PART
 from dissect.wire.text import encodable
@@ -90,13 +91,26 @@ def refuse_form(target: Target) -> None:
 
 
 def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
-    """Export the file of a task."""
+    """Export the file of a task. Raises `FileError` when its rows cannot be written."""
+    try:
+        return _export_task(of, target, only, chosen, options)
+    except OSError as error:
+        why = os.strerror(error.errno) if error.errno else str(error)  # a library has words of its own for it
+        raise FileError(f"its rows cannot be written to {target.path}: {why}") from None
+
+
+def _export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
     name = encodable(of.file)
     folder = Path(of.folder, f".task-{of.place}{PART}")
     spool: Spool | None = None
     if target.form.name == _PARQUET:
         shutil.rmtree(folder, ignore_errors=True)  # of a process that died
-        folder.mkdir()
+        try:
+            folder.mkdir()
+        except FileNotFoundError:
+            raise FileError(
+                f"its rows cannot be written to {target.path}: that folder has to be one that all workers share"
+            ) from None
         tables = chosen_tables(only)
         sink: Any = ParquetSink(folder, tables, False, True, metadata_of(__version__, [name]), empty=False)
     else:

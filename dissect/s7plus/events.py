@@ -63,6 +63,7 @@ from dissect.wire.varint import VLQ, build_varint, read_varint
 STOP: Final = "stop"
 START: Final = "start"
 RESET: Final = "reset"
+ORDERED: Final = "unknown state request"
 STOPPED: Final = "stopped"
 RUNNING: Final = "running"
 CHANGED: Final = "program change"
@@ -87,6 +88,8 @@ _CYCLE: Final = 1049
 #: breakpoints) no class is known.
 _TEST_JOB: Final = 2709
 _STATES: Final = {4: STOPPED, 8: RUNNING}
+#: What a state request asks for, where it is not to run.
+_ORDERS: Final = {1: STOP, 2: RESET}
 _NUMBER: Final = 2521
 _LANGUAGE: Final = 2523
 #: Attributes that hold the code of a block.
@@ -95,9 +98,6 @@ _CODE: Final = frozenset((2533, 2580))
 _WANTED: Final = table(ASKED_OF_OBJECTS | _CODE | {NAME, _NUMBER, _LANGUAGE, _CYCLE, STATE_REQUEST})
 #: Blocks that are named.
 _NAMED: Final = 5
-
-#: How the text of an order ends whose item the CPU refused.
-REFUSED: Final = ", refused"
 
 # What tells cheaply that a PDU may matter.
 _STATE_MARK: Final = build_varint(OPERATING_STATE, VLQ)
@@ -121,15 +121,17 @@ _INTEGRITY: Final = 33
 class Event:
     """Something that matters: its kind, what it is about, and the object it is about, 0 for none.
 
-    Text from the wire is not escaped.
+    ``refusal`` is the lower 16 bits of what its own item of a write of several got, 0 for an item that was written; -1 where
+    nothing is said of it but by the return value of the whole answer. Text from the wire is not escaped.
     """
 
-    __slots__ = ("kind", "object_id", "text")
+    __slots__ = ("kind", "object_id", "refusal", "text")
 
     def __init__(self, kind: str, text: str, object_id: int = 0) -> None:
         self.kind = kind
         self.text = text
         self.object_id = object_id
+        self.refusal = -1
 
 
 class Facts:
@@ -243,7 +245,7 @@ def _may_matter(session: PlusSession, function: int, octets: bytes, response: by
     if function == EXPLORE:
         return bool(response) and skim(response, _MARKS) in {UNSOUND, MET}
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
-        return _STATE_MARK in octets or _IDENTIFICATION_MARK in octets
+        return octets.find(_STATE_MARK) >= 0 or octets.find(_IDENTIFICATION_MARK) >= 0  # `in` takes five times as long
     if function not in {SET_VARIABLE, SET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES}:
         return False
     at = _HEADER + _REQUEST_SIZE + (_INTEGRITY if octets[1] == V3 else 0)
@@ -253,7 +255,7 @@ def _may_matter(session: PlusSession, function: int, octets: bytes, response: by
     if function == SET_MULTI_VARIABLES:
         if object_id or not (session.outputs_told and session.elsewhere_told):
             return True
-        return any([mark in octets for mark in _WRITTEN_MARKS])
+        return any([octets.find(mark) >= 0 for mark in _WRITTEN_MARKS])
     if function == SET_VAR_SUBSTREAMED or object_id == CPU_EXEC_UNIT or object_id in AREAS:
         return True
     if (object_id >> 16) in BLOCK_KINDS:
@@ -351,21 +353,32 @@ def _blocks(objects: list[PlusObject]) -> str:
 
 
 def _written(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None, good: bool) -> None:
+    """Judge a write of several: each item with what became of it."""
     values = dict(asked.items)
-    refused: list[int] = [number for number, _ in told.refusals] if told is not None else []
+    refused: dict[int, int] = {}
+    if told is not None:
+        refused = {number: code & 0xFFFF for number, code in told.refusals}
     for number, address in enumerate(asked.addresses, 1):
-        value = values.get(number)
-        last = address.lids[-1] if address.lids else address.sub_area
-        if last in PASSWORDS:
-            facts.events.append(Event(PASSWORD, ""))
-        elif last == SESSION_KEY:
-            session.authenticated = session.authenticated or good
-        elif last == REFERENCE_LIST and value is not None and good:
-            session.change(address.area, value)
-        elif last == STATE_REQUEST and address.area == CPU_EXEC_UNIT and value is not None:
-            facts.events.append(_state_requested(value, number in refused))
-        elif number not in refused:
-            _write(session, facts, address, value)
+        before = len(facts.events)
+        refusal = refused.get(number, 0)
+        _item_written(session, facts, address, values.get(number), good and not refusal)
+        if refusal or (told is not None and told.whole):
+            for event in facts.events[before:]:
+                event.refusal = refusal
+
+
+def _item_written(session: PlusSession, facts: Facts, address: Address, value: Value | None, good: bool) -> None:
+    last = address.lids[-1] if address.lids else address.sub_area
+    if last in PASSWORDS:
+        facts.events.append(Event(PASSWORD, ""))
+    elif last == SESSION_KEY:
+        session.authenticated = session.authenticated or good
+    elif last == REFERENCE_LIST and value is not None and good:
+        session.change(address.area, value)
+    elif last == STATE_REQUEST and address.area == CPU_EXEC_UNIT and value is not None:
+        facts.events.append(_state_requested(value))
+    else:
+        _write(session, facts, address, value)
 
 
 def _write(session: PlusSession, facts: Facts, address: Address, value: Value | None) -> None:
@@ -404,14 +417,13 @@ def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, tol
             _write(session, facts, address, value)
 
 
-def _state_requested(value: Value, refused: bool = False) -> Event:
-    number = value.content if isinstance(value.content, int) else -1
-    kind = {1: STOP, 2: RESET}.get(number, START)
+def _state_requested(value: Value) -> Event:
+    """Tell what a client wants the CPU to do; which state a value without a name means, if any, only the CPU knows."""
+    number = _number(value)
     row = STATE_REQUESTS.get(number)
-    return Event(
-        kind,
-        f"operating state request {number} {row.name if row is not None else '(unknown)'}{REFUSED if refused else ''}",
-    )
+    if row is None:
+        return Event(ORDERED, f"operating state request {value_text(value)} (unknown)")
+    return Event(_ORDERS.get(number, START), f"operating state request {number} {row.name}")
 
 
 def _states(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None) -> None:
@@ -423,8 +435,9 @@ def _states(session: PlusSession, facts: Facts, asked: Contents, told: Contents 
 
 
 def _number(value: Value) -> int:
-    """Return what a value holds, -1 unless it is a number."""
-    return value.content if isinstance(value.content, int) else -1
+    """Return what a value holds, -1 unless it is a whole number."""
+    content = value.content
+    return content if isinstance(content, int) and not isinstance(content, bool) else -1
 
 
 def _state(session: PlusSession, facts: Facts, state: int) -> None:

@@ -11,6 +11,7 @@ from dissect.s7plus.alarms import ALARM
 from dissect.s7plus.events import (
     CHANGED,
     DELETED,
+    ORDERED,
     PASSWORD,
     READ_OUT,
     RESET,
@@ -43,6 +44,7 @@ _KINDS: Final[dict[str, str]] = {
     STOP: kinds.CONTROL,
     START: kinds.CONTROL,
     RESET: kinds.CONTROL,
+    ORDERED: kinds.CONTROL,
 }
 #: Those that go on until their object is deleted; the others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
@@ -93,8 +95,8 @@ class PlusOperations:
         self._most = _MANY
         self._polls: dict[tuple[int, bytes], Poll] = {}  # by connection and what is read
 
-    def take(self, event: Event, session: PlusSession, transaction: Transaction) -> None:
-        """Take an event of a transaction: it may begin an operation, or end one."""
+    def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
+        """Take an event of a transaction: it may begin an operation, or end one. ``code`` is the error it got, 0 for none."""
         if event.kind == DELETED:
             self._delete(event, transaction)
             return
@@ -120,7 +122,7 @@ class PlusOperations:
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:
             self._book.close(operation, DONE)  # no answer was wanted
         elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
-            self._book.settle(operation, transaction, DONE, REFUSED)
+            self._book.settle(operation, transaction, DONE, REFUSED, code)
         else:
             self._remember(event.object_id, transaction, operation)
 

@@ -32,9 +32,8 @@ from dissect.s7.tables import (
 )
 from dissect.s7.values import Value, decode_value
 from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
-from dissect.s7plus.message import parsed
 from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.refusals import notifies_refusal, refuses_items
+from dissect.s7plus.refusals import answered, notifies_refusal
 from dissect.s7plus.tables import ERRORS, refuses
 from dissect.transactions.payloads import ScdParameters
 from dissect.wire.build import COMPILED
@@ -104,18 +103,16 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.error_code = told.err
         transaction.has_errors = told.refused
         return
-    pdu = parsed(transaction.response_octets)
-    code: i64 = pdu.return_code
-    if refuses(code):
-        transaction.error_code = code
+    code, refused = answered(transaction.response_octets)
+    if refused:
         transaction.has_errors = True
-    elif refuses_items(pdu):
-        transaction.has_errors = True
+        if refuses(code):
+            transaction.error_code = code
 
 
 def check_notification(transaction: Transaction) -> None:
     """Look whether an S7comm-plus notification refuses items of its subscription."""
-    if transaction.is_plus and notifies_refusal(parsed(transaction.response_octets)):
+    if transaction.is_plus and notifies_refusal(transaction.response_octets):
         transaction.has_errors = True
 
 

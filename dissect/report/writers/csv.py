@@ -8,8 +8,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.report import words
-from dissect.report.facets import facet_of
+from dissect.report.facets import error_text, facet_of
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import Item
@@ -228,7 +227,7 @@ def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
 
 
 def _error(error: TransactionError) -> str:
-    return f"{error.where}: {words.error_text(error)}"
+    return f"{error.where}: {error_text(error)}"
 
 
 def _label(item: Item) -> str:
