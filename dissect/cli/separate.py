@@ -19,7 +19,7 @@ from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK,
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.run import Bar, Interruption
 from dissect.source.packet import CaptureError
-from dissect.source.remote import shown
+from dissect.source.remote import is_remote, shown
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -201,7 +201,7 @@ def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -
     from dissect.jobs.pool import Pool
 
     if folder is not None:
-        with Pool(jobs, folder, RARELY) as pool:
+        with Pool(jobs, "" if is_remote(folder) else folder, RARELY) as pool:
             yield Readers(pool, lambda: jobs, folder)
         return
     with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own, RARELY) as pool:

@@ -16,7 +16,7 @@ from dissect.report.facet import Facet
 from dissect.report.plus import PlusFacet
 from dissect.report.scd import ScdFacet, scd_subject
 from dissect.s7.blocks import BLOCK_COUNT
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.message import Pdu
 from dissect.s7.tables import (
     BIT,
@@ -33,22 +33,18 @@ from dissect.s7plus.parameters import PLUS, is_plus_key
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.payloads import SCD, is_scd_key
-from dissect.transactions.results import UNCONFIRMED, ItemResult
+from dissect.transactions.results import ITEM, MESSAGE, NO_CODE, UNCONFIRMED, TransactionError
 from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
     CONNECTION_CLOSED,
     CONNECTION_EVICTED,
     HOLE,
-    ITEM,
-    MESSAGE,
-    NO_CODE,
     ORPHAN,
     PUSH,
     REFERENCE_REUSED,
     TABLE_FULL,
     Transaction,
-    TransactionError,
 )
 from dissect.wire.codes import coded
 from dissect.wire.text import printable, shortened

@@ -15,8 +15,10 @@ from typing import Any, Final
 
 import pytest
 
-from dissect.cli import separate
+from dissect.cli import separate, task
 from dissect.cli.separate_export import NUMBERS
+from dissect.export.extras import MissingLibraryError
+from dissect.jobs.tasks import FileError
 from tests.cases import each
 from tests.cli.support import run
 from tests.cli.test_separate import CAPTURES, CUT, FILES, SZL, Dying
@@ -218,3 +220,15 @@ def test_a_full_disk_costs_the_capture_that_does_not_fit(capfdbinary: Capture, t
     said = ran.stderr.splitlines()
     assert said[0] == f"s7dissect: {READ}: its rows cannot be written to {out}: No space left on device"
     assert said[-1] == f"s7dissect: 16 transactions written to {out}"
+
+
+def test_a_library_that_is_missing_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a worker that does not have it, where it is here."""
+
+    def missing(*_arguments: object, **_options: object) -> None:
+        raise MissingLibraryError("Parquet needs pyarrow: pip install 's7dissect[data]'")
+
+    monkeypatch.setattr("dissect.cli.separate_export.ParquetSink", missing)
+    arguments = ["export", "--separate", SZL, SZL, "-o", str(tmp_path / "out.parquet")]
+    with pytest.raises(FileError, match=r"^Parquet needs pyarrow: pip install 's7dissect\[data\]'$"):
+        task.work(arguments, True, None, str(tmp_path), 0, SZL)

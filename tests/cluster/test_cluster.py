@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -39,15 +40,17 @@ DIED: Final = "the process that read it ended: it was killed, or there was no me
 
 
 class Site(NamedTuple):
-    """A cluster of two workers, a and b, and captures on three servers; only b has a key of the SSH server.
+    """A cluster of two workers, a and b, and captures on three servers; only b, in ``home``, has a key of the SSH server.
 
-    Both have the key of a user of the object store who may use the bucket ``ring``, and no other.
+    Both have the key of a user of the object store who may use the bucket ``ring``, and no other; ``keys`` are its variables.
     """
 
     cluster: Cluster
     sftp: str
     http: str
     store: str
+    home: Path
+    keys: dict[str, str]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +81,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         objects.put(os.fspath(SZL), "ring/szl.pcapng")
         objects.clear_instance_cache()
         made.wait("a", "b")
-        yield Site(made, f"sftp://{LOOPBACK}:{ssh}{day}", f"http://{LOOPBACK}:{web}", "s3://ring")
+        sftp = f"sftp://{LOOPBACK}:{ssh}{day}"
+        yield Site(made, sftp, f"http://{LOOPBACK}:{web}", "s3://ring", folder / "keys" / "home", environment)
 
 
 def user_of(url: str) -> dict[str, str]:
@@ -353,6 +357,81 @@ def test_rows_and_tables(capfdbinary: Capture, site: Site, tmp_path: Path) -> No
         assert len(made[0]) > 3
 
 
+def test_parquet_on_other_machines(
+    capfdbinary: Capture, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers write it there: the files that one process writes there, with the rows that it writes here."""
+    fsspec, parquet = pytest.importorskip("fsspec"), pytest.importorskip("pyarrow.parquet")
+    for name, value in {**site.keys, "HOME": os.fspath(site.home)}.items():
+        monkeypatch.setenv(name, value)
+    there = ("--cluster", site.cluster.address)
+    fsspec.get_filesystem_class("s3").clear_instance_cache()
+    store = fsspec.filesystem("s3")
+    files = ("export", "--separate", SZL, CUT, POLL, CLOCK, tmp_path / "gone.pcap", "-o")
+    local = tmp_path / "tables.parquet"
+    assert run(capfdbinary, *files, local).code == 3
+
+    def made(name: str) -> dict[str, bytes]:
+        store.invalidate_cache()
+        return {path.partition(f"{name}/")[2]: store.cat(path) for path in store.find(f"ring/{name}")}
+
+    for name, more in (("one.parquet", ()), ("out.parquet", there)):
+        ran = run(capfdbinary, *files, f"s3://ring/{name}", *more)
+        assert ran.code == 3
+        assert ran.err.splitlines()[-1].endswith(f" written to s3://ring/{name}")
+    objects = made("out.parquet")
+    assert objects == made("one.parquet")
+    assert {name.partition("/")[0] for name in objects} == {path.name for path in local.iterdir()}
+    for table in ("transactions", "values", "devices"):
+        ours = [parquet.ParquetFile(path).read() for path in sorted((local / table).rglob("*.parquet"))]
+        theirs = [
+            parquet.ParquetFile(io.BytesIO(objects[name])).read()
+            for name in sorted(objects)
+            if name.startswith(f"{table}/")
+        ]
+        assert [one.to_pylist() for one in theirs] == [one.to_pylist() for one in ours]
+    # What is there is kept, or replaced as a whole; one run writes there as well.
+    ran = run(capfdbinary, *files, "s3://ring/out.parquet")
+    assert (ran.code, ran.err.splitlines()[-1]) == (2, "Error: s3://ring/out.parquet exists; --force overwrites it.")
+    ran = run(capfdbinary, "export", SZL, "--only", "items", "-o", "s3://ring/out.parquet", "--force")
+    assert (ran.code, sorted(made("out.parquet"))) == (0, ["items.parquet", "s7dissect.json"])
+    assert run(capfdbinary, "export", SZL, "-o", "parquet:s3://ring", "--force").err.splitlines()[-1] == (
+        "Error: s3://ring holds files that no export wrote; choose another OUT."
+    )
+    # Worker a has no key of the SSH server: its files are done by b.
+    out = f"{site.sftp}/out.parquet"
+    ran = run(capfdbinary, "export", "--separate", SZL, POLL, "-o", out, *there)
+    assert ran.code == 3
+    assert re.match(rf"s7dissect: \S+: its rows cannot be written to {out}: access refused .* \(worker a on ", ran.err)
+    folder = Path(f"/{site.sftp.split('/', 3)[3]}", "out.parquet")
+    parts = [path.name for path in sorted((folder / "transactions").rglob("*.parquet"))]
+    assert parts == ["part-0001-0001.parquet", "part-0002-0001.parquet"]
+    assert not (folder / "s7dissect-unfinished").exists()
+
+
+def test_what_is_not_written_on_other_machines(
+    capfdbinary: Capture, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line each, before anything is read."""
+    for name, value in site.keys.items():
+        monkeypatch.setenv(name, value)
+    pytest.importorskip("s3fs").S3FileSystem.clear_instance_cache()
+    for out, why in (
+        ("s3://closed/x.parquet", "s7dissect: s3://closed/x.parquet: "),
+        (
+            f"{site.http}/x.parquet",
+            f"Error: {site.http}/x.parquet: captures can be read over HTTP, and nothing written",
+        ),
+        ("s3://ring/x.sqlite", "Error: s3://ring/x.sqlite: SQLite database is written on this machine"),
+        (f"sftp://u:dOwN@{LOOPBACK}:{free_port()}/x.parquet", f"s7dissect: sftp://u@{LOOPBACK}:"),
+    ):
+        ran = run(capfdbinary, "export", "--separate", "no-such.pcap", "-o", out)
+        assert (ran.code, ran.out) == (2, "")
+        assert ran.err.splitlines()[-1].startswith(why)
+        assert "no-such" not in ran.err
+        assert "dOwN" not in ran.err
+
+
 #: Runs a command whose processes can write no file of more than 4 kB.
 LITTLE_ROOM: Final = """
 import os, resource, sys
@@ -380,6 +459,20 @@ def test_a_worker_without_room(capfdbinary: Capture, site: Site, tmp_path: Path)
     assert ran.err.count("cannot be") == 1
     made = [{path.relative_to(one): path.read_bytes() for path in one.rglob("*.parquet")} for one in out]
     assert made[0] == made[1]
+
+
+def test_workers_do_not_open_what_the_index_rules_out(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """A capture that nobody could read any more is not missed."""
+    for path in (SZL, CLOCK):
+        shutil.copy(path, tmp_path)
+    run(capfdbinary, "index", tmp_path)
+    size, time_ns = (tmp_path / CLOCK.name).stat().st_size, (tmp_path / CLOCK.name).stat().st_mtime_ns
+    (tmp_path / CLOCK.name).write_bytes(bytes(size))
+    os.utime(tmp_path / CLOCK.name, ns=(time_ns, time_ns))
+    files = (tmp_path / SZL.name, tmp_path / CLOCK.name)
+    ran = both(capfdbinary, site, "transactions", "--separate", "--indexed", "-Y", "port == 52228", *files)
+    assert (ran.code, ran.err.count("not opened")) == (0, 1)
+    assert ran.out.count("\n") > 1
 
 
 def test_a_cluster_takes_captures_of_their_own(capfdbinary: Capture, site: Site) -> None:

@@ -21,7 +21,7 @@ from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.s7plus.hiding import Shown, shown_contents
@@ -30,7 +30,6 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import ItemResult
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.text import Clock, decimal, shortened
