@@ -167,8 +167,8 @@ class TransactionLines(Observer):
         self.lines: list[str] = []
         self._clock: Clock = Clock()
         self._ends: dict[int, str] = {}
-        self._thousands: i64 = -1
-        self._thousands_text: str = ""
+        self._latest: i64 = 0  # thousands of packets
+        self._latest_text: str = ""
         self._short: dict[bytes, str] = {}
 
     def transaction(self, transaction: Transaction) -> None:
@@ -190,7 +190,7 @@ class TransactionLines(Observer):
         if self.locate is not None:
             frames = self._places(asked, told, self.locate)
         elif asked and told:
-            frames = f'{self._frame(asked)},"response_frame":{self._frame(told)}'
+            frames = f'{self._thousands(asked)}{_below(asked)},"response_frame":{self._thousands(told)}{_below(told)}'
         else:
             frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
         # Where there is no request, nothing else tells when it was.
@@ -237,13 +237,13 @@ class TransactionLines(Observer):
             f',"errors":[{_errors(transaction) if transaction.has_errors else ""}]{tail}}}'
         )
 
-    def _frame(self, frame: i64) -> str:
-        """Return the number of a packet: those of requests and answers lie close together, and begin with the same digits."""
+    def _thousands(self, frame: i64) -> str:
+        """Return the digits of a packet's number before those of `_below`: packets of requests and answers share them."""
         thousands: i64 = frame // 1000
-        if thousands != self._thousands:
-            self._thousands = thousands
-            self._thousands_text = str(thousands)
-        return self._thousands_text + THREE[frame % 1000] if thousands else SHORT[frame]
+        if thousands != self._latest:
+            self._latest = thousands
+            self._latest_text = str(thousands) if thousands else ""
+        return self._latest_text
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
         """Return the packets of request and answer (0 for none) by number and file."""
@@ -318,6 +318,13 @@ class TransactionLines(Observer):
             items = transaction.parameters.items
             return ",".join([_item(items[index], SUCCESS, good[index]) for index in range(len(good))])
         return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
+
+
+def _below(number: i64) -> str:
+    """Return the last three digits of a number, or all that it has."""
+    if number < 1000:
+        return SHORT[number]
+    return THREE[number % 1000]
 
 
 def _item(item: Item | None, code: i64, data: bytes | None) -> str:
