@@ -177,13 +177,16 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
 
 def _judge_contents(request: bytes, response: bytes) -> Facts | None:
     """Look for what is wrong with contents that say nothing else."""
-    facts: Facts | None = None
-    for octets in (request, response):
-        if octets and skim(octets, _MARKS) == UNSOUND:
-            if facts is None:
-                facts = Facts()
-            _read(octets, facts)
-    return facts if facts is not None and (facts.malformed or facts.exhausted) else None
+    asked: bool = len(request) > 0 and skim(request, _MARKS) == UNSOUND
+    told: bool = len(response) > 0 and skim(response, _MARKS) == UNSOUND
+    if not (asked or told):
+        return None
+    facts = Facts()
+    if asked:
+        _read(request, facts)
+    if told:
+        _read(response, facts)
+    return facts if facts.malformed or facts.exhausted else None
 
 
 def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:

@@ -222,9 +222,9 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
         and _in_order(source.contents, len(known))
         and not (told is not None and told.contents.refusals)
     ):
-        for number, value in source.contents.items:  # nearly always
-            item = PlusItem(number, known[number - 1], value, whole)
-            item.data = _data(value, source)
+        for number, one in source.contents.items:  # nearly always
+            item = PlusItem(number, known[number - 1], one, whole)
+            item.data = _data(one, source)
             items.append(item)
         return items
     values: dict[int, list[Value | None]] = {}
