@@ -10,8 +10,9 @@ import click
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import check_cluster, separate_options
+from dissect.cli.options.jobs import check_cluster, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
 @tag_options
 @tls_option
 @separate_options
+@indexed_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -99,6 +101,7 @@ def command(
         return _task(of, writer, TransactionFeed(writer, choice), chosen, options, bool(fail_on))
     if separate:
         refuse(chosen, [(decoder, "SCD is decoded over all files")])
+        files = may_match(files, chosen)
         writer.begin(no_places(files))
         return rows_separately(files, jobs, writer, fail_on, _say_nothing_found)
     worker = working()

@@ -13,8 +13,9 @@ import click
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
+from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import check_cluster, separate_options
+from dissect.cli.options.jobs import check_cluster, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -88,6 +89,7 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
 @tag_options
 @tls_option
 @separate_options
+@indexed_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -125,6 +127,7 @@ def command(
         return _task(of, writer, collector, chosen, options, bool(fail_on))
     if separate:
         refuse(chosen, [(decoder, "SCD is decoded over all files"), (summary, "--summary adds up one run")])
+        captures = list(may_match(tuple(captures), chosen))
         writer.begin(no_places(captures))
         writer.values([])  # what the output begins with
         return rows_separately(captures, jobs, writer, fail_on, lambda total: _miss(wanted, total.seen))

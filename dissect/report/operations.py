@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.s7.errors import ERROR_CODES
@@ -94,7 +94,7 @@ def result(operation: Operation) -> str:
     shout = shouted(operation.result)
     if operation.error_code:
         return f"{shout} 0x{operation.error_code:04x} {error_codes(operation).name(operation.error_code)}"
-    why = words.REASONS.get(operation.reason, operation.reason)
+    why = facets.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     told = ", ".join([text for text in (why, odd) if text])
     return f"{shout} ({told})" if told else shout

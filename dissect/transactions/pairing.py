@@ -32,8 +32,6 @@ from dissect.transactions.results import (
     FUNCTION_MISMATCH,
     REORDERED,
     SIZE_MISMATCH,
-    check_answer,
-    check_data_codes,
     check_notification,
     check_other_answer,
     check_written,
@@ -50,6 +48,8 @@ from dissect.transactions.transaction import (
     TABLE_FULL,
     UNANSWERED,
     Transaction,
+    check_answer,
+    check_data_codes,
 )
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import dissect
 from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
-from dissect.report.words import outcome
+from dissect.report.facets import outcome
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.tables import (

@@ -318,7 +318,10 @@ def test_packets_of_several_files_are_named_by_file() -> None:
 def test_files_out_of_order_give_no_negative_duration() -> None:
     late = [packet._replace(time_ns=packet.time_ns + 10**12) for packet in begun().packets()]
     lines = report(analysed(late, begun(Flow(ports=(5, 102))).packets()))
-    assert " UTC to 2024-03-04 05:06:07.006000 UTC, first to last packet" in lines[2]
+    assert (
+        " UTC back to 2024-03-04 05:06:07.006000 UTC (packets are not in order of time), first to last packet"
+        in lines[2]
+    )
 
 
 # ---- form -----------------------------------------------------------------------------------------------------------

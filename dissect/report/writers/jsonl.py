@@ -45,8 +45,9 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.results import NO_CODE
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import ANSWERED, NO_CODE, OUTCOMES, Transaction
+from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
