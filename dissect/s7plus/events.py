@@ -455,7 +455,12 @@ def _number(value: Value) -> int:
 
 
 def _state(session: PlusSession, facts: Facts, state: int) -> None:
-    """Note the operating state of the CPU; an event where it is a different one from before."""
+    """Note the operating state of the CPU; an event where it is a different one from before.
+
+    What is no state at all hides no change: that from before stands.
+    """
+    if state < 0:
+        return
     before, session.identity.state = session.identity.state, state
     session.identity.tell(OPERATING_MODE, OPERATING_STATES.name(state) if state in _STATES else "", IN_VARIABLE)
     if state in _STATES and before >= 0 and state != before:
