@@ -92,7 +92,8 @@ def _escape(character: str) -> str:
 
 def json_text(value: str) -> str:
     """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
-    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
+    text = encode_basestring_ascii(value)
+    return text.replace("\x7f", "\\u007f") if "\x7f" in text else text
 
 
 def encodable(text: str) -> str:
