@@ -1,7 +1,7 @@
 """What --separate -j gains: one process and several over the same captures, and whether they write the same.
 
-`python -m benchmarks.processes FILE FILE… [--jobs N] [--python PYTHON]`. Of a busy machine only the CPU seconds say something: those
-of all processes together are what sharing costs; what it gains is elapsed time, to be measured on one that is idle.
+`python -m benchmarks.processes FILE FILE… [--jobs N] [--python PYTHON]`. Of a busy machine only the CPU seconds say something:
+those of all processes together are what sharing costs; what it gains is elapsed time, to be measured on one that is idle.
 """
 
 from __future__ import annotations
