@@ -21,6 +21,7 @@ from dissect.source.files import open_capture
 from dissect.tcp import ip, link
 from dissect.transactions.table import Side
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
+from tests.cases import each
 from tests.report.support import OWN, ROOT
 from tests.source.craft import drain
 from tests.tshark import join
@@ -92,7 +93,7 @@ def addresses_of(path: Path) -> set[bytes]:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("source", OWN, ids=lambda path: path.name)
+@each("source", OWN)
 def test_what_happened_stays_and_who_it_was_goes(source: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.pcapng"
     account = anonymized(source, out)

@@ -131,7 +131,7 @@ def tshark_version() -> str:
 def as_decoded() -> dict[str, list[dict[str, Any]]]:
     """The packets of the captures of which tshark shows another number, as a person would ask, by "decode as"."""
     names = [name for name in NAMES if "tshark" in description(name)]
-    found = {}
+    found: dict[str, list[dict[str, Any]]] = {}
     for ports in sorted({tuple(description(name)["ports"]) for name in names}):
         asked = [part for port in ports for part in ("-d", f"tcp.port=={port},tpkt")]
         alike = {capture_of(name): name for name in names if tuple(description(name)["ports"]) == ports}

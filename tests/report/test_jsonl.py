@@ -18,6 +18,7 @@ from dissect.s7.values import Value, decode_value
 from dissect.session import Run
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
+from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Packet, Talk, cut_to
@@ -405,7 +406,7 @@ def test_a_header_that_is_not_all_there_is_null() -> None:
 # ---- on captures ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", OWN, ids=[path.name for path in OWN])
+@each("path", OWN)
 def test_lines_say_what_the_objects_say(path: Path) -> None:
     check(path)
 
