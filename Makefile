@@ -27,9 +27,12 @@ PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
 ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
 	tests/engine tests/test_session.py tests/report tests/properties)
+# What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
+ONCE := $(wildcard tests/source/test_live_*.py tests/source/test_growing.py tests/source/test_pcapng_writer.py tests/source/test_remote.py)
 
-# A file goes to one worker as a whole, in the order of tests/conftest.py: those that take long come first.
-WORKERS := -n $(JOBS) --dist loadfile --no-loadscope-reorder
+# A file goes to one worker as a whole, in the order of tests/conftest.py: those that take long come first. One process needs
+# nobody who hands out the files.
+WORKERS := $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile --no-loadscope-reorder,-n 0)
 
 export PYTHONSAFEPATH := 1
 export VENV
@@ -90,7 +93,7 @@ test-installed:
 
 # The property tests try hard on the wheel; fewer examples show here that the source reads alike without the compiler.
 test-interpreted:
-	S7DISSECT_EXAMPLES=$${S7DISSECT_EXAMPLES:-25} S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) $(WORKERS) -m "not measured" $(ENGINE)
+	S7DISSECT_EXAMPLES=$${S7DISSECT_EXAMPLES:-25} S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) $(WORKERS) -m "not measured" $(ENGINE) $(ONCE:%=--ignore=%)
 
 # What docs/probe/Containerfile says, done in a temporary folder.
 container-steps: environment

@@ -33,7 +33,7 @@ _PUBLIC: Final = {
     "SelectError": "dissect.select.errors",
     "ScdMessage": "dissect.transactions.payloads",
     "Transaction": "dissect.transactions.transaction",
-    "TransactionError": "dissect.transactions.transaction",
+    "TransactionError": "dissect.transactions.results",
     "Where": "dissect.select.where",
     "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
@@ -67,8 +67,8 @@ if TYPE_CHECKING:
     from dissect.transactions.connection import Connection as Connection
     from dissect.transactions.operation import Operation as Operation
     from dissect.transactions.payloads import ScdMessage as ScdMessage
+    from dissect.transactions.results import TransactionError as TransactionError
     from dissect.transactions.transaction import Transaction as Transaction
-    from dissect.transactions.transaction import TransactionError as TransactionError
     from dissect.variables.model import ValueRow as ValueRow
     from dissect.variables.reading import value_tables as value_tables
     from dissect.variables.reading import values as values

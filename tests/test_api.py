@@ -65,7 +65,7 @@ REVEALED = [
         " | dissect.findings.reporter.Finding"
     ),
     "int | None",
-    "list[dissect.transactions.transaction.TransactionError]",
+    "list[dissect.transactions.results.TransactionError]",
     "int | float | str | list[bool | int | float | str | None] | None",
     "dict[tuple[int, int] | str, ",
     '"str"',

@@ -27,6 +27,10 @@ COMPLETE: Final = ("engine/", "transactions/")
 NOBODY: Final = "engine/observer.py"
 #: How many files one packet may lead a reader through, helpers included, from the frame to the line.
 MOST: Final = {"text": 23, "jsonl": 21}
+#: How many of them, with the table of names, have a function to read for a return code.
+MOST_READ: Final = {"text": 12, "jsonl": 11}
+#: Where the names of return codes are.
+NAMES: Final = "s7/tables.py"
 
 
 def ways() -> list[list[str]]:
@@ -98,6 +102,7 @@ def test_the_way_of_a_byte_is_the_one_that_is_written() -> None:
         code = return_code({"text": "text", "jsonl": "JSON"}[format_])
         assert len(code) > 10
         assert [step for step in called if step in code] == code
+        assert len({NAMES, *(file for file, _ in code)}) <= MOST_READ[format_]
 
 
 def test_the_rooms_are_listed_in_their_order() -> None:

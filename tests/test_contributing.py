@@ -9,8 +9,9 @@ import shutil
 import struct
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 import pytest
 
@@ -32,8 +33,32 @@ def listed(recipe: str) -> set[str]:
     return set(re.findall(r"^- `([^`]+)`", section, re.MULTILINE))
 
 
+#: Runs scripts and modules in one process, which imports once what they need; each prints to a file, or to nowhere for ``-``.
+RUNNING: Final = """
+import contextlib, io, runpy, sys
+from pathlib import Path
+def run(script, out="-", *arguments):
+    said = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    standing, sys.argv = sys.argv, [script, *arguments]
+    with contextlib.redirect_stdout(said):
+        try:
+            (runpy.run_path if script.endswith(".py") else runpy.run_module)(script, run_name="__main__")
+        except SystemExit as end:
+            assert not end.code, end.code
+    sys.argv = standing
+    said.flush()
+    printed = said.buffer.getvalue().decode("utf-8")
+    if out != "-":
+        Path(out).write_text(printed, encoding="utf-8")
+    return printed
+"""
+
+
 class Tree:
     """A copy of the tree that may be changed."""
+
+    #: The copy before, whose bytecode serves for each file that was not changed there.
+    earlier: ClassVar[Path | None] = None
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -41,19 +66,32 @@ class Tree:
             shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
         for name in ("benchmarks", "pyproject.toml", "README.md", "CONTRIBUTING.md"):
             (root / name).symlink_to(ROOT / name)
-        self._before = self._contents()
+        self._before = {path: self._state(path) for path in self._files()}
+        if Tree.earlier is not None:
+            for folder in Tree.earlier.rglob("__pycache__"):
+                shutil.copytree(folder, root / folder.relative_to(Tree.earlier), dirs_exist_ok=True)
+        Tree.earlier = root
 
-    def _contents(self) -> dict[str, bytes]:
-        return {
-            path.relative_to(self.root).as_posix(): path.read_bytes()
-            for name in COPIED
-            for path in (self.root / name).rglob("*")
-            if path.is_file() and path.suffix != ".pyc" and ".hypothesis" not in path.parts
-        }
+    def _files(self) -> Iterator[Path]:
+        for name in COPIED:
+            for path in (self.root / name).rglob("*"):
+                if path.is_file() and path.suffix != ".pyc" and ".hypothesis" not in path.parts:
+                    yield path
+
+    @staticmethod
+    def _state(path: Path) -> tuple[int, int]:
+        status = path.stat()
+        return status.st_mtime_ns, status.st_size
 
     def touched(self) -> set[str]:
         """Return the files that were added or changed."""
-        return {name for name, content in self._contents().items() if self._before.get(name) != content}
+        written = {path for path in self._files() if self._before.get(path) != self._state(path)}
+        names = {path: path.relative_to(self.root).as_posix() for path in written}
+        return {
+            name
+            for path, name in names.items()
+            if path not in self._before or path.read_bytes() != (ROOT / name).read_bytes()
+        }
 
     def write(self, name: str, text: str) -> None:
         path = self.root / name
@@ -129,8 +167,10 @@ def one_of_two_refused(talk: Talk) -> None:
 """
 
 #: The tests of the copy that such a change concerns, and what a capture gives.
-FINDING_TRIED: Final = """
-import json, sys
+FINDING_TRIED: Final = f"""
+{RUNNING}
+import json
+run("scripts/findings_doc.py", "docs/findings.md")
 import dissect
 from tests.findings import test_catalogue as catalogue
 catalogue.test_words()
@@ -141,7 +181,7 @@ for scenarios, spoken in ((catalogue.SPEAKS, True), (catalogue.SILENT, False)):
     talk.pipeline.finish()
     assert ("transaction.all_refused" in talk.slugs()) is spoken
 found = dissect.analyze(sys.argv[1]).as_dict()["findings"]
-print(json.dumps({slug: count for slug, count in found.items() if slug == "transaction.all_refused"}))
+print(json.dumps({{slug: count for slug, count in found.items() if slug == "transaction.all_refused"}}))
 """
 
 
@@ -150,9 +190,8 @@ def test_to_add_a_finding(tree: Tree) -> None:
     tree.replace("dissect/findings/catalogue.py", row, FINDING_ROW + row)
     tree.replace("dissect/findings/transaction_rules.py", FINDING_RULE, FINDING_RULE_MADE)
     tree.replace("tests/findings/test_catalogue.py", '\n\n@speaks("transaction.item_error")\n', FINDING_TEST)
-    tree.write("docs/findings.md", tree.python("scripts/findings_doc.py"))
-    assert tree.touched() == listed("To add a finding")
     told = json.loads(tree.python("-c", FINDING_TRIED, "captures/item-errors.pcapng"))
+    assert tree.touched() == listed("To add a finding")
     refused = [
         event
         for event in dissect.open(ROOT / "captures/item-errors.pcapng")
@@ -200,8 +239,19 @@ QUALITY_REASON: Final = """    told[USERDATA, userdata_name(7, 5, RESPONSE), COM
 """
 
 #: The tests of the copy that such a change concerns, and the notes of the new response.
-SUBFUNCTION_TRIED: Final = """
-import json
+SUBFUNCTION_TRIED: Final = f"""
+{RUNNING}
+import functools, json
+run("captures.craft", "-", "coverage-userdata")
+run("scripts/layers_stub.py", "dissect/layers/part_classes.pyi")
+run("scripts/layers_doc.py", "docs/layers-parts.md")
+# The page and its tests are made of the same look at all captures.
+from scripts import coverage_doc
+coverage_doc.census = functools.cache(coverage_doc.census)
+said = io.StringIO()
+with contextlib.redirect_stdout(said):
+    assert not coverage_doc.main([])
+coverage_doc.PAGE.write_text(said.getvalue(), encoding="utf-8")
 import dissect
 from dissect.transactions.transaction import Transaction
 from tests import test_coverage
@@ -225,16 +275,12 @@ def test_to_add_a_userdata_subfunction(tree: Tree) -> None:
     tree.replace("dissect/s7/clock.py", "\n\ndef parse_clock(", QUALITY_LAYOUT)
     tree.replace("dissect/s7/bodies.py", SET_CLOCK_ROW, SET_CLOCK_ROW + QUALITY_ROW)
     tree.replace("captures/craft/coverage_userdata.py", SET_CLOCK_PDUS, SET_CLOCK_PDUS + QUALITY_PDUS)
-    tree.python("-m", "captures.craft", "coverage-userdata")
     clock_class = '        Row("S7_Clock", '
     tree.replace("dissect/layers/part_tables.py", clock_class, QUALITY_CLASS + clock_class)
-    tree.write("dissect/layers/part_classes.pyi", tree.python("scripts/layers_stub.py"))
-    tree.write("docs/layers-parts.md", tree.python("scripts/layers_doc.py"))
     last = "    for partial in _PLAIN_LISTS:\n"
     tree.replace("scripts/coverage_doc.py", last, QUALITY_REASON + last)
-    tree.write("docs/coverage.md", tree.python("scripts/coverage_doc.py"))
-    assert tree.touched() == listed("To add a userdata subfunction")
     assert json.loads(tree.python("-c", SUBFUNCTION_TRIED)) == [["answered", ["synchronised"]]]
+    assert tree.touched() == listed("To add a userdata subfunction")
 
 
 # ---- a source of packets --------------------------------------------------------------------------------------------
@@ -412,21 +458,28 @@ MARKDOWN_ROW: Final = """        _row(
             "markdown", "a Markdown table", ("dissect.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))
         ),
 """
+#: The output of a capture, and the help that names the format.
+OUTPUT_TRIED: Final = f"""
+{RUNNING}
+import json
+made = run("dissect", "-", "transactions", "-T", "markdown", "captures/item-errors.pcapng")
+print(json.dumps([made, run("dissect", "-", "transactions", "--help")]))
+"""
 
 
 def test_to_add_an_output(tree: Tree) -> None:
     tree.write("dissect/report/writers/markdown.py", WRITER)
     tree.replace("dissect/report/formats.py", LAST_ROW, LAST_ROW + MARKDOWN_ROW)
     assert {name.replace("markdown", "NAME") for name in tree.touched()} == listed("To add an output")
-    told = tree.python("-m", "dissect", "transactions", "-T", "markdown", "captures/item-errors.pcapng").splitlines()
+    told, helped = json.loads(tree.python("-c", OUTPUT_TRIED))
     expected = [
         f"| {event.number} | {event.function_name} | {event.outcome_name} |"
         for event in dissect.open(ROOT / "captures/item-errors.pcapng")
         if isinstance(event, Transaction)
     ]
-    assert told == ["| number | function | outcome |", "|---|---|---|", *expected]
+    assert told.splitlines() == ["| number | function | outcome |", "|---|---|---|", *expected]
     assert len(expected) > 2
-    assert "markdown" in tree.python("-m", "dissect", "transactions", "--help")
+    assert "markdown" in helped
 
 
 # ---- a protocol -----------------------------------------------------------------------------------------------------
@@ -529,14 +582,16 @@ def tally_capture() -> bytes:
 
 
 #: The tests of the copy that such a change concerns, `analyze -T json` of a capture with it and of one without.
-PROTOCOL_TRIED: Final = """
-import ast, json, sys
+PROTOCOL_TRIED: Final = f"""
+{RUNNING}
+import ast, json
+run("tests.report.schemas")
 from click.testing import CliRunner
 from dissect.cli import analyze
 from tests import test_architecture, test_house
 from tests.report import schemas
-modules = {test_house.module_name(path): path for path in test_house.PACKAGE.rglob("*.py")}
-trees = {module: ast.parse(path.read_bytes()) for module, path in modules.items() if "tally" in module}
+modules = {{test_house.module_name(path): path for path in test_house.PACKAGE.rglob("*.py")}}
+trees = {{module: ast.parse(path.read_bytes()) for module, path in modules.items() if "tally" in module}}
 assert len(trees) == 3
 for rule in test_house.RULES:
     assert [wrong for module, tree in trees.items() for wrong in rule(module, tree)] == []
@@ -570,15 +625,13 @@ def test_to_add_a_protocol(tree: Tree, tmp_path: Path) -> None:
     schema = "dissect/schema/analysis.schema.json"
     tree.replace(schema, section, made + section)
     tree.replace(schema, '"ibh_netlink", "scd"]', '"ibh_netlink", "tally", "scd"]')
-    tree.python("-m", "tests.report.schemas")
+    capture = tmp_path / "tally.pcap"
+    capture.write_bytes(tally_capture())
+    told, line, others = json.loads(tree.python("-c", PROTOCOL_TRIED, str(capture), "captures/crafted/netlink.pcapng"))
     room, outside = "dissect/tally/", tree.touched()
     files = {room if name.startswith(room) else name for name in outside}
     assert files == {name.replace("NAME", "tally") for name in listed("To add a protocol")}
     assert len(files - {room}) <= MOST
-
-    capture = tmp_path / "tally.pcap"
-    capture.write_bytes(tally_capture())
-    told, line, others = json.loads(tree.python("-c", PROTOCOL_TRIED, str(capture), "captures/crafted/netlink.pcapng"))
     assert told["tally"] == {"messages": 3}
     assert [(one["protocol"], one["client"]) for one in told["connections"]] == [("tally", "10.0.0.1:50000")]
     octets = told["loss"]["octets"]

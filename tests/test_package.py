@@ -13,6 +13,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 from typing import Final
 
+import pip as pip_package
 import pytest
 
 import dissect
@@ -45,8 +46,12 @@ def without_path() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in chosen}
 
 
-def pip(*arguments: str | Path, **environment: str) -> str:
-    return run(sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", *arguments, **environment)
+#: What `pip --python` has another interpreter run; to have it run at once spares the first pip.
+PIP: Final = Path(pip_package.__file__).parent / "__pip-runner__.py"
+
+
+def pip(*arguments: str | Path, python: Path | str = sys.executable, **environment: str) -> str:
+    return run(python, PIP, "--disable-pip-version-check", "--no-input", *arguments, **environment)
 
 
 def build_wheel(into: Path, **environment: str) -> Path:
@@ -78,7 +83,7 @@ def environment(folder: Path, dependencies: Path) -> Path:
 
 def install(python: Path, *what: str | Path) -> None:
     """Install wheels; bytecode of all their modules, for the few that are imported, would take most of the time."""
-    pip("--python", python, "install", "--no-deps", "--no-compile", *what)
+    pip("install", "--no-deps", "--no-compile", *what, python=python)
 
 
 @pytest.fixture(scope="session")
@@ -231,19 +236,20 @@ def test_beside_another_dissect_in_one_environment(
         install(python, wheel if which == "ours" else theirs)
     assert run(python, "-c", IMPORT_BOTH) == f"{dissect.__version__} True {wheel_is_compiled(wheel)}\n"
     # Neither takes anything of the other along when it goes.
-    pip("--python", python, "uninstall", "--yes", "s7dissect")
+    pip("uninstall", "--yes", "s7dissect", python=python)
     run(python, "-c", f"import {FOREIGN}")
 
 
-@pytest.mark.parametrize("order", [("ours", "theirs"), ("theirs", "ours")])
 def test_beside_another_dissect_elsewhere_on_the_path(
-    order: tuple[str, str], wheel: Path, theirs: Path, dependencies: Path, tmp_path: Path
+    wheel: Path, theirs: Path, dependencies: Path, tmp_path: Path
 ) -> None:
     for folder, what in (("ours", wheel), ("theirs", theirs)):
         pip("install", "--no-deps", "--no-compile", "--target", tmp_path / folder, what)
     python = environment(tmp_path / "venv", dependencies)
-    path = os.pathsep.join(str(tmp_path / folder) for folder in order)
-    assert run(python, "-c", IMPORT_BOTH, PYTHONPATH=path) == f"{dissect.__version__} True {wheel_is_compiled(wheel)}\n"
+    for order in (("ours", "theirs"), ("theirs", "ours")):
+        path = os.pathsep.join(str(tmp_path / folder) for folder in order)
+        said = run(python, "-c", IMPORT_BOTH, PYTHONPATH=path)
+        assert said == f"{dissect.__version__} True {wheel_is_compiled(wheel)}\n", order
 
 
 def wheel_is_compiled(wheel: Path) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import ctypes
 import importlib.util
+import re
 import shutil
 import sys
 from collections import Counter
@@ -94,6 +95,24 @@ def test_interpreted_classes_derive_from_no_compiled_one_that_is_not_marked_for_
     assert wrong == []
 
 
+def test_what_is_tried_with_the_wheel_alone_is_interpreted_there_as_well(setup: ModuleType) -> None:
+    """A module of theirs that gets compiled has to be tried both ways."""
+    (listed,) = re.findall(
+        r"^ONCE := \$\(wildcard (.*)\)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    tests = [path for pattern in listed.split() for path in ROOT.glob(pattern)]
+    assert len(tests) >= 9
+    compiled = set(setup.hot_modules()) - {"dissect/source/packet.py"}  # what errors and packets are
+    for path in tests:
+        found = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ImportFrom)]
+        names = {f"{node.module}.{alias.name}" for node in found for alias in node.names} | {
+            node.module for node in found
+        }
+        ours = {f"{name.replace('.', '/')}.py" for name in names if name and name.startswith("dissect.")}
+        assert ours
+        assert ours & compiled == set(), path.name
+
+
 class Mypyc(ModuleType):
     """What stands for mypyc.build: notes how it is called."""
 
@@ -171,7 +190,7 @@ def test_compilers_side_by_side_give_their_objects_in_order(setup: ModuleType) -
 def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: ModuleType) -> None:
     compiled = setup.hot_modules()
     kinds = {name: setup.kind(f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c") for name in compiled}
-    for name in ("wire/octets", "engine/pipeline", "transactions/results", "report/writers/jsonl"):
+    for name in ("wire/octets", "engine/pipeline", "transactions/transaction", "report/writers/jsonl"):
         assert kinds[f"dissect/{name}.py"] == "busiest"
     assert setup.kind("/lib-rt/str_ops.c") == "busiest"
     assert setup.kind("build/__native_s7dissect.c") == "busiest"

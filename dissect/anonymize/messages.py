@@ -201,8 +201,7 @@ def area_codes(side: Side, octets: bytes) -> list[int]:
     found: list[int] = []
     if len(octets) < _PLAIN or octets[0] != PROTOCOL_ID or octets[1] != ACK_DATA or octets[ACK_HEADER_SIZE] != READ_VAR:
         return found
-    requests = side.connection.open_requests[1 - side.index].table
-    asked = requests.get(key_of(ACK_DATA, u16(octets, _REFERENCE)))
+    asked = side.connection.open_requests[1 - side.index].find(key_of(ACK_DATA, u16(octets, _REFERENCE)))
     if asked is None or all([item.areas is None for item in asked.parameters.items]):
         return found
     for item, answer in zip(asked.parameters.items, parse_pdu(octets).data_items(), strict=False):

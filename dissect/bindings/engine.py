@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from dissect.engine.exchange import Exchange
+    from dissect.s7.items import ItemResult
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
     from dissect.scd.model import Pdo
     from dissect.transactions.connection import Connection
-    from dissect.transactions.results import ItemResult
     from dissect.transactions.table import Side
     from dissect.transactions.transaction import Transaction
 

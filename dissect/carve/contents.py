@@ -7,10 +7,9 @@ from typing import Final
 
 from dissect.mc7.listing import no_names
 from dissect.program.carved import CarvedBlock
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.tables import BYTE, DB, SUCCESS
 from dissect.transactions.naming import NamedValue, Naming
-from dissect.transactions.results import ItemResult
 
 __all__ = ["NamedValue", "block_values", "tag_names"]
 

@@ -10,7 +10,7 @@ from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, v
 from dissect.mc7.changes import Change, change_lines, change_values
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.report.outcome import WIDE_PAGE, Outcome
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places
@@ -129,7 +129,7 @@ def _value_lines(block: CarvedBlock) -> Iterator[Line]:
     named = block_values(block)
     for value in named[:_VALUES]:
         place = f" ({value.address})" if value.name else ""
-        yield Line(f"    {shortened(words.named_value(value) + place, _VALUE)}", PLAIN, HANG)
+        yield Line(f"    {shortened(facets.named_value(value) + place, _VALUE)}", PLAIN, HANG)
     if len(named) > _VALUES:
         yield Line(f"    and {words.count(len(named) - _VALUES, 'further value')}", PLAIN)
 

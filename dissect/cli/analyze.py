@@ -9,9 +9,10 @@ import click
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.gate import fail_on_option, gate, gate_of
+from dissect.cli.indexed import may_match
 from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.options.jobs import check_jobs, separate_options
+from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 @tag_options
 @tls_option
 @separate_options
+@indexed_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -91,6 +93,7 @@ def command(
         return found_task(of, analysis, chosen.sieve(analysis), options, chosen)
     if separate:
         refuse(chosen, [(decoder, "SCD is decoded over all files"), (per_file, "--per-file reads them in one run")])
+        files = may_match(files, chosen)
         from dissect.jobs.analyses import Analyses
 
         sums = Analyses(options)

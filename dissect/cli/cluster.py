@@ -32,8 +32,8 @@ def readers_of(address: str, files: Sequence[str], folder: str) -> Iterator[Read
     settings = settings_now()
     besides = _besides(files, settings)
     try:
-        with connected(address) as client:
-            found = workers_of(client)
+        with connected(address) as (client, patience):
+            found = workers_of(client, patience)
             ours = here()
             usable = []
             for worker in found:
@@ -47,7 +47,9 @@ def readers_of(address: str, files: Sequence[str], folder: str) -> Iterator[Read
                 raise click.ClickException(f"{printable(address)}: {said}")
             with Cluster(client, usable, ours, besides, _say_of_workers) as cluster:
                 fewer = len(usable) < len(found)
-                yield Readers(cluster, cluster.slots, folder, settings, cluster.look, lambda: fewer or cluster.troubled)
+                yield Readers(
+                    cluster, lambda: cluster.slots, folder, settings, cluster.look, lambda: fewer or cluster.troubled
+                )
     except ClusterError as error:
         raise click.ClickException(printable(str(error))) from None
 

@@ -40,8 +40,8 @@ def command(address: str, format_: Format) -> int:
 
     ours = here()
     try:
-        with connected(address) as client:
-            found = workers_of(client)
+        with connected(address) as (client, patience):
+            found = workers_of(client, patience)
     except ClusterError as error:
         raise click.ClickException(printable(str(error))) from None
     checked = [(worker, obstacle(worker, ours)) for worker in found]

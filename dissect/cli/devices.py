@@ -9,9 +9,10 @@ import click
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.gate import fail_on_option, gate, gate_of
+from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.options.jobs import check_jobs, separate_options
+from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 @tag_options
 @tls_option
 @separate_options
+@indexed_option
 def command(
     files: tuple[str, ...],
     format_: Format,
@@ -70,6 +72,7 @@ def command(
         from dissect.jobs.inventories import Inventories
 
         refuse(chosen)
+        files = may_match(files, chosen)
         sums = Inventories(options)
         code = add_separately(files, jobs, sums, Inventory)
         sums.finish()

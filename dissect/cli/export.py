@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dissect import __version__
+from dissect.cli.indexed import may_match
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.options.jobs import check_jobs, separate_options
+from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -22,6 +23,7 @@ from dissect.cli.options.tls import tls_option
 from dissect.cli.run import checksums_option, complain_of, drive, files_argument, slow_option
 from dissect.cli.separate import refuse
 from dissect.cli.task import current
+from dissect.source.remote import is_remote, shown
 from dissect.wire.saving import Saving, SavingFolder, is_special
 from dissect.wire.text import encodable, printable
 
@@ -76,6 +78,7 @@ _EXIT_CODES = (
 @tag_options
 @tls_option
 @separate_options
+@indexed_option
 def command(
     files: tuple[str, ...],
     output: str,
@@ -99,6 +102,7 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. With several files Parquet is
     divided into folders by day. OUT is written whole or not at all.
     """
+    from dissect.cli.remote_export import export_separately_remotely, refuse_place, remote_export, saved_remotely
     from dissect.cli.separate_export import export_separately, export_task, refuse_form
     from dissect.engine.pipeline import Options
     from dissect.export.extras import MissingLibraryError
@@ -119,34 +123,50 @@ def command(
         return export_task(of, target, only, chosen, options)
     if separate:
         refuse(chosen, [(decoder, "SCD is decoded over all files")])
+        files = may_match(files, chosen)
         refuse_form(target)
-    check_output(target, files, force)
     names = [encodable(name) for name in files]
+    remote = is_remote(target.path)
+    if remote:
+        refuse_place(target)
+    else:
+        check_output(target, files, force)
+    place: Any  # a path, or a folder of another machine
     try:
-        with saved(target) as place:
+        with saved_remotely(target, force, MARK) if remote else saved(target) as place:
             losses: list[tuple[str, str]] = []
-            if separate and len(files) > 1:
-                counts, code = export_separately(files, jobs, target, only, place)
+            if separate and (remote or len(files) > 1):
+                counts, code = (
+                    export_separately_remotely(files, jobs, target.path, only, place)
+                    if remote
+                    else export_separately(files, jobs, target, only, place)
+                )
                 _go_on(code)
             else:
-                export = target.form.open(
-                    Request(place, target.folder, only, names, __version__, {"strict": bool(zeek_compat)})
+                export = (
+                    remote_export(place, only, names)
+                    if remote
+                    else target.form.open(
+                        Request(place, target.folder, only, names, __version__, {"strict": bool(zeek_compat)})
+                    )
                 )
                 run = Run(files, chosen.sieve(export.observer), chosen.narrow(options))
                 chosen.begin(run, files)
                 code = _export(export, run, files)
                 counts = dict(export.counts)
                 losses = [(file.name, file.loss) for file in run.files]
-            if target.folder:
+            if remote:
+                place.write(MARK, mark_of(target.form.name, counts, names))
+            elif target.folder:
                 write_mark(place, target.form.name, counts, names)
     except _InterruptedError:
-        click.echo(f"s7dissect: interrupted; {printable(target.path)} was not written", err=True)
+        click.echo(f"s7dissect: interrupted; {printable(shown(target.path))} was not written", err=True)
         return EXIT_INTERRUPTED
     except MissingLibraryError as error:
         raise click.ClickException(str(error)) from None
     complain_of(losses, code)
     said = ", ".join([f"{count} {name if count != 1 else name.removesuffix('s')}" for name, count in counts.items()])
-    click.echo(f"s7dissect: {said} written to {printable(target.path)}", err=True)
+    click.echo(f"s7dissect: {said} written to {printable(shown(target.path))}", err=True)
     return code
 
 
@@ -206,7 +226,12 @@ def saved(target: Target) -> Iterator[Path]:
         raise OSError(error.errno, why, target.path) from None
 
 
-def write_mark(folder: Path, form: str, counts: object, files: Sequence[str]) -> None:
-    """Write into a folder who made it, of which captures, and how many rows it has."""
+def mark_of(form: str, counts: object, files: Sequence[str]) -> bytes:
+    """Return what says of a folder who made it, of which captures, and how many rows it has."""
     told = {"schema": "s7dissect-export/1", "version": __version__, "form": form, "files": list(files), "rows": counts}
-    (folder / MARK).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    return (json.dumps(told, indent=1) + "\n").encode()
+
+
+def write_mark(folder: Path, form: str, counts: object, files: Sequence[str]) -> None:
+    """Write `mark_of` into a folder."""
+    (folder / MARK).write_bytes(mark_of(form, counts, files))

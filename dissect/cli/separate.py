@@ -19,7 +19,7 @@ from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK,
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.run import Bar, Interruption
 from dissect.source.packet import CaptureError
-from dissect.source.remote import shown
+from dissect.source.remote import is_remote, shown
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 
 class Readers(NamedTuple):
-    """An executor and how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
+    """An executor and what says how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
 
     ``folder`` is where tasks leave what they write, "" where it is part of what they return. ``settings`` are those of the
     command here, None where tasks find them by themselves; ``troubled`` says in the end whether some of those who should have
@@ -47,7 +47,7 @@ class Readers(NamedTuple):
     """
 
     executor: Executor
-    at_once: int
+    at_once: Callable[[], int]
     folder: str
     settings: task.Settings | None = None
     look: Callable[[], None] = lambda: None
@@ -196,16 +196,16 @@ def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -
         return
     if jobs == 1:
         with task.directly(direct):
-            yield Readers(Here(), 1, folder or "")
+            yield Readers(Here(), lambda: 1, folder or "")
         return
     from dissect.jobs.pool import Pool
 
     if folder is not None:
-        with Pool(jobs, folder, RARELY) as pool:
-            yield Readers(pool, jobs, folder)
+        with Pool(jobs, "" if is_remote(folder) else folder, RARELY) as pool:
+            yield Readers(pool, lambda: jobs, folder)
         return
     with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own, RARELY) as pool:
-        yield Readers(pool, jobs, own)
+        yield Readers(pool, lambda: jobs, own)
 
 
 def say(file: str, why: str, where: str = "") -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -21,15 +22,19 @@ import click
 
 from dissect import __version__
 from dissect.cli.options.jobs import cluster_meant
+from dissect.cli.remote_export import close_wanted, task_sink
 from dissect.cli.separate import about, read_file, separately
+from dissect.export.extras import MissingLibraryError
 from dissect.export.feed import Sink
 from dissect.export.forms import Request, TableExport, Target
 from dissect.export.parquet import ParquetSink, metadata_of
+from dissect.export.remote import RemoteFolder
 from dissect.export.tables import TABLES, Table, chosen_tables
 from dissect.jobs.numbers import Offsets, count_from
 from dissect.jobs.spool import Spool, Spooled, opened
-from dissect.jobs.tasks import About, Done
+from dissect.jobs.tasks import About, Done, FileError
 from dissect.session import Run
+from dissect.source.remote import is_remote, shown
 from dissect.wire.saving import PART
 from dissect.wire.text import encodable
 
@@ -90,15 +95,36 @@ def refuse_form(target: Target) -> None:
 
 
 def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
-    """Export the file of a task."""
+    """Export the file of a task. Raises `FileError` when its rows cannot be written."""
+    try:
+        return _export_task(of, target, only, chosen, options)
+    except OSError as error:
+        # A library has words of its own for what the system says; those of another machine are what there is.
+        remote = is_remote(target.path) or not error.errno
+        why = (error.strerror or str(error)) if remote else os.strerror(error.errno or 0)
+        raise FileError(f"its rows cannot be written to {shown(target.path)}: {why}") from None
+    except MissingLibraryError as error:
+        raise FileError(str(error)) from None
+
+
+def _export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
     name = encodable(of.file)
     folder = Path(of.folder, f".task-{of.place}{PART}")
     spool: Spool | None = None
-    if target.form.name == _PARQUET:
-        shutil.rmtree(folder, ignore_errors=True)  # of a process that died
-        folder.mkdir()
+    remote: RemoteFolder | None = None
+    if is_remote(of.folder):
+        remote = RemoteFolder(of.folder)
+        sink: Any = task_sink(remote, of.place, only, name)
+    elif target.form.name == _PARQUET:
         tables = chosen_tables(only)
-        sink: Any = ParquetSink(folder, tables, False, True, metadata_of(__version__, [name]), empty=False)
+        sink = ParquetSink(folder, tables, False, True, metadata_of(__version__, [name]), empty=False)
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that died
+        try:
+            folder.mkdir()
+        except FileNotFoundError:
+            raise FileError(
+                f"its rows cannot be written to {target.path}: that folder has to be one that all workers share"
+            ) from None
     else:
         spool = Spool(of.folder, f"rows-{of.place}")
         sink = _Sending(spool.file)
@@ -112,10 +138,14 @@ def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, o
     export.observer.count_from(before)
     try:
         read_file(run)
-        export.close()
+        if remote is not None:
+            close_wanted(remote, export)
+        else:
+            export.close()
     except BaseException:
         export.abandon()
-        shutil.rmtree(folder, ignore_errors=True)
+        if remote is None:
+            shutil.rmtree(folder, ignore_errors=True)
         if spool is not None:
             spool.abandon()
         raise

@@ -6,19 +6,26 @@ import importlib.util
 import logging
 import re
 import socket
+import threading
+import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 
 from dissect.wire.text import reason, shortened
 
-#: Seconds until a scheduler or worker that does not answer is given up.
+#: Seconds until a scheduler or workers that do not answer are given up, all together.
 ANSWER_S: Final = 8
+#: Seconds that are left to say goodbye.
+_CLOSE_S: Final = 1
 _ADDRESS: Final = re.compile(r"(tcp|tls)://(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+):(\d{1,5})/?")
 _LARGEST_PORT: Final = 65535
 _REASON: Final = 200
+
+T = TypeVar("T")
 
 
 class ClusterError(Exception):
@@ -38,45 +45,79 @@ def brief(error: BaseException) -> str:
     return shortened(reason(error).partition("\\n")[0], _REASON)
 
 
+class Patience:
+    """The ``ANSWER_S`` seconds that are waited for answers; ``left`` says how many of them there still are."""
+
+    def __init__(self) -> None:
+        self.whole = ANSWER_S
+        self._end = time.monotonic() + ANSWER_S
+
+    @property
+    def left(self) -> float:
+        """Seconds, never less than 0."""
+        return max(0.0, self._end - time.monotonic())
+
+
+def bounded(ask: Callable[[], T], seconds: float) -> T:
+    """Return what ``ask`` returns, or raise what it raises; TimeoutError when that takes longer, however it waits."""
+    answer: Future[T] = Future()
+
+    def work() -> None:
+        try:
+            answer.set_result(ask())
+        except BaseException as error:  # noqa: BLE001 - of any kind: it is raised by who waits
+            answer.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return answer.result(seconds)
+
+
 @contextmanager
-def connected(address: str) -> Iterator[Any]:
-    """Give a `distributed.Client` of the scheduler at ``address``. Raises `ClusterError`.
+def connected(address: str) -> Iterator[tuple[Any, Patience]]:
+    """Give a `distributed.Client` of the scheduler at ``address``, and what is left of the time. Raises `ClusterError`.
 
     Meanwhile no library writes log lines to stderr; what matters of them is said by whoever has the client.
     """
     if importlib.util.find_spec("distributed") is None:
         raise ClusterError("a cluster needs Dask: pip install 's7dissect[cluster]'")
-    _knock(address)
+    patience = Patience()
+    _knock(address, patience)
     disabled = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
-        client = _client(address)
+        client = _client(address, patience)
         try:
-            yield client
+            yield client, patience
         finally:
-            client.close(timeout=ANSWER_S / 2)
+            client.close(timeout=_CLOSE_S)
     finally:
         logging.disable(disabled)
 
 
-def _client(address: str) -> Any:
+def _client(address: str, patience: Patience) -> Any:
     from distributed import Client
 
+    seconds = patience.left
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # versions of Dask that differ; `cluster-check` says them
-            return Client(address, timeout=ANSWER_S, set_as_default=False)
+            # Its own limit ends where somebody accepts a connection: it waits for a greeting for ever.
+            return bounded(lambda: Client(address, timeout=seconds, set_as_default=False), seconds)
+    except TimeoutError:
+        raise ClusterError(
+            f"{address}: a program listens there, but it did not answer as a Dask scheduler within {patience.whole} seconds"
+        ) from None
     except (Exception, SystemExit) as error:  # noqa: BLE001 - each transport has errors of its own
         raise _not_a_scheduler(address, error) from None
 
 
-def _knock(address: str) -> None:
+def _knock(address: str, patience: Patience) -> None:
     """Find out at once what Dask would try for seconds: a name that is not known, a port where nobody listens."""
     parts = urlsplit(address)
     try:
-        socket.create_connection((parts.hostname or "", parts.port or 0), ANSWER_S).close()
+        socket.create_connection((parts.hostname or "", parts.port or 0), patience.left).close()
     except OSError as error:
-        said = f"no answer within {ANSWER_S} seconds" if isinstance(error, TimeoutError) else brief(error)
+        said = f"no answer within {patience.whole} seconds" if isinstance(error, TimeoutError) else brief(error)
         raise ClusterError(f"{address}: no scheduler can be reached there: {said}") from None
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
-from dissect.cluster.connect import ANSWER_S, brief
+from dissect.cluster.connect import ANSWER_S, Patience, brief
 from dissect.cluster.onworker import ANSWERED, answer
 from dissect.cluster.reader import DEFECT, FOUND, Order
 from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
@@ -97,6 +97,7 @@ class Cluster(Executor):
         self._waiting: list[_Task] = []
         self._joining: set[str] = set()
         self._alone_since = 0.0
+        self._deserted = False
         self._gone = ""
         self._closed = False
         #: Whether a worker could not be used that should have been.
@@ -105,8 +106,9 @@ class Cluster(Executor):
 
     @property
     def slots(self) -> int:
-        """How many tasks the workers do at the same time."""
-        return sum([hand.worker.threads for hand in self._hands.values()])
+        """How many tasks the workers do at the same time, 1 where there are none: so one waits for who may come."""
+        with self._lock:
+            return max(1, sum([hand.worker.threads for hand in self._able()]))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Take a task; it begins when a worker has a thread for it."""
@@ -118,6 +120,8 @@ class Cluster(Executor):
         with self._lock:
             if self._gone:
                 task.settle(None, FileError(self._gone))
+            elif self._deserted:
+                task.settle(None, self._nobody())
             else:
                 self._waiting.append(task)
                 self._assign()
@@ -138,8 +142,9 @@ class Cluster(Executor):
             elif not self._alone_since:
                 self._alone_since = time.monotonic()
             elif time.monotonic() - self._alone_since > ANSWER_S:
+                self._deserted = True
                 for task in self._take_waiting():
-                    task.settle(None, FileError(f"the cluster has no worker left ({self._address()})"))
+                    task.settle(None, self._nobody())
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Want nothing more of the workers; one that reads a file finishes it, and nobody takes what it finds."""
@@ -182,6 +187,9 @@ class Cluster(Executor):
             pure=False,
         )
         begun.add_done_callback(partial(self._over, task, hand))
+
+    def _nobody(self) -> FileError:
+        return FileError(f"the cluster has no worker left ({self._address()})")
 
     def _take_waiting(self) -> list[_Task]:
         waiting, self._waiting = self._waiting, []
@@ -273,7 +281,7 @@ class Cluster(Executor):
 
     def _take_in(self, addresses: Sequence[str]) -> None:
         try:
-            workers = workers_of(self._client, addresses)
+            workers = workers_of(self._client, Patience(), addresses)
         except Exception as error:  # noqa: BLE001 - the cluster went on without them; if all are gone that is said
             self._say(None, f"a worker that joined cannot be asked: {brief(error)}")
             return
@@ -284,6 +292,7 @@ class Cluster(Executor):
                     return
                 if not why:
                     self._hands.setdefault(worker.address, _Hand(worker))
+                    self._deserted = False
                     self._assign()
                     continue
                 self.troubled = True

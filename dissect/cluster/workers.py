@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import inspect
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, Final, NamedTuple
 
 from dissect.cluster import probe
-from dissect.cluster.connect import ANSWER_S, brief
+from dissect.cluster.connect import ClusterError, Patience, bounded, brief
 
 #: The distributions that the extras of this package install, where reading captures or writing results takes them.
 EXTRAS: Final[Mapping[str, Sequence[str]]] = {
@@ -69,18 +68,25 @@ def here() -> Machine:
     return Machine(**probe.facts(EXTRAS))
 
 
-def workers_of(client: Any, addresses: Sequence[str] | None = None) -> list[Worker]:
-    """Return the workers of a cluster, or those at ``addresses``, by name; each was asked, and had a few seconds to answer."""
-    known: Mapping[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
+def workers_of(client: Any, patience: Patience, addresses: Sequence[str] | None = None) -> list[Worker]:
+    """Return the workers of a cluster, or those at ``addresses``, by name; all were asked at once, and had the time to answer.
+
+    Raises `ClusterError` when the scheduler does not answer meanwhile.
+    """
+    try:
+        info = bounded(lambda: client.scheduler_info(n_workers=-1), patience.left)
+    except TimeoutError:
+        raise ClusterError(f"the scheduler does not say who its workers are within {patience.whole} seconds") from None
+    known: Mapping[str, Any] = info["workers"]
     asked = [address for address in known if addresses is None or address in addresses]
     answers: dict[str, Any] = {}
     threads = [threading.Thread(target=_ask, args=(client, address, answers), daemon=True) for address in asked]
     for thread in threads:
         thread.start()
-    deadline = time.monotonic() + ANSWER_S
     for thread in threads:
-        thread.join(max(0.0, deadline - time.monotonic()))
-    found = [_worker(address, known[address], answers.get(address)) for address in asked]
+        thread.join(patience.left)
+    silence = f"does not answer within {patience.whole} seconds"
+    found = [_worker(address, known[address], answers.get(address), silence) for address in asked]
     return sorted(found, key=lambda worker: (worker.name, worker.address))
 
 
@@ -92,8 +98,8 @@ def _ask(client: Any, address: str, answers: dict[str, Any]) -> None:
         answers[address] = error
 
 
-def _worker(address: str, info: Mapping[str, Any], answer: object) -> Worker:
-    machine, silence = None, f"does not answer within {ANSWER_S} seconds"
+def _worker(address: str, info: Mapping[str, Any], answer: object, silence: str) -> Worker:
+    machine = None
     if isinstance(answer, dict):
         machine, silence = Machine(**answer), ""
     elif isinstance(answer, BaseException):

@@ -10,9 +10,10 @@ from dissect.engine.exchange import Exchange
 from dissect.findings.session_rules import judge_port
 from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
 from dissect.s7plus.assembly import PlusAssembler
-from dissect.s7plus.message import SHORT_HEADS, PlusPdu, is_beginning, parse_plus
+from dissect.s7plus.message import SHORT_HEADS, PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
-from dissect.s7plus.tables import CREATE_OBJECT, INIT_SSL, NOTIFICATION, REQUEST, RESPONSE2, V1
+from dissect.s7plus.plain import Head
+from dissect.s7plus.tables import CREATE_OBJECT, FUNCTIONS, INIT_SSL, NOTIFICATION, REQUEST, RESPONSE2, V1
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -40,6 +41,7 @@ class S7Plus(Protocol):
         self.opcodes: list[int] = [0] * 256
         self.functions: dict[int, int] = {}  # PDUs by function code, which has 16 bits
         self._parameters: PlusParameterCache = PlusParameterCache()
+        self._head: Head = Head()  # of the PDU at hand
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Take a TSDU that begins with 0x72: a frame with its trailer, or one of several frames of a PDU."""
@@ -86,7 +88,11 @@ class S7Plus(Protocol):
         """Take a PDU; ``cut`` says that octets of it are missing at its end."""
         exchange = self._exchange
         connection = side.connection
-        pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
+        head = self._head
+        pdu: PlusPdu | None = None
+        if cut or not head.read(octets):
+            pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
+            head.take(pdu)
         self.pdus += 1
         if cut:
             self.cut_pdus += 1
@@ -95,16 +101,16 @@ class S7Plus(Protocol):
         connection.pdus += 1
         if exchange.observer.wants_pdus:
             exchange.observer.plus_pdu(frame, time_ns, side, octets, cut)
-        if pdu.version >= 0:
-            self.versions[pdu.version] += 1
-        if pdu.opcode >= 0 and is_beginning(pdu):
-            self.opcodes[pdu.opcode] += 1
-            if pdu.function >= 0:
-                self.functions[pdu.function] = self.functions.get(pdu.function, 0) + 1
-        if pdu.malformed and not (cut or side.holes or connection.mid_stream):
+        if head.version >= 0:
+            self.versions[head.version] += 1
+        if head.opcode >= 0 and head.begins:
+            self.opcodes[head.opcode] += 1
+            if head.function >= 0:
+                self.functions[head.function] = self.functions.get(head.function, 0) + 1
+        if pdu is not None and pdu.malformed and not (cut or side.holes or connection.mid_stream):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
-        self._pair(side, pdu, frame, time_ns)
+        self._pair(side, octets, frame, time_ns)
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
         if connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]:
@@ -112,34 +118,35 @@ class S7Plus(Protocol):
             connection.identified_by = ""
         judge_port(self._exchange.reporter, connection, frame, time_ns)
 
-    def _pair(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
-        if not is_beginning(pdu):
+    def _pair(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Pair the PDU whose head is at hand."""
+        head = self._head
+        if not head.begins:
             self.unpaired += 1  # a system event, a keep-alive, or the rest of a PDU whose beginning is missing
             return
         exchange = self._exchange
-        octets = pdu.octets
         connection = side.connection
-        parameters = self._parameters.get(pdu.function)
-        if pdu.opcode == NOTIFICATION:
+        parameters = self._parameters.get(head.function)
+        if head.opcode == NOTIFICATION:
             connection.set_client(1 - side.index)
-            self._count_notification(side, pdu, frame, time_ns)
+            self._count_notification(side, frame, time_ns)
             exchange.indication(side, 0, parameters, octets, frame, time_ns)
             return
-        sequence: i64 = pdu.sequence
-        if pdu.opcode == REQUEST:
+        sequence: i64 = head.sequence
+        if head.opcode == REQUEST:
             connection.set_client(side.index)
-            self._count_request(side, pdu, frame, time_ns)
-            if pdu.frames > 1:
+            self._count_request(side, frame, time_ns)
+            if head.frames > 1:
                 self._note_beginning(side, sequence, frame)
             if parameters.starts_tls:
                 connection.identified_by = "InitSSL"
-            if pdu.wants_response:
+            if head.wants_response:
                 exchange.request(side, sequence, parameters, octets, frame, time_ns)
             else:
                 exchange.done(exchange.dialogue.tell(side, sequence, parameters, octets, frame, time_ns))
             return
         connection.set_client(1 - side.index)
-        if pdu.opcode == RESPONSE2 and not exchange.dialogue.waits(side, PLUS, sequence):
+        if head.opcode == RESPONSE2 and not exchange.dialogue.waits(side, PLUS, sequence):
             # Panels were seen to get it for requests that want no answer.
             exchange.indication(side, sequence, parameters, octets, frame, time_ns)
         else:
@@ -158,7 +165,7 @@ class S7Plus(Protocol):
             del begun[next(iter(begun))]
         begun[sequence, frame] = (assembler.begun_frame, assembler.begun_ns, assembler.left_out)
 
-    def _count_request(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
+    def _count_request(self, side: Side, frame: i64, time_ns: i64) -> None:
         """Note a request whose sequence number is not behind that of the one before: every client counts up by one.
 
         A number that leaps ahead is no finding: requests that were damaged or lost leave it behind.
@@ -166,32 +173,34 @@ class S7Plus(Protocol):
         plus = side.plus
         if plus is None:
             return
+        head = self._head
         before: i64 = plus.asked
-        plus.asked = pdu.sequence
-        ahead: i64 = (pdu.sequence - before) & 0xFFFF
-        if before < 0 or side.holes or 0 < ahead < 0x8000 or (pdu.sequence <= 1 and pdu.function in _BEGINNING):
+        plus.asked = head.sequence
+        ahead: i64 = (head.sequence - before) & 0xFFFF
+        if before < 0 or side.holes or 0 < ahead < 0x8000 or (head.sequence <= 1 and head.function in _BEGINNING):
             return
         ends = side.tcp.ends
         who = f"{ends[side.index]} to {ends[1 - side.index]}"
-        detail = f"{who}: {pdu.function_name} with sequence number {pdu.sequence} follows {before}"
+        detail = f"{who}: {FUNCTIONS.name(head.function)} with sequence number {head.sequence} follows {before}"
         self._exchange.reporter.note("security.replay", side.connection.number, [frame], time_ns, detail)
 
-    def _count_notification(self, side: Side, pdu: PlusPdu, frame: i64, time_ns: i64) -> None:
+    def _count_notification(self, side: Side, frame: i64, time_ns: i64) -> None:
         """Note missing notifications: those of a connection count up by one, whichever subscriptions they belong to.
 
         Old S7-1200 count in one octet. What a gap of the capture swallowed was told with the gap.
         """
         plus = side.plus
-        if plus is None or pdu.sequence < 0 or pdu.version == V1:
+        head = self._head
+        if plus is None or head.sequence < 0 or head.version == V1:
             return
         before: i64 = plus.notified
-        number: i64 = pdu.sequence
+        number: i64 = head.sequence
         plus.notified = number
-        expected: i64 = (before + 1) & (0xFF if pdu.subscription_id < SHORT_HEADS else 0xFFFFFFFF)
+        expected: i64 = (before + 1) & (0xFF if head.subscription_id < SHORT_HEADS else 0xFFFFFFFF)
         if before < 0 or number == expected or side.holes or number == 1:
             return  # the first that is seen, the next one, or a session that begins anew
         detail = (
-            f"{side.tcp.ends[side.index]}, subscription 0x{pdu.subscription_id:08x}: number {number} follows {before}"
+            f"{side.tcp.ends[side.index]}, subscription 0x{head.subscription_id:08x}: number {number} follows {before}"
         )
         self._exchange.reporter.note("s7plus.notifications_lost", side.connection.number, [frame], time_ns, detail)
 

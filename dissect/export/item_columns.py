@@ -15,7 +15,7 @@ from mypy_extensions import i64
 
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionColumns, TransactionRows, directed
 from dissect.report.writers.jsonl import value_text
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.parameters import Parameters
 from dissect.s7.singles import real
 from dissect.s7.tables import (
@@ -36,7 +36,6 @@ from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.naming import Naming
-from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import encodable

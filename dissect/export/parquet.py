@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -34,10 +34,11 @@ class ParquetFile:
     """One Parquet file, and the batches that wait for its next row group.
 
     A row group is encoded and compressed by a thread, which needs no Python for it, while the next one is gathered; what went
-    wrong there is raised with the next row group, or when the file is closed.
+    wrong there is raised with the next row group, or when the file is closed. ``create`` makes the file: it returns a path, or
+    what can be written to, closed, and before that discarded.
     """
 
-    def __init__(self, path: Path, batches: Batches) -> None:
+    def __init__(self, path: Path, batches: Batches, create: Callable[[Path], Any] | None = None) -> None:
         parquet = needed("pyarrow.parquet")
         self._pa = needed("pyarrow")
         self._batches = batches
@@ -47,9 +48,11 @@ class ParquetFile:
         self._writes = ThreadPoolExecutor(1, "parquet")
         self._writing: Future[None] | None = None
         columns = batches.table.columns
-        path.parent.mkdir(parents=True, exist_ok=True)
+        self._stream: Any = create(path) if create is not None else None
+        if create is None:
+            path.parent.mkdir(parents=True, exist_ok=True)
         self._writer = parquet.ParquetWriter(
-            path,
+            self._stream or path,
             batches.schema,
             version="2.6",
             compression="zstd",
@@ -81,10 +84,14 @@ class ParquetFile:
         self._settle()
         self._writes.shutdown()
         self._writer.close()
+        if self._stream is not None:
+            self._stream.close()
 
     def abandon(self) -> None:
         """Close a file of which nothing will be kept."""
         self._writes.shutdown()
+        if self._stream is not None:
+            self._stream.discard()
         with suppress(Exception):  # it could not be written to
             self._writer.close()
         self._writer.is_open = False  # else it tries again when it is forgotten, and complains
@@ -103,7 +110,8 @@ class ParquetFile:
 class ParquetSink(Sink):
     """Writes tables to Parquet below ``path``: one file (``alone``), a file for each table, or with ``by_day`` folders.
 
-    ``empty``: there is a file of a table without rows as well.
+    ``empty``: there is a file of a table without rows as well. ``create`` makes files as `ParquetFile` has it; ``part`` stands
+    in the names of those in folders, before their number.
     """
 
     def __init__(
@@ -114,11 +122,15 @@ class ParquetSink(Sink):
         by_day: bool,
         metadata: Mapping[str, str],
         empty: bool = True,
+        create: Callable[[Path], Any] | None = None,
+        part: str = "part",
     ) -> None:
         self._path = path
         self._alone = alone
         self._by_day = by_day
         self._empty = empty
+        self._create = create
+        self._part = part
         self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
         self._open: OrderedDict[tuple[str, str], ParquetFile] = OrderedDict()
         self._parts: dict[tuple[str, str], int] = {}
@@ -156,7 +168,7 @@ class ParquetSink(Sink):
             if len(mine) >= _MOST_OPEN:
                 self._open.pop(mine[0]).close()
             number = self._parts[name, day] = self._parts.get((name, day), 0) + 1
-            file = ParquetFile(self._place(name, day, number), self._batches[name])
+            file = ParquetFile(self._place(name, day, number), self._batches[name], self._create)
             self._open[name, day] = file
         return file
 
@@ -165,7 +177,7 @@ class ParquetSink(Sink):
             return self._path
         if not self._by_day:
             return self._path / f"{name}.parquet"
-        return self._path / name / f"day={day}" / f"part-{number:04}.parquet"
+        return self._path / name / f"day={day}" / f"{self._part}-{number:04}.parquet"
 
 
 def by_days(table: Table, batch: Any) -> dict[str, Any]:

@@ -16,7 +16,8 @@ from dissect.report.facets import facet_of
 from dissect.s7.tables import ROSCTR, SETUP_COMMUNICATION
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import OUTCOMES, Transaction, TransactionError
+from dissect.transactions.results import TransactionError
+from dissect.transactions.transaction import OUTCOMES, Transaction
 from dissect.wire.text import encodable
 
 Row = tuple[Any, ...]

@@ -13,9 +13,9 @@ from dissect.findings.security_rules import SecurityWatch, accepted
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.events import (
     CHANGED,
+    ORDERED,
     PASSWORD,
     READ_OUT,
-    REFUSED,
     REPLAYED,
     RESET,
     RUNNING,
@@ -47,6 +47,7 @@ _SLUGS: Final[dict[str, str]] = {
     STOP: "security.plc_stop",
     START: "security.plc_start",
     RESET: "security.memory",
+    ORDERED: "security.unknown_service",
     STOPPED: "security.stopped",
     RUNNING: "security.mode_changed",
     CHANGED: "security.program_change",
@@ -59,7 +60,7 @@ _SLUGS: Final[dict[str, str]] = {
 #: Reported once per connection.
 _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
 #: Commands of which is said that they were accepted.
-_COMMANDS: Final = frozenset((STOP, START, RESET))
+_COMMANDS: Final = frozenset((STOP, START, RESET, ORDERED))
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
 #: Return values that say that a client lacks the rights for a request: access denied.
 _PROTECTED: Final = frozenset((0xFF9C,))
@@ -99,8 +100,9 @@ class PlusWatch:
         facts = take(session, transaction.function, transaction.request_octets, transaction.response_octets)
         if facts is not None:
             for event in facts.events:
-                self._operations.take(event, session, transaction)
-                self._tell(session, event, transaction)
+                code = _code_of(event, transaction)
+                self._operations.take(event, session, transaction, code)
+                self._tell(session, event, transaction, code)
                 if event.kind == SESSION:
                     self._sessions.opened(session, event.object_id, transaction)
                 elif event.kind in _SUBSCRIBING and len(self._subscribers) < MAX_SUBSCRIBERS:
@@ -145,32 +147,34 @@ class PlusWatch:
         connection.plus = session
         return session
 
-    def _tell(self, session: PlusSession, event: Event, transaction: Transaction) -> None:
+    def _tell(self, session: PlusSession, event: Event, transaction: Transaction, code: int) -> None:
+        """Report an event; ``code`` is the error that it got, 0 for none."""
         kind = event.kind
         if kind == PASSWORD:
-            self._security.password(transaction)
+            self._security.password(transaction, code)
             return
         slug = _SLUGS.get(kind, "")
         if not slug:
             return
         area = _AREAS.get(kind, 0)
         if area:
-            self._wrote(session, slug, area, event, transaction)
+            if code in {0, PARTIAL_ERROR}:
+                self._wrote(session, slug, area, event, transaction, code)
         elif kind not in _ONCE or transaction.connection.traits.first(slug):
-            became = accepted(transaction) if kind in _COMMANDS and not event.text.endswith(REFUSED) else ""
-            self._security.tell(slug, transaction, shortened(event.text, _TEXT) + became)
+            became = accepted(transaction, code) if kind in _COMMANDS else ""
+            self._security.tell(slug, transaction, shortened(event.text, _TEXT) + became, code)
 
-    def _wrote(self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction) -> None:
+    def _wrote(
+        self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
+    ) -> None:
         """A write to areas of a kind that this connection did not write before; told unless it was refused."""
         traits = transaction.connection.traits
-        if traits.written & area:
-            return
-        if transaction.error_code not in {0, PARTIAL_ERROR} or transaction.outcome == UNANSWERED:
+        if traits.written & area or transaction.outcome == UNANSWERED:
             return
         traits.written |= area
         session.outputs_told = traits.written & WRITTEN_IO != 0
         session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
-        self._security.tell(slug, transaction, shortened(event.text, _TEXT))
+        self._security.tell(slug, transaction, shortened(event.text, _TEXT), code)
         self._security.writer(transaction)
 
     def programs(self) -> dict[str, Program]:
@@ -191,3 +195,9 @@ class PlusWatch:
             detail = f"{who}: {session.explores} Explore requests and no subscription"
             frames = [int(tcp.last_frame)]
             self._judge.note("security.reconnaissance", connection.number, frames, tcp.last_ns, detail)
+
+
+def _code_of(event: Event, transaction: Transaction) -> int:
+    """Return the error that an event got: that of its own item, where the answer does not refuse everything."""
+    code = int(transaction.error_code)
+    return event.refusal if event.refusal >= 0 and code in {0, PARTIAL_ERROR} else code

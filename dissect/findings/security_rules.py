@@ -233,20 +233,21 @@ class SecurityWatch:
         ):
             self.tell("security.reconnaissance", transaction, f"inquiry {traits.inquiries}: {_named(transaction)}")
 
-    def password(self, transaction: Transaction) -> None:
-        """Take a password that was sent, and count those that were refused."""
+    def password(self, transaction: Transaction, code: int = -1) -> None:
+        """Take a password that was sent, and count those that were refused; ``code`` as for `tell`."""
         client, server = _ends(transaction)
-        if not transaction.error_code:
+        if not (transaction.error_code if code < 0 else code):
             self._failures.pop((client, server), None)
-            self.tell("security.password", transaction, "accepted" if transaction.response_frame else "not answered")
+            became = "accepted" if transaction.response_frame else "not answered"
+            self.tell("security.password", transaction, became, code)
             return
         if len(self._failures) >= _MAX_REMEMBERED:
             self._failures.clear()
         failures = self._failures.get((client, server), 0) + 1
         self._failures[client, server] = failures
-        self.tell("security.password_failed", transaction, f"attempt {failures}")
+        self.tell("security.password_failed", transaction, f"attempt {failures}", code)
         if failures == _GUESSES:
-            self.tell("security.password_guessing", transaction, f"{failures} wrong passwords in a row")
+            self.tell("security.password_guessing", transaction, f"{failures} wrong passwords in a row", code)
 
     def pace(self, connection: Connection, frame: int, now_ns: int) -> None:
         """Look at how long the latest `PACE` PDUs of a connection took; call it after each so many."""
@@ -257,8 +258,11 @@ class SecurityWatch:
             detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
-    def tell(self, slug: str, transaction: Transaction, what: str = "") -> None:
-        """Note an event; unless ``what`` says it, it is what the request asks for."""
+    def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1) -> None:
+        """Note an event; unless ``what`` says it, it is what the request asks for.
+
+        ``code`` is the error of what it is about, where that is one item of several: 0 for none, -1 for the transaction's.
+        """
         number = transaction.connection.number
         if not self._judge.wants(slug, number):
             return
@@ -267,10 +271,12 @@ class SecurityWatch:
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
         who = f"{told} reports to {asked}" if transaction.outcome == PUSH else f"{asked} to {told}"
         result = ""
-        if transaction.error_code:
+        if code < 0:
+            code = int(transaction.error_code)
+        if code:
             codes = PLUS_CODES if transaction.is_plus else ERROR_CODES
-            part = " in part" if transaction.is_plus and transaction.error_code == PARTIAL_ERROR else ""
-            result = f", refused{part}: 0x{transaction.error_code:04x} {codes.name(transaction.error_code)}"
+            part = " in part" if transaction.is_plus and code == PARTIAL_ERROR else ""
+            result = f", refused{part}: 0x{code:04x} {codes.name(code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", not answered"
         what = what or _named(transaction)
@@ -329,9 +335,10 @@ def _forced(transaction: Transaction) -> str:
     return f"{transaction.function_name} {', '.join(said)}{more}" if said else ""
 
 
-def accepted(transaction: Transaction) -> str:
-    """Say that a command was accepted; what else became of it says `_tell`."""
-    return ", accepted" if transaction.outcome == ANSWERED and not transaction.error_code else ""
+def accepted(transaction: Transaction, code: int = -1) -> str:
+    """Say that a command was accepted; what else became of it says `SecurityWatch.tell`, whose ``code`` this is."""
+    refused = transaction.error_code if code < 0 else code
+    return ", accepted" if transaction.outcome == ANSWERED and not refused else ""
 
 
 def _service_slug(name: str) -> str:

@@ -12,7 +12,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
-from dissect.s7.items import Item
+from dissect.s7.items import Item, odd_data_code
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import (
@@ -42,12 +42,13 @@ from dissect.transactions.results import (
     COUNT_MISMATCH,
     EXPECTED,
     FUNCTION_MISMATCH,
+    ITEM,
     ODD_DATA_CODE,
     REORDERED,
     SIZE_MISMATCH,
     STILL_OPEN,
     WRITE_SIZE,
-    odd_data_code,
+    TransactionError,
 )
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import (
@@ -55,14 +56,12 @@ from dissect.transactions.transaction import (
     CAPTURE_ENDED,
     CONNECTION_CLOSED,
     HOLE,
-    ITEM,
     ORPHAN,
     PUSH,
     REASON_TEXTS,
     TABLE_FULL,
     UNANSWERED,
     Transaction,
-    TransactionError,
 )
 from dissect.wire.codes import coded
 from dissect.wire.text import distance_text, duration_text

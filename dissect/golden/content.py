@@ -11,7 +11,7 @@ from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
 from dissect.golden.plus import plus_differences, plus_subject
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import Setup
@@ -173,7 +173,7 @@ def _values(was: ItemRecord, is_: ItemRecord, naming: Naming | None) -> Iterator
 
 
 def _tag(before: NamedValue, after: NamedValue, item: ItemRecord) -> Change:
-    old, new = (words.named_value(each).partition(" = ")[2] for each in (before, after))
+    old, new = (facets.named_value(each).partition(" = ")[2] for each in (before, after))
     label = f"{short(before.name)} ({before.address})"
     kind = "time" if before.type in _TIME_TYPES else "values"
     return Change(

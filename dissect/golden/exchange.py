@@ -8,21 +8,14 @@ from typing import Final
 
 from dissect.golden.masking import mask_plus, mask_s7
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DataItem, Item
+from dissect.s7.items import DataItem, Item, ItemResult, read_results, write_results
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, WRITE_VAR
 from dissect.s7.values import Value
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.results import (
-    ItemResult,
-    has_items,
-    read_results,
-    requested_items,
-    userdata_results,
-    write_results,
-)
+from dissect.transactions.results import has_items, requested_items, userdata_results
 
 # What speaks in an exchange.
 S7: Final = "s7"

@@ -19,7 +19,7 @@ from dissect.golden.model import Link, Session, Transaction
 from dissect.golden.plus import plus_notes
 from dissect.golden.values import hex_text, quoted
 from dissect.iso.tsap import Tsap
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.s7.build import build_setup
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.message import Pdu
@@ -78,7 +78,7 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
 def _named(transaction: Transaction, naming: Naming) -> Iterator[str]:
     """Yield the tags of the items as remarks, which no reader of goldens looks at."""
     for item in transaction.items:
-        yield from [f"    # {words.named_value(value)}" for value in naming.named(item.result) if value.name]
+        yield from [f"    # {facets.named_value(value)}" for value in naming.named(item.result) if value.name]
 
 
 def link_lines(link: Link) -> Iterator[str]:
@@ -242,7 +242,7 @@ def _item_remarks(name: str, exchange: Exchange) -> list[str]:
     tells = any([item.return_code >= 0 for item in items])
     if tells == (name == "request") or not any([tells or item.data is not None for item in items]):
         return []
-    return [words.item(item.result, number) for number, item in enumerate(items, 1)]
+    return [facets.item(item.result, number) for number, item in enumerate(items, 1)]
 
 
 def _notes(pdu: Pdu | None) -> list[str]:

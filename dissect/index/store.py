@@ -59,17 +59,21 @@ class StoreError(Exception):
 class Store:
     """A catalogue, as a context. One that another ``version`` of the program wrote is emptied: it may have found other things.
 
-    Raises `StoreError` when it cannot be opened, read or written.
+    Without ``changes`` it has to be there, and is only read. Raises `StoreError` when it cannot be opened, read or written.
     """
 
-    def __init__(self, path: Path, version: str) -> None:
+    def __init__(self, path: Path, version: str, changes: bool = True) -> None:
         self.path = path
+        self._changes = changes
         self._about = {"format": str(FORMAT), "version": version}
         self._base: sqlite3.Connection
 
     def __enter__(self) -> Self:
         try:
-            self._base = sqlite3.connect(self.path, timeout=_PATIENCE)
+            if self._changes:
+                self._base = sqlite3.connect(self.path, timeout=_PATIENCE)
+            else:
+                self._base = sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro", timeout=_PATIENCE, uri=True)
             try:
                 self._prepare()
             except BaseException:
@@ -93,6 +97,8 @@ class Store:
             raise StoreError(f"{self.path} is a database of another program: choose another name with --file")
         if mark == _MARK and dict(base.execute("SELECT name, value FROM about")) == self._about:
             return
+        if not self._changes:
+            raise StoreError(f"{self.path} is not of this version: `s7dissect index` brings it up to date")
         for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall():
             base.execute(f'DROP TABLE "{name}"')
         base.executescript(_TABLES)

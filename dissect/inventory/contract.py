@@ -88,6 +88,9 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
         "tsaps": _names(device.tsaps),
         "pdu_lengths": sorted([int(text) for text in device.pdu_lengths.texts]),
         "parallel_jobs": sorted([int(text) for text in device.parallel_jobs.texts]),
+        "names_not_listed": sum(
+            [len(n.more) for n in (device.sessions, device.tsaps, device.pdu_lengths, device.parallel_jobs)]
+        ),
         "connections": sum(talk.connections for talk in asked),
         "transactions": sum(talk.transactions for talk in asked),
         "answered": sum(talk.answered for talk in asked),
@@ -120,7 +123,7 @@ def talk_as_dict(talk: Talk, places: Places) -> dict[str, object]:
         "pushes": talk.pushes,
         "operations": dict(sorted(talk.operations.items())),
         "areas": [_area(talk.areas[name]) for name in sorted(talk.areas)],
-        "areas_not_listed": talk.more_areas,
+        "areas_not_listed": len(talk.more_areas),
         **_packet("first_", talk.first_frame, places),
         "first_time": clock.iso(talk.first_ns) if talk.first_frame else None,
         **_packet("last_", talk.last_frame, places),
@@ -137,7 +140,7 @@ def _area(area: Area) -> dict[str, object]:
         "first_byte": area.low if area.low >= 0 else None,
         "last_byte": area.high if area.high >= 0 else None,
         "tags": [encodable(tag) for tag in sorted(area.tags)],
-        "tags_not_listed": area.more_tags,
+        "tags_not_listed": len(area.more_tags),
     }
 
 
@@ -156,7 +159,7 @@ def _blocks(device: Device) -> dict[str, object]:
             }
             for name in names
         ],
-        "not_listed": device.more_blocks,
+        "not_listed": len(device.more_blocks),
         "references": code_as_dict(device),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import insort
+from collections.abc import Container
 from ipaddress import ip_address
 from typing import Final
 
@@ -32,16 +33,41 @@ MAX_AREAS: Final = 128
 MAX_TAGS: Final = 64
 MAX_NAMES: Final = 16
 MAX_BLOCKS: Final = 1024
+#: Of what has no room, so many different texts are counted once each; no more than that are counted at all.
+MAX_BEYOND: Final = 4096
+
+
+class Beyond:
+    """Distinct texts that had no room: only how many they were is said, `MAX_BEYOND` at most."""
+
+    __slots__ = ("_texts",)
+
+    def __init__(self) -> None:
+        self._texts: set[str] = set()
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    def add(self, text: str) -> None:
+        """Count a text that was not counted yet."""
+        if len(self._texts) < MAX_BEYOND:
+            self._texts.add(text)
+
+    def merge(self, later: Beyond, known: Container[str]) -> None:
+        """Count what ``later`` counted, but for what has room here."""
+        for text in later._texts:
+            if text not in known:
+                self.add(text)
 
 
 class Names:
-    """A few distinct texts in order; ``more`` counts those beyond `MAX_NAMES`."""
+    """A few distinct texts in order; ``more`` are those beyond `MAX_NAMES`."""
 
     __slots__ = ("more", "texts")
 
     def __init__(self) -> None:
         self.texts: list[str] = []
-        self.more = 0
+        self.more = Beyond()
 
     def add(self, text: str) -> None:
         """Take a text, once."""
@@ -50,13 +76,13 @@ class Names:
         if len(self.texts) < MAX_NAMES:
             insort(self.texts, text)
         else:
-            self.more += 1
+            self.more.add(text)
 
     def merge(self, later: Names) -> None:
         """Take the texts of ``later`` as well."""
         for text in later.texts:
             self.add(text)
-        self.more += later.more
+        self.more.merge(later.more, self.texts)
 
 
 class Reason:
@@ -93,7 +119,7 @@ class Area:
         self.low = -1
         self.high = -1
         self.tags: list[str] = []
-        self.more_tags = 0
+        self.more_tags = Beyond()
 
     def reach(self, low: int, high: int) -> None:
         """Bytes ``low`` to ``high`` belong to it as well."""
@@ -107,7 +133,7 @@ class Area:
         if len(self.tags) < MAX_TAGS:
             self.tags.append(name)
         else:
-            self.more_tags += 1
+            self.more_tags.add(name)
 
     def merge(self, later: Area) -> None:
         """Add what was read and written of the same area in packets behind those of this one."""
@@ -118,7 +144,7 @@ class Area:
             self.reach(later.low, later.high)
         for name in later.tags:
             self.tag(name)
-        self.more_tags += later.more_tags
+        self.more_tags.merge(later.more_tags, self.tags)
 
 
 class Talk:
@@ -143,7 +169,7 @@ class Talk:
         self.pushes = 0
         self.operations: dict[str, int] = {}
         self.areas: dict[str, Area] = {}
-        self.more_areas = 0
+        self.more_areas = Beyond()
         self.first_frame = 0
         self.first_ns = 0
         self.last_frame = 0
@@ -154,7 +180,7 @@ class Talk:
         found = self.areas.get(name)
         if found is None:
             if len(self.areas) >= MAX_AREAS:
-                self.more_areas += 1
+                self.more_areas.add(name)
                 return None
             found = self.areas[name] = Area(name)
         return found
@@ -176,7 +202,7 @@ class Talk:
             area = self.area(name)
             if area is not None:
                 area.merge(theirs)
-        self.more_areas += later.more_areas
+        self.more_areas.merge(later.more_areas, self.areas)
         if not self.first_frame:
             self.first_frame, self.first_ns = later.first_frame, later.first_ns
         if later.last_frame > self.last_frame:
@@ -204,7 +230,7 @@ class Device:
         self.pdu_lengths = Names()
         self.parallel_jobs = Names()
         self.blocks: dict[str, Names] = {}
-        self.more_blocks = 0
+        self.more_blocks = Beyond()
         self.code: list[CarvedBlock] = []  # blocks with instructions, each as it was loaded or read out
         self.more_code = 0
         self.first_frame = 0
@@ -248,7 +274,7 @@ class Device:
         found = self.blocks.get(name)
         if found is None:
             if len(self.blocks) >= MAX_BLOCKS:
-                self.more_blocks += 1
+                self.more_blocks.add(name)
                 return None
             found = self.blocks[name] = Names()
         return found
@@ -276,7 +302,7 @@ class Device:
             names = self.block(name)
             if names is not None:
                 names.merge(done)
-        self.more_blocks += later.more_blocks
+        self.more_blocks.merge(later.more_blocks, self.blocks)
         self.more_code += later.more_code
         if later.first_frame:
             self.seen((later.first_frame, later.first_ns), (later.last_frame, later.last_ns))

@@ -134,7 +134,7 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
         if len(talks) > _TALKS:
             yield title, f"and {len(talks) - _TALKS} more"
     first, last = places.mark(device.first_frame), places.mark(device.last_frame)
-    yield "seen", f"{clock.moment(device.first_ns)} to {clock.moment(device.last_ns)}, packets {first} to {last}"
+    yield "seen", f"{words.span(clock, device.first_ns, device.last_ns)}, packets {first} to {last}"
 
 
 def _reason(reason: Reason, role: str, places: Places) -> str:
@@ -259,7 +259,7 @@ def _talk(talk: Talk) -> str:
             mine = [area for area in areas if (area.reads if verb == "reads" else area.writes)]
             refused = [area for area in areas if area.refused and not area.reads and not area.writes]
             names = ", ".join([_area(area) for area in (mine or refused)[:_AREAS]])
-            more = len(mine) - _AREAS + talk.more_areas
+            more = len(mine) - _AREAS + len(talk.more_areas)
             said.append(f"{words.count(number, verb[:-1])}: {names}{f' and {more} more areas' if more > 0 else ''}")
     others = [f"{NAMES[kind]} ({count})" for kind, count in sorted(talk.operations.items()) if kind != CONNECT]
     if others:
@@ -271,7 +271,7 @@ def _talk(talk: Talk) -> str:
 
 def _area(area: Area) -> str:
     if area.tags:
-        more = len(area.tags) - _TAGS + area.more_tags
+        more = len(area.tags) - _TAGS + len(area.more_tags)
         names = ", ".join([shortened(tag.removeprefix(f"{area.name}."), _TEXT) for tag in area.tags[:_TAGS]])
         return f"{printable(area.name)} {{{names}{f' and {more} more' if more > 0 else ''}}}"
     if area.low < 0:
@@ -288,7 +288,7 @@ def _host(address: str, places: Places) -> str:
 
 def _some(names: Names) -> str:
     shown = [shortened(text, _TEXT) for text in names.texts[:_NAMES]]
-    more = len(names.texts) - len(shown) + names.more
+    more = len(names.texts) - len(shown) + len(names.more)
     return ", ".join(shown) + (f" and {more} more" if more else "")
 
 

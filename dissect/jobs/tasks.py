@@ -62,7 +62,7 @@ class FileError(Exception):
 
 
 class Files:
-    """Does ``work(*arguments, place, file)`` for each of ``files``, ``at_once`` at a time.
+    """Does ``work(*arguments, place, file)`` for each of ``files``, ``at_once()`` at a time.
 
     ``lost`` are exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun
     again, and where the process that died was.
@@ -71,7 +71,7 @@ class Files:
     def __init__(
         self,
         executor: Executor,
-        at_once: int,
+        at_once: Callable[[], int],
         work: Callable[..., Any],
         arguments: Sequence[Any],
         lost: tuple[type[BaseException], ...] = (BrokenExecutor,),
@@ -93,8 +93,9 @@ class Files:
         again: list[int] = []
         try:
             while shown < len(files):
-                while len(running) < self._at_once and (
-                    again or (following < len(files) and following < shown + self._at_once * _AHEAD)
+                at_once = self._at_once()
+                while len(running) < at_once and (
+                    again or (following < len(files) and following < shown + at_once * _AHEAD)
                 ):
                     if again:
                         at = again.pop()

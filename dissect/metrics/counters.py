@@ -22,15 +22,8 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import (
-    ANSWERED,
-    ITEM,
-    MESSAGE,
-    RETURN_VALUE,
-    UNANSWERED,
-    Transaction,
-    TransactionError,
-)
+from dissect.transactions.results import ITEM, MESSAGE, RETURN_VALUE, TransactionError
+from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 
 #: Stands between the labels of one count where they are one key.
 SEPARATOR: Final = "\0"

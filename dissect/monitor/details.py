@@ -62,8 +62,8 @@ def _transaction(transaction: Transaction, clock: Clock, places: Places) -> Iter
     for number, text in enumerate(facets.items(transaction), 1):
         yield Line(f"  item {number}  {text}", PLAIN, 4)
     for error in transaction.errors:
-        said = f"  {error.where}: {words.error_text(error)}. {error.text}" if error.text else ""
-        yield Line(printable(said or f"  {error.where}: {words.error_text(error)}"), "error", 4)
+        said = f"  {error.where}: {facets.error_text(error)}. {error.text}" if error.text else ""
+        yield Line(printable(said or f"  {error.where}: {facets.error_text(error)}"), "error", 4)
     if transaction.scd:
         for found in transaction.scd:
             yield Line("")

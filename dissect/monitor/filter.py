@@ -11,7 +11,7 @@ import re
 from typing import Final
 
 from dissect.monitor.entries import What
-from dissect.report import facets, words
+from dissect.report import facets
 from dissect.report.operations import NAMES, result
 from dissect.s7.parameters import Parameters
 from dissect.select import Where
@@ -110,7 +110,7 @@ class Wanted:
                 self.unsearched += 1
                 return False
             if what.failed:
-                said = f"{said} {words.outcome(what)} {facets.gist(what)}".casefold()
+                said = f"{said} {facets.outcome(what)} {facets.gist(what)}".casefold()
         elif isinstance(what, Operation):
             said = f"{NAMES[what.kind]} {what.subject} {result(what)}".casefold()
         else:

@@ -254,7 +254,7 @@ def _said(entry: Entry, narrow: bool = False) -> str:
         if narrow and head is not None and name == f"{head.group_name}: {head.subfunction_name}":
             name = head.subfunction_name if head.subfunction_name[:1].isalpha() else name
         about = facets.gist(what) if what.has_errors else facets.subject(what)  # what was refused must not be cut off
-        parts = [name, words.outcome(what), about]
+        parts = [name, facets.outcome(what), about]
     elif isinstance(what, Operation):
         parts = [NAMES[what.kind], what.subject[:_LONG], result(what)]
     else:

@@ -6,7 +6,7 @@ from typing import Final
 
 from dissect.page.bins import Spread
 from dissect.page.rows import ERROR, MISSED, PUSHED, outcome_of, time_of
-from dissect.report import facets, words
+from dissect.report import facets
 from dissect.s7.items import Item
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import GROUP_CPU, READ_VAR, WRITE_VAR
@@ -55,7 +55,7 @@ def _subject(transaction: Transaction) -> str:
         return transaction.parameters.subject
     if request is None:
         return titled(transaction.function_name, facets.gist(transaction))
-    return titled(transaction.function_name, words.body_notes(request))
+    return titled(transaction.function_name, facets.body_notes(request))
 
 
 class Variable:

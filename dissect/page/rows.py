@@ -85,7 +85,7 @@ class Rows:
         frames = [int(transaction.request_frame), int(transaction.response_frame)]
         show, display = self.packets(frames)
         ends = transaction.connection.tcp.ends
-        said = [words.outcome(transaction), facets.gist(transaction)]
+        said = [facets.outcome(transaction), facets.gist(transaction)]
         return {
             "key": f"t{transaction.number}",
             "cells": [

@@ -68,7 +68,7 @@ def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line
     if analysis.part is not None:
         said.append(f"SELECTION: {shortened(analysis.part.where, _TEXT)}")
     if pipeline is not None and pipeline.frames:
-        said.append(f"from {clock.moment(int(pipeline.first_ns))} to {clock.moment(int(pipeline.now_ns))}")
+        said.append(f"from {words.span(clock, int(pipeline.first_ns), int(pipeline.now_ns))}")
     counts = [
         (analysis.total, "transactions"),
         (analysis.with_errors, "with errors"),

@@ -1,22 +1,52 @@
-"""The protocols that reports know, by `Transaction.rosctr`, and what they say about any transaction.
+"""What a transaction says in words: its items with what became of them, what it is about, how it ended.
 
-A protocol whose transactions reports are to describe in its own words gets one subclass of `Facet` and one row here. S7comm
-is the default; its JSON is the bulk of all output and is in `dissect.report.writers.jsonl`.
+`FACETS` are the protocols that reports know, by `Transaction.rosctr`. A protocol whose transactions reports are to describe in
+its own words gets one subclass of `Facet` and one row here. S7comm is the default; its JSON is the bulk of all output and is
+in `dissect.report.writers.jsonl`.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.report import words
 from dissect.report.facet import Facet
 from dissect.report.plus import PlusFacet
 from dissect.report.scd import ScdFacet, scd_subject
-from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7.blocks import BLOCK_COUNT
+from dissect.s7.items import Item, ItemResult
+from dissect.s7.message import Pdu
+from dissect.s7.tables import (
+    BIT,
+    BYTE,
+    ELEMENT_OCTETS,
+    READ_VAR,
+    RETURN_CODES,
+    SETUP_COMMUNICATION,
+    USERDATA,
+    WRITE_VAR,
+)
+from dissect.s7.values import decode_value, number_texts
 from dissect.s7plus.parameters import PLUS, is_plus_key
+from dissect.s7plus.tables import PARTIAL_ERROR
+from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.payloads import SCD, is_scd_key
-from dissect.transactions.results import UNCONFIRMED
-from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.transactions.results import ITEM, MESSAGE, NO_CODE, UNCONFIRMED, TransactionError
+from dissect.transactions.transaction import (
+    ANSWERED,
+    CAPTURE_ENDED,
+    CONNECTION_CLOSED,
+    CONNECTION_EVICTED,
+    HOLE,
+    ORPHAN,
+    PUSH,
+    REFERENCE_REUSED,
+    TABLE_FULL,
+    Transaction,
+)
+from dissect.wire.codes import coded
 from dissect.wire.text import printable, shortened
 
 #: Functions that say what they are about by their items, or by what they negotiate.
@@ -24,6 +54,150 @@ _TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
 
 #: Group and subfunction that lists the blocks of a type.
 _LIST_OF_TYPE: Final = (3, 2)
+
+#: Tags of one item that a line names.
+_SHOWN_TAGS: Final = 16
+#: Why a request stayed without an answer.
+REASONS: Final = {
+    CONNECTION_CLOSED: "connection closed",
+    CAPTURE_ENDED: "capture ends",
+    HOLE: "gap in the capture",
+    REFERENCE_REUSED: "reference used again",
+    TABLE_FULL: "too many open",
+    CONNECTION_EVICTED: "too many connections",
+}
+
+
+def address(item: Item) -> str:
+    """Return the address of an item with its count where that is not one, for example ``DB10.DBW4 x3``."""
+    if not item.shown:
+        item.shown = shortened(item.label, 100)
+    return item.shown
+
+
+def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
+    """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``.
+
+    With ``naming`` the tags it covers stand for its value: ``DB10.DBB0 x6: Tank.Level = 3.5 m, Tank.Pump = true``.
+    """
+    asked = result.item
+    name = f"item {number}" if asked is None else address(asked)
+    known = naming.named(result) if naming is not None else []
+    if known:
+        name = _with_names(name, known)
+    elif result.data is not None:
+        name += f" = {content(asked, result.data) if asked is not None else words.octets(result.data)}"
+    if result.unchanged:
+        return f"{name}: unchanged"
+    return f"{name}: {RETURN_CODES.name(result.return_code)}" if result.refused else name
+
+
+def _with_names(place: str, known: list[NamedValue]) -> str:
+    """Return an item with its tags: one that is all of it stands in front of the address, several behind it."""
+    if len(known) == 1:
+        only = named_value(known[0])
+        name, equals, content = only.partition(" = ")
+        return f"{name} ({place}){equals}{content}"
+    shown = [named_value(value) for value in known[:_SHOWN_TAGS]]
+    more = f", … {len(known)} in all" if len(known) > _SHOWN_TAGS else ""
+    return f"{place} {{{', '.join(shown)}{more}}}"
+
+
+def named_value(known: NamedValue) -> str:
+    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets without a name by their address."""
+    size = len(known.data)
+    if not known.name:
+        place = f"{known.address} x{size}" if size > 1 else known.address
+        return f"{place}{f' ({known.remark})' if known.remark else ''} = {words.octets(known.data)}"
+    name = shortened(known.name, 100)
+    if known.value is None:
+        why = f" ({printable(known.remark)})" if known.remark else ""
+        return f"{name}{why} = {words.octets(known.data)}" if size else name
+    unit = f" {shortened(known.unit, 20)}" if known.unit else ""
+    return f"{name} = {words.value(known.value)}{unit}"
+
+
+def content(asked: Item, data: bytes) -> str:
+    """Return what was read or written: the value, and octets as such, with the text they spell where they spell one."""
+    size: i64 = len(data)
+    kind: i64 = asked.transport_size
+    if (kind == BYTE and size != 1) or (asked.size != size and not asked.fits(size)):
+        return words.octets(data)
+    if kind == BIT and size == 1:
+        return "true" if data[0] & 1 else "false"
+    texts = number_texts(kind, data, False, words.SHOWN)
+    if not texts:
+        decoded = decode_value(kind, data)
+        return words.octets(data) if decoded is None else words.value(decoded)
+    if len(texts) == 1:
+        return texts[0]
+    body = ", ".join(texts)
+    count: i64 = size // ELEMENT_OCTETS[kind]
+    return f"[{body}]" if count <= words.SHOWN else f"[{body}, … {count} in all]"
+
+
+def body_notes(pdu: Pdu) -> str:
+    """Return what the parts of a PDU are about: the first few notes, and how many more there are.
+
+    Of the numbers of blocks in a CPU, the types of which it has none are left out.
+    """
+    body = pdu.body
+    counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
+    if not counts:
+        return words.some_notes(body.notes)
+    return words.some_notes([part.note for part in counts if part.number("block_count")]) or "no blocks"
+
+
+def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:
+    """Return the items that failed, or else the first few of all, without values; empty when there are none."""
+    numbered = list(enumerate(results, 1))
+    refused = [(number, result) for number, result in numbered if result.refused]
+    if refused:
+        some = [item(result, number, naming) for number, result in refused[: words.NAMED]]
+        total = f"{len(refused)} of {words.count(len(results), 'item')} refused: " if len(results) > 1 else ""
+        return total + ", ".join(some) + (", …" if len(refused) > words.NAMED else "")
+    names = [_short_name(result, number, naming) for number, result in numbered]
+    more = f" and {len(names) - words.NAMED} more" if len(names) > words.NAMED else ""
+    return ", ".join(names[: words.NAMED]) + more
+
+
+def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
+    """Return the address of an item, and the tags that it covers: ``Tank.Level (DB1.DBD0)``, ``DB1.DBB0 x10 (3 tags)``."""
+    if result.item is None:
+        return f"item {number}"
+    known = [value.name for value in naming.named(result) if value.name] if naming is not None else []
+    if not known:
+        return address(result.item)
+    place = address(result.item)
+    return f"{shortened(known[0], 100)} ({place})" if len(known) == 1 else f"{place} ({len(known)} tags)"
+
+
+def error_text(error: TransactionError) -> str:
+    """Return an error: a code of S7 as it stands on the wire with its name, one of SCD with what it means."""
+    if error.part == MESSAGE:
+        return f"{error.name} {error.code}: {printable(error.text)}"
+    if error.code == NO_CODE:
+        return error.name
+    return coded(f"0x{error.code:02x}" if error.part == ITEM else f"0x{error.code:04x}", error.name)
+
+
+def outcome(transaction: Transaction) -> str:
+    """Return how a transaction ended, empty when all went well."""
+    why = f" ({REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
+    if transaction.outcome == ORPHAN:
+        said = f"answer without request{why}"
+    elif transaction.outcome == PUSH:
+        said = "one way" if transaction.request_frame else "push"
+    elif transaction.outcome == ANSWERED:
+        said = ""
+    else:
+        said = f"NO ANSWER{why}"
+    if transaction.error_code and transaction.has_errors:
+        error = transaction.errors[0]
+        word = "PARTLY REFUSED" if transaction.is_plus and error.code == PARTIAL_ERROR else "REFUSED"
+        refused = f"{word} {error_text(error)}"
+        said = f"{said}, {refused}" if said else refused
+    return said
 
 
 class S7Facet(Facet):
@@ -34,15 +208,12 @@ class S7Facet(Facet):
         good = transaction.good_octets()
         if good is not None:  # nearly always; each item meets its own octets without an object in between
             asked = transaction.parameters.items
-            return [
-                f"{words.address(asked[index])} = {words.content(asked[index], good[index])}"
-                for index in range(len(good))
-            ]
+            return [f"{address(asked[index])} = {content(asked[index], good[index])}" for index in range(len(good))]
         results = list(enumerate(transaction.results(), 1))
         unsure = transaction.flags & UNCONFIRMED != 0
         naming = transaction.connection.naming
         said = [
-            f"{words.item(result, number, naming)}{': no return code' if unsure and result.return_code < 0 else ''}"
+            f"{item(result, number, naming)}{': no return code' if unsure and result.return_code < 0 else ''}"
             for number, result in results
             if not result.unchanged
         ]
@@ -71,7 +242,7 @@ class S7Facet(Facet):
         if transaction.function in _TOLD_BY_ITEMS:
             return ""
         asked, told = transaction.request, transaction.response
-        said = [words.body_notes(pdu) for pdu in (asked, told) if pdu is not None]
+        said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
         head = transaction.parameters.userdata
         listed = (
             head is not None and (int(head.group), int(head.subfunction)) == _LIST_OF_TYPE
@@ -160,7 +331,7 @@ def gist(transaction: Transaction) -> str:
     """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
     facet = facet_of(transaction)
     return (
-        words.items_in_short(transaction.results(), transaction.connection.naming)
+        items_in_short(transaction.results(), transaction.connection.naming)
         or facet.setup(transaction)
         or facet.notes(transaction)
     )

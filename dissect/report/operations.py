@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.s7.errors import ERROR_CODES
@@ -63,9 +63,13 @@ def styled_operation(operation: Operation, clock: Clock, places: Places) -> Line
 
 def _carried(operation: Operation) -> str:
     """Return of how much an operation consisted."""
-    parts = [words.count(operation.parts, "transaction")] if operation.parts != 1 else []
-    if operation.pushes:
-        parts.append(words.count(operation.pushes, "push", "pushes") + " of them")
+    pushes = words.count(operation.pushes, "push", "pushes")
+    if operation.pushes and operation.pushes == operation.parts:
+        parts = [pushes]
+    else:
+        parts = [words.count(operation.parts, "transaction")] if operation.parts != 1 else []
+        if operation.pushes:
+            parts.append(f"{pushes} of them")
     times = operation.parts if operation.kind == POLLING else operation.pushes
     if times > 1:
         parts.append(f"one in {words.duration(operation.duration_ns // (times - 1))} on average")
@@ -90,7 +94,7 @@ def result(operation: Operation) -> str:
     shout = shouted(operation.result)
     if operation.error_code:
         return f"{shout} 0x{operation.error_code:04x} {error_codes(operation).name(operation.error_code)}"
-    why = words.REASONS.get(operation.reason, operation.reason)
+    why = facets.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     told = ", ".join([text for text in (why, odd) if text])
     return f"{shout} ({told})" if told else shout

@@ -144,11 +144,10 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
     if pipeline is None or not pipeline.frames:
         return
     first, last = int(pipeline.first_ns), int(pipeline.now_ns)
-    begun = f"  from {clock.moment(first)}"
     if places.several or last < first:
-        yield Line(f"{begun} to {clock.moment(last)}, first to last packet")
+        yield Line(f"  from {words.span(clock, first, last)}, first to last packet")
     else:
-        yield Line(f"{begun}, {words.duration(last - first)}")
+        yield Line(f"  from {clock.moment(first)}, {words.duration(last - first)}")
     sections = analysis.sections()
     others = [
         f"{count} {PROTOCOLS[name]}"
@@ -414,7 +413,7 @@ def _slowest(analysis: Analysis, places: Places) -> Iterator[Line]:
 def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]:
     rows = []
     for transaction in transactions:
-        said = [part for part in (words.outcome(transaction), facets.gist(transaction)) if part]
+        said = [part for part in (facets.outcome(transaction), facets.gist(transaction)) if part]
         rows.append(
             [
                 f"#{transaction.number}",

@@ -1,4 +1,4 @@
-"""Short phrases that all outputs share: packets, durations, sizes, values, items, how a transaction ended.
+"""Short phrases that all outputs share: packets, durations, sizes, values, protocols.
 
 `Places` names a packet: by its number in a single file, by file and number within it in several. The pipeline counts packets
 over the whole run, but a person looks for them in a file, and so may a program, so every output gives the number within the
@@ -11,41 +11,15 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from mypy_extensions import i64
-
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify
-from dissect.s7.blocks import BLOCK_COUNT
-from dissect.s7.items import Item
-from dissect.s7.message import Pdu
-from dissect.s7.tables import BIT, BYTE, ELEMENT_OCTETS, RETURN_CODES
-from dissect.s7.values import Value, decode_value, number_texts, spelled
-from dissect.s7plus.tables import PARTIAL_ERROR
+from dissect.s7.values import Value, spelled
 from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.naming import NamedValue, Naming
-from dissect.transactions.results import ItemResult
-from dissect.transactions.transaction import (
-    ANSWERED,
-    CAPTURE_ENDED,
-    CONNECTION_CLOSED,
-    CONNECTION_EVICTED,
-    HOLE,
-    ITEM,
-    MESSAGE,
-    NO_CODE,
-    ORPHAN,
-    PUSH,
-    REFERENCE_REUSED,
-    TABLE_FULL,
-    Transaction,
-    TransactionError,
-)
-from dissect.wire.codes import coded
-from dissect.wire.text import decimal, duration_text, encodable, printable, shortened
+from dissect.wire.text import Clock, decimal, duration_text, encodable, printable, shortened
 
 
 class Places:
@@ -137,22 +111,12 @@ PROTOCOLS: Final = {
 }
 
 #: Elements of an array, characters of a text and octets that are shown on a line.
-_SHOWN: Final = 8
+SHOWN: Final = 8
 _SHOWN_TEXT: Final = 32
 _SHOWN_OCTETS: Final = 16
-#: Tags of one item that a line names.
-_SHOWN_TAGS: Final = 16
 #: Items or notes that a summary names, and characters of a note.
-_NAMED: Final = 3
+NAMED: Final = 3
 NOTE: Final = 100
-REASONS: Final = {
-    CONNECTION_CLOSED: "connection closed",
-    CAPTURE_ENDED: "capture ends",
-    HOLE: "gap in the capture",
-    REFERENCE_REUSED: "reference used again",
-    TABLE_FULL: "too many open",
-    CONNECTION_EVICTED: "too many connections",
-}
 
 
 def duration(ns: int | None) -> str:
@@ -160,6 +124,13 @@ def duration(ns: int | None) -> str:
     if ns is None:
         return "-"
     return duration_text(ns)
+
+
+def span(clock: Clock, first_ns: int, last_ns: int) -> str:
+    """Return the times of the first and the last packet; said where the last is earlier, as with captures in another order."""
+    if last_ns >= first_ns:
+        return f"{clock.moment(first_ns)} to {clock.moment(last_ns)}"
+    return f"{clock.moment(first_ns)} back to {clock.moment(last_ns)} (packets are not in order of time)"
 
 
 def size(octets: int) -> str:
@@ -205,8 +176,8 @@ def value(shown: Value) -> str:
             return f"'{printable(shown[:_SHOWN_TEXT])}'… ({len(shown)} characters)"
         return f"'{printable(shown)}'"
     if isinstance(shown, list):
-        body = ", ".join([value(element) for element in shown[:_SHOWN]])
-        return f"[{body}]" if len(shown) <= _SHOWN else f"[{body}, … {len(shown)} in all]"
+        body = ", ".join([value(element) for element in shown[:SHOWN]])
+        return f"[{body}]" if len(shown) <= SHOWN else f"[{body}, … {len(shown)} in all]"
     return "-" if shown is None else str(shown)
 
 
@@ -224,142 +195,10 @@ def _cut(text: str) -> str:
     return printable(text if len(text) <= _SHOWN_TEXT else f"{text[:_SHOWN_TEXT]}…")
 
 
-def address(item: Item) -> str:
-    """Return the address of an item with its count where that is not one, for example ``DB10.DBW4 x3``."""
-    if not item.shown:
-        item.shown = shortened(item.label, 100)
-    return item.shown
-
-
-def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
-    """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``.
-
-    With ``naming`` the tags it covers stand for its value: ``DB10.DBB0 x6: Tank.Level = 3.5 m, Tank.Pump = true``.
-    """
-    asked = result.item
-    name = f"item {number}" if asked is None else address(asked)
-    known = naming.named(result) if naming is not None else []
-    if known:
-        name = _with_names(name, known)
-    elif result.data is not None:
-        name += f" = {content(asked, result.data) if asked is not None else octets(result.data)}"
-    if result.unchanged:
-        return f"{name}: unchanged"
-    return f"{name}: {RETURN_CODES.name(result.return_code)}" if result.refused else name
-
-
-def _with_names(place: str, known: list[NamedValue]) -> str:
-    """Return an item with its tags: one that is all of it stands in front of the address, several behind it."""
-    if len(known) == 1:
-        only = named_value(known[0])
-        name, equals, content = only.partition(" = ")
-        return f"{name} ({place}){equals}{content}"
-    shown = [named_value(value) for value in known[:_SHOWN_TAGS]]
-    more = f", … {len(known)} in all" if len(known) > _SHOWN_TAGS else ""
-    return f"{place} {{{', '.join(shown)}{more}}}"
-
-
-def named_value(known: NamedValue) -> str:
-    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets without a name by their address."""
-    size = len(known.data)
-    if not known.name:
-        place = f"{known.address} x{size}" if size > 1 else known.address
-        return f"{place}{f' ({known.remark})' if known.remark else ''} = {octets(known.data)}"
-    name = shortened(known.name, 100)
-    if known.value is None:
-        why = f" ({printable(known.remark)})" if known.remark else ""
-        return f"{name}{why} = {octets(known.data)}" if size else name
-    unit = f" {shortened(known.unit, 20)}" if known.unit else ""
-    return f"{name} = {value(known.value)}{unit}"
-
-
-def content(asked: Item, data: bytes) -> str:
-    """Return what was read or written: the value, and octets as such, with the text they spell where they spell one."""
-    size: i64 = len(data)
-    kind: i64 = asked.transport_size
-    if (kind == BYTE and size != 1) or (asked.size != size and not asked.fits(size)):
-        return octets(data)
-    if kind == BIT and size == 1:
-        return "true" if data[0] & 1 else "false"
-    texts = number_texts(kind, data, False, _SHOWN)
-    if not texts:
-        decoded = decode_value(kind, data)
-        return octets(data) if decoded is None else value(decoded)
-    if len(texts) == 1:
-        return texts[0]
-    body = ", ".join(texts)
-    count: i64 = size // ELEMENT_OCTETS[kind]
-    return f"[{body}]" if count <= _SHOWN else f"[{body}, … {count} in all]"
-
-
-def body_notes(pdu: Pdu) -> str:
-    """Return what the parts of a PDU are about: the first few notes, and how many more there are.
-
-    Of the numbers of blocks in a CPU, the types of which it has none are left out.
-    """
-    body = pdu.body
-    counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
-    if not counts:
-        return some_notes(body.notes)
-    return some_notes([part.note for part in counts if part.number("block_count")]) or "no blocks"
-
-
 def some_notes(found: list[str]) -> str:
     """Return the first few notes, and how many more there are."""
-    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
-    return ", ".join([shortened(note, NOTE) for note in found[:_NAMED]]) + more
-
-
-def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:
-    """Return the items that failed, or else the first few of all, without values; empty when there are none."""
-    numbered = list(enumerate(results, 1))
-    refused = [(number, result) for number, result in numbered if result.refused]
-    if refused:
-        some = [item(result, number, naming) for number, result in refused[:_NAMED]]
-        total = f"{len(refused)} of {count(len(results), 'item')} refused: " if len(results) > 1 else ""
-        return total + ", ".join(some) + (", …" if len(refused) > _NAMED else "")
-    names = [_short_name(result, number, naming) for number, result in numbered]
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
-
-
-def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
-    """Return the address of an item, and the tags that it covers: ``Tank.Level (DB1.DBD0)``, ``DB1.DBB0 x10 (3 tags)``."""
-    if result.item is None:
-        return f"item {number}"
-    known = [value.name for value in naming.named(result) if value.name] if naming is not None else []
-    if not known:
-        return address(result.item)
-    place = address(result.item)
-    return f"{shortened(known[0], 100)} ({place})" if len(known) == 1 else f"{place} ({len(known)} tags)"
-
-
-def error_text(error: TransactionError) -> str:
-    """Return an error: a code of S7 as it stands on the wire with its name, one of SCD with what it means."""
-    if error.part == MESSAGE:
-        return f"{error.name} {error.code}: {printable(error.text)}"
-    if error.code == NO_CODE:
-        return error.name
-    return coded(f"0x{error.code:02x}" if error.part == ITEM else f"0x{error.code:04x}", error.name)
-
-
-def outcome(transaction: Transaction) -> str:
-    """Return how a transaction ended, empty when all went well."""
-    why = f" ({REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
-    if transaction.outcome == ORPHAN:
-        said = f"answer without request{why}"
-    elif transaction.outcome == PUSH:
-        said = "one way" if transaction.request_frame else "push"
-    elif transaction.outcome == ANSWERED:
-        said = ""
-    else:
-        said = f"NO ANSWER{why}"
-    if transaction.error_code and transaction.has_errors:
-        error = transaction.errors[0]
-        word = "PARTLY REFUSED" if transaction.is_plus and error.code == PARTIAL_ERROR else "REFUSED"
-        refused = f"{word} {error_text(error)}"
-        said = f"{said}, {refused}" if said else refused
-    return said
+    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return ", ".join([shortened(note, NOTE) for note in found[:NAMED]]) + more
 
 
 def carried(tpdu: Tpdu) -> str:

@@ -1,4 +1,7 @@
-"""Items: what a Read Var or Write Var names (request items) and what comes back (data items). Reference section 3.5."""
+"""Items: what a Read Var or Write Var names (request items), what comes back (data items), and the two joined.
+
+Reference section 3.5.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,19 @@ from mypy_extensions import i64
 
 from dissect.s7.address import address_text
 from dissect.s7.syntaxes import DB_AREA, DB_READ, DB_READ_ITEM, item_text
-from dissect.s7.tables import BIT, BYTE, DB, ELEMENT_OCTETS, LENGTH_IN_BITS, OCTET_STRING, RECORD_AREA, S7ANY, SUCCESS
+from dissect.s7.tables import (
+    ANSWER_TRANSPORT_SIZE,
+    BIT,
+    BYTE,
+    DB,
+    ELEMENT_OCTETS,
+    LENGTH_IN_BITS,
+    OCTET_STRING,
+    RECORD_AREA,
+    S7ANY,
+    SUCCESS,
+)
+from dissect.s7.values import Value, decode_value
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u24
 
@@ -212,7 +227,9 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
     counted: i64 = COUNTED[transport_size]
     if counted == 0:
         return length
-    return (length + 7) >> 3 if counted == BITS or length > room else length
+    if counted == BITS or length > room:
+        return (length + 7) >> 3
+    return length
 
 
 class DataItem:
@@ -261,3 +278,96 @@ def parse_data_items(
     if at < end and not (end - at == 1 and size & 1):
         malformed.append(Malformed("s7", "trailing_octets", "data items", at, 0, end - at, "data"))
     return items
+
+
+class ItemResult:
+    """An item of the request joined with its own answer (either may be missing).
+
+    ``return_code`` is -1 when there is no answer; ``data`` the octets read or written, None when there are none.
+    ``decodable``: ``data`` has the size that the item asked for, so that ``value`` can be decoded.
+    ``unchanged``: a push says that the value is the one it sent before.
+    """
+
+    __slots__ = ("answer", "data", "item", "return_code", "unchanged")
+
+    def __init__(self, item: Item | None, return_code: i64, data: bytes | None, answer: DataItem | None) -> None:
+        self.item: Item | None = item
+        self.return_code: i64 = return_code
+        self.data: bytes | None = data
+        self.answer: DataItem | None = answer
+        self.unchanged: bool = False
+
+    def __repr__(self) -> str:
+        return f"ItemResult({self.item!r}, {self.return_code}, {self.data!r})"
+
+    @property
+    def refused(self) -> bool:
+        """True when there is an answer and it is not success."""
+        return self.return_code != -1 and self.return_code != SUCCESS and not self.unchanged
+
+    @property
+    def decodable(self) -> bool:
+        """True when there are octets of the size the item asked for (see `Item.fits`)."""
+        item = self.item
+        data = self.data
+        return item is not None and data is not None and item.fits(len(data))
+
+    @property
+    def value(self) -> Value:
+        """The decoded value, None when there is none (see `decode_value`)."""
+        item = self.item
+        data = self.data
+        if item is None or data is None or not self.decodable:
+            return None
+        return decode_value(item.transport_size, data)
+
+
+def read_results(items: list[Item], answers: list[DataItem]) -> list[ItemResult]:
+    """Join the items of a read with the data items of its answer; a DBREAD item is one result for each of its areas."""
+    results: list[ItemResult] = []
+    for index in range(max(len(items), len(answers))):
+        item = items[index] if index < len(items) else None
+        answer = answers[index] if index < len(answers) else None
+        if item is not None and item.areas is not None:
+            results.extend(area_results(item, answer))
+        elif answer is None:
+            results.append(ItemResult(item, -1, None, None))
+        else:
+            results.append(_result(item, answer))
+    return results
+
+
+def _result(item: Item | None, answer: DataItem) -> ItemResult:
+    return ItemResult(item, answer.return_code, answer.data if answer.return_code == SUCCESS else None, answer)
+
+
+def area_results(item: Item, answer: DataItem | None) -> list[ItemResult]:
+    """Return a DBREAD item area by area, each with its own return code; as one where it was refused or does not fit."""
+    areas = item.areas
+    if areas is None:
+        return [_result(item, answer)] if answer is not None else [ItemResult(item, -1, None, None)]
+    if answer is None:
+        return [ItemResult(area, -1, None, None) for area in areas]
+    told = walk_areas(areas, answer.data) if answer.return_code == SUCCESS else []
+    if not told:
+        return [_result(item, answer)]
+    return [_result(area, told[index]) for index, area in enumerate(areas)]
+
+
+def write_results(items: list[Item], written: list[DataItem], codes: list[int]) -> list[ItemResult]:
+    """Join the items of a write with the values it carried and the return codes of its answer."""
+    results: list[ItemResult] = []
+    for index in range(max(len(items), len(codes))):
+        item = items[index] if index < len(items) else None
+        data_item = written[index] if index < len(written) else None
+        code = codes[index] if index < len(codes) else -1
+        results.append(ItemResult(item, code, data_item.data if data_item is not None else None, data_item))
+    return results
+
+
+def odd_data_code(item: Item, answer: DataItem) -> bool:
+    """Return whether a good data item has another transport size than CPUs answer its request item with (reference 3.5)."""
+    if item.syntax_id != S7ANY or item.area == RECORD_AREA:
+        return False
+    expected: int = ANSWER_TRANSPORT_SIZE.get(item.transport_size, -1)
+    return expected >= 0 and expected != answer.transport_size

@@ -20,6 +20,9 @@ from dissect.wire.octets import u16
 #: Octets of a PDU in several frames that are kept; what comes after them is counted only. Downloads and answers to Explore take
 #: several hundred thousand.
 MAX_PDU: Final = 8 * 1024 * 1024
+#: Frames of a PDU that are kept: as many as 8 MiB take on a connection with the smallest TPDUs. Each costs more than a hundred
+#: octets when the PDU is read, and needs to carry only one.
+MAX_FRAMES: Final = 65_536
 _HEADER: Final = 4
 #: What follows the subscription's id in every notification of V2 and V3 (reference S7comm-plus section 8).
 _AFTER_SUBSCRIPTION: Final = b"\x04\x00\x00\x00\x00\x00"
@@ -37,15 +40,17 @@ def _begins(frame: bytes) -> bool:
 
 
 class PlusAssembler:
-    """Joins the frames of one direction. ``parts`` is None between PDUs; ``left_out`` counts octets past ``most``.
+    """Joins the frames of one direction. ``parts`` is None between PDUs.
 
+    ``left_out`` counts the octets of a PDU past ``most``, or past its first `MAX_FRAMES` frames.
     ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several.
     """
 
-    __slots__ = ("_most", "asked", "begun_frame", "begun_ns", "left_out", "notified", "parts")
+    __slots__ = ("_frames", "_most", "asked", "begun_frame", "begun_ns", "left_out", "notified", "parts")
 
     def __init__(self, most: i64 = MAX_PDU) -> None:
         self._most: i64 = most
+        self._frames: i64 = 0  # of the PDU at hand that are kept
         self.asked: i64 = -1  # sequence number of the latest request, -1 for none
         self.notified: i64 = -1  # number of the latest notification, -1 for none
         self.parts: bytearray | None = None
@@ -65,11 +70,13 @@ class PlusAssembler:
             if ends:
                 return tsdu
             self.parts = bytearray(tsdu)
+            self._frames = 1
             return None
-        if self.left_out or len(parts) + size > self._most:
+        if self.left_out or self._frames >= MAX_FRAMES or len(parts) + size > self._most:
             self.left_out += size
         else:
             parts += tsdu
+            self._frames += 1
         return self.finish() if ends else None
 
     def interrupted(self, tsdu: bytes) -> bool:

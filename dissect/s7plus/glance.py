@@ -13,7 +13,9 @@ from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
+from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.pieces import USUAL_QUALIFIER
+from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
@@ -23,7 +25,6 @@ from dissect.s7plus.session import (
     SESSION_KEY,
     STATE_REQUEST,
 )
-from dissect.s7plus.skimming import one_frame
 from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     DELETE_OBJECT,
@@ -33,14 +34,12 @@ from dissect.s7plus.tables import (
     RESPONSE,
     SET_MULTI_VARIABLES,
     V1,
+    V2,
 )
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, UDINT
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED, read_varint
 
-#: Octets of the fixed part of a request, its session included, and of a response.
-_REQUEST_SIZE: Final = 14
-_RESPONSE_SIZE: Final = 10
 _SEQUENCE: Final = 7
 _SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
@@ -99,10 +98,21 @@ class Glance:
 
     def expect(self, octets: bytes) -> bool:
         """Pass over octets that must be these."""
-        if not self._octets.startswith(octets, self._skipper.at, self._end):
+        at: i64 = self._skipper.at
+        behind: i64 = at + len(octets)
+        if behind > self._end or self._octets[at:behind] != octets:
             self.plain = False
             return False
-        self._skipper.at += len(octets)
+        self._skipper.at = behind
+        return True
+
+    def zero(self) -> bool:
+        """Pass over an octet that must be 0."""
+        at: i64 = self._skipper.at
+        if at >= self._end or self._octets[at]:
+            self.plain = False
+            return False
+        self._skipper.at = at + 1
         return True
 
     def skip(self, size: i64) -> bool:
@@ -148,10 +158,11 @@ class Glance:
 
     def ends(self) -> i64:
         """Read the end of a PDU: its integrity id, -1 for none. Not plain when something else stands there."""
-        if self._zeros(self._skipper.at):
+        if self._zeros(self._skipper.at) or (self.version == V2 and self._is_digest(self._skipper.at)):
             return -1
         id_ = self.number()
-        if not self.plain or self.version == V1 or not self._zeros(self._skipper.at):
+        at: i64 = self._skipper.at
+        if not self.plain or self.version == V1 or not (self._zeros(at) or self._is_digest(at)):
             self.plain = False
             return -1
         return id_
@@ -159,6 +170,9 @@ class Glance:
     def _zeros(self, at: i64) -> bool:
         size: i64 = self._end - at
         return (size == 4 or size == 5) and u32(self._octets, self._end - 4) == 0 and self._octets[at] == 0
+
+    def _is_digest(self, at: i64) -> bool:
+        return self._end - at == 1 + DIGEST_SIZE and self._octets[at] == DIGEST_SIZE
 
 
 class Seen:
@@ -197,10 +211,10 @@ def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewh
 
     ``outputs`` and ``elsewhere`` tell of writes to outputs and to other areas that no more of them are worth a look.
     """
-    asked = Glance(request, REQUEST, function, _REQUEST_SIZE)
+    asked = Glance(request, REQUEST, function, REQUEST_SIZE)
     if not asked.plain:
         return None
-    told = Glance(response, RESPONSE, function, _RESPONSE_SIZE)
+    told = Glance(response, RESPONSE, function, RESPONSE_SIZE)
     if not told.plain or told.number() != 0:
         return None
     seen = Seen()
@@ -247,7 +261,7 @@ def _got(asked: Glance, told: Glance, seen: Seen) -> None:
             seen.stated = told.plain
         else:
             told.value()
-    told.expect(b"\0")  # no refusals
+    told.zero()  # no refusals
 
 
 def _read_addresses(asked: Glance) -> i64:
@@ -334,7 +348,7 @@ def _set(asked: Glance, told: Glance, seen: Seen, outputs: bool, elsewhere: bool
             return
         count -= 1
     if asked.plain and asked.skip(1) and asked.expect(USUAL_QUALIFIER):
-        told.expect(b"\0")  # no refusals
+        told.zero()  # no refusals
 
 
 def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhere: bool) -> None:

@@ -12,6 +12,7 @@ from mypy_extensions import i64
 
 from dissect.s7plus.message import DIGEST_SIZE, SHORT_HEADS, parsed
 from dissect.s7plus.pieces import USUAL_QUALIFIER
+from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
@@ -28,7 +29,6 @@ from dissect.s7plus.tables import (
     OBJECT_TAG,
     OBJECTS_ITEM,
     PLAIN_VALUE_ITEM,
-    PROTOCOL_ID,
     REFUSED_ITEM,
     REFUSED_ITEM_3,
     REQUEST,
@@ -51,12 +51,6 @@ from dissect.wire.varint import VLQ64, read_varint
 #: What `skim` returns for contents that must be read.
 UNSOUND: Final = -1
 
-_HEADER: Final = 4
-_TRAILER: Final = 4
-#: Octets of the fixed part of a request, a response and a notification.
-_REQUEST_SIZE: Final = 14
-_RESPONSE_SIZE: Final = 10
-_NOTIFICATION_SIZE: Final = 12
 _BIT_7: Final = 0x80
 _DETAILS: Final = 62
 #: Zeros that end a response of the other kind, and at most those of a notification and of everything else.
@@ -68,24 +62,6 @@ _ID: Final = 4
 _FILTER: Final = 5
 _SECOND_PART: Final = 6
 _TIME: Final = 8
-
-
-def one_frame(octets: bytes) -> tuple[i64, i64]:
-    """Return where the data of a PDU begin and end that is one sound frame and a trailer; (-1, -1) for any other."""
-    end: i64 = len(octets) - _TRAILER
-    if end < _HEADER or octets[0] != PROTOCOL_ID or octets[end] != PROTOCOL_ID:
-        return -1, -1
-    version: i64 = octets[1]
-    at: i64 = _HEADER
-    if version == V3:
-        if end <= at or octets[at] != DIGEST_SIZE:
-            return -1, -1
-        at += 1 + DIGEST_SIZE
-    elif version != V2 and version != V1:
-        return -1, -1
-    if at > end or u16(octets, 2) != end - _HEADER or octets[end + 1] != version or u16(octets, end + 2):
-        return -1, -1
-    return at, end
 
 
 def skim(octets: bytes, marks: bytes) -> i64:
@@ -108,13 +84,13 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
     if opcode == NOTIFICATION:
         if version == V1:
             return UNSOUND
-        if end - at < _NOTIFICATION_SIZE:
+        if end - at < NOTIFICATION_SIZE:
             return 0
         body = _BODY
-        body.begin(octets, at + _NOTIFICATION_SIZE, end, version, marks)
+        body.begin(octets, at + NOTIFICATION_SIZE, end, version, marks)
         return body.result(body.notification(u32(octets, at + 1)))
     request = opcode == REQUEST
-    size: i64 = _REQUEST_SIZE if request else _RESPONSE_SIZE
+    size: i64 = REQUEST_SIZE if request else RESPONSE_SIZE
     if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
         return 0
     function = u16(octets, at + 3)
@@ -297,7 +273,8 @@ class Body:
     def _qualifier(self, more: i64) -> bool:
         """Pass over the usual qualifier and as many octets behind it."""
         at: i64 = self.skipper.at
-        return self._octets.startswith(USUAL_QUALIFIER, at, self._end) and self._skip(len(USUAL_QUALIFIER) + more)
+        behind: i64 = at + len(USUAL_QUALIFIER)
+        return behind <= self._end and self._octets[at:behind] == USUAL_QUALIFIER and self._skip(behind - at + more)
 
     def _ids(self) -> bool:
         """Pass over an object and the ids of its attributes. A compressed value of one is left to be read."""

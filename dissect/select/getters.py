@@ -34,7 +34,8 @@ from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, RUNNING, Operation
 from dissect.transactions.payloads import ScdMessage, ScdParameters
-from dissect.transactions.transaction import NO_CODE, Transaction
+from dissect.transactions.results import NO_CODE
+from dissect.transactions.transaction import Transaction
 
 Getter = Callable[[Any, Context], Any]
 OfItem = Callable[[ItemFacts, Context], Any]

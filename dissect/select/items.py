@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from dissect.report.plus import DB_AREA, S7_AREAS
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.tables import (
     AREA_LETTERS,
     AREAS,
@@ -24,7 +24,6 @@ from dissect.s7plus.items import PlusItem
 from dissect.scd.wording import Row, json_value
 from dissect.select.literals import CodeValue, Place, place_of
 from dissect.transactions.naming import NamedValue, Naming
-from dissect.transactions.results import ItemResult
 from dissect.transactions.transaction import Transaction
 
 #: Request items whose facts are remembered: polling repeats the same ones.

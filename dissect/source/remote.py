@@ -92,7 +92,7 @@ def open_remote(name: str) -> RemoteSource:
 
 
 def _fetched(name: str) -> _Stream:
-    files, path = _file_system(name)
+    files, path = file_system(name)
     if not name.startswith("http") and files.isdir(path):
         raise IsADirectoryError
     # A web server need not give parts: one request for the whole, read as it comes.
@@ -100,7 +100,8 @@ def _fetched(name: str) -> _Stream:
     return stream
 
 
-def _file_system(name: str) -> tuple[Any, str]:
+def file_system(name: str) -> tuple[Any, str]:
+    """Return the file system of fsspec that has a name, and the path there. Raises what the transport raises."""
     from fsspec.core import url_to_fs
 
     found: tuple[Any, str] = url_to_fs(name, **_patience(name.partition("://")[0].lower()))
@@ -128,23 +129,21 @@ def _patience(scheme: str) -> Mapping[str, object]:
 
 def _asked(name: str, ask: Callable[[], T]) -> T:
     """Return what ``ask`` finds, or raise the `CaptureError` that says in one line why there is none."""
-    from_ = printable(shown(name))
     try:
         return ask()
-    except ImportError as error:
-        if (error.name or "").partition(".")[0] in {"fsspec", "aiohttp"}:
-            reason = "a file of another machine, which needs more packages: pip install 's7dissect[remote]'"
-        else:
-            reason = f"needs one more package: {_reason(error)}"
     except IsADirectoryError:
         reason = "a directory, not a capture file"
     except Exception as error:  # noqa: BLE001 - each transport has errors of its own
-        reason = _explained(error)
-    raise CaptureError(f"{from_}: {reason}") from None
+        reason = explained(error)
+    raise CaptureError(f"{printable(shown(name))}: {reason}") from None
 
 
-def _explained(error: Exception) -> str:
-    """Return what stands in the way, and what to do where that is known."""
+def explained(error: Exception, writing: bool = False) -> str:
+    """Return what stands in the way of reading or ``writing`` a file of another machine, and what to do if that is known."""
+    if isinstance(error, ImportError):
+        if (error.name or "").partition(".")[0] in {"fsspec", "aiohttp"}:
+            return "a file of another machine, which needs more packages: pip install 's7dissect[remote]'"
+        return f"needs one more package: {_reason(error)}"
     cause = error.__cause__  # what the transport itself said
     kind = type(cause or error).__name__
     said = _reason(cause if isinstance(cause, Exception) else error)
@@ -156,14 +155,14 @@ def _explained(error: Exception) -> str:
     if kind in {"PermissionDenied", "NoCredentialsError", "ClientError"} or status in {401, 403, 407}:
         return f"access refused ({said}); credentials are those of the transport's own tools"
     if isinstance(error, PermissionError):
-        return "no permission to read it"
+        return "no permission to write it" if writing else "no permission to read it"
     if isinstance(error, FileNotFoundError) and (
         cause is None or status == _NOT_FOUND or not kind.startswith("Client")
     ):
-        return "no such file"
+        return "no such place" if writing else "no such file"
     if isinstance(error, ValueError) and "rotocol" in said:
         return f"{said}; known ones are https, sftp, s3 and the others of fsspec"
-    return f"cannot be read: {said}"
+    return f"cannot be written: {said}" if writing else f"cannot be read: {said}"
 
 
 def _reason(error: Exception) -> str:
@@ -215,7 +214,7 @@ def _local(name: str) -> list[str]:
 
 
 def _globbed(name: str) -> list[str]:
-    files, path = _file_system(name)
+    files, path = file_system(name)
     root = (
         f"{name.partition('://')[0]}://{urlsplit(name).netloc}"
         if path.startswith("/")
@@ -226,7 +225,7 @@ def _globbed(name: str) -> list[str]:
 
 def _exists(name: str) -> bool:
     def ask() -> bool:
-        files, path = _file_system(name)
+        files, path = file_system(name)
         return bool(files.exists(path))
 
     return _asked(name, ask)

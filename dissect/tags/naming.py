@@ -6,7 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.tables import BIT, NUMBERED_AREAS
 from dissect.s7plus.program import Program
 from dissect.tags.index import Cover, Part, TagIndex
@@ -14,7 +14,6 @@ from dissect.tags.model import NUMBERED_BITS, Tag, place_text
 from dissect.tags.values import decode_part
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue, Naming
-from dissect.transactions.results import ItemResult
 
 #: Items with the same octets as before need not be decoded again; a polled value changes rarely.
 _MAX_REMEMBERED: Final = 4096

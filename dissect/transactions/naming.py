@@ -15,8 +15,8 @@ from dissect.s7.values import Value
 from dissect.s7plus.program import Program
 
 if TYPE_CHECKING:
+    from dissect.s7.items import ItemResult
     from dissect.transactions.connection import Connection
-    from dissect.transactions.results import ItemResult
     from dissect.transactions.transaction import Transaction
 
 #: Who knew the name.

@@ -297,12 +297,16 @@ class OperationBook:
             going.remove(operation)
         self.over.append(operation)
 
-    def settle(self, operation: Operation, transaction: Transaction, went_well: str, went_wrong: str) -> None:
-        """Close an operation by what became of its last transaction."""
+    def settle(
+        self, operation: Operation, transaction: Transaction, went_well: str, went_wrong: str, code: int = -1
+    ) -> None:
+        """Close an operation by what became of its last transaction, or of an item of it: its error, 0 for none."""
+        if code < 0:
+            code = int(transaction.error_code)
         if not transaction.response_frame:
             self.close(operation, UNFINISHED, transaction.reason)
-        elif transaction.error_code:
-            operation.error_code = int(transaction.error_code)
+        elif code:
+            operation.error_code = code
             self.close(operation, went_wrong)
         else:
             self.close(operation, went_well)

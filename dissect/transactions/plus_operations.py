@@ -11,6 +11,8 @@ from dissect.s7plus.alarms import ALARM
 from dissect.s7plus.events import (
     CHANGED,
     DELETED,
+    LISTED,
+    ORDERED,
     PASSWORD,
     READ_OUT,
     RESET,
@@ -43,6 +45,7 @@ _KINDS: Final[dict[str, str]] = {
     STOP: kinds.CONTROL,
     START: kinds.CONTROL,
     RESET: kinds.CONTROL,
+    ORDERED: kinds.CONTROL,
 }
 #: Those that go on until their object is deleted; the others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
@@ -93,10 +96,13 @@ class PlusOperations:
         self._most = _MANY
         self._polls: dict[tuple[int, bytes], Poll] = {}  # by connection and what is read
 
-    def take(self, event: Event, session: PlusSession, transaction: Transaction) -> None:
-        """Take an event of a transaction: it may begin an operation, or end one."""
+    def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
+        """Take an event of a transaction: it may begin an operation, or end one. ``code`` is the error it got, 0 for none."""
         if event.kind == DELETED:
             self._delete(event, transaction)
+            return
+        if event.kind == LISTED:
+            self._list(event, transaction)
             return
         kind = _KINDS.get(event.kind, "")
         subject = session.describe() if event.kind == SESSION else event.text
@@ -120,7 +126,7 @@ class PlusOperations:
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:
             self._book.close(operation, DONE)  # no answer was wanted
         elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
-            self._book.settle(operation, transaction, DONE, REFUSED)
+            self._book.settle(operation, transaction, DONE, REFUSED, code)
         else:
             self._remember(event.object_id, transaction, operation)
 
@@ -129,6 +135,12 @@ class PlusOperations:
         if operation is not None and not operation.result:
             operation.add(transaction)
             self._book.settle(operation, transaction, DONE, FAILED)
+
+    def _list(self, event: Event, transaction: Transaction) -> None:
+        """Name what a subscription asks for since its list was written."""
+        operation = self._open.get((int(transaction.connection.number), event.object_id))
+        if operation is not None and not operation.result and event.text not in operation.subject:
+            operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
     def notified(self, subscription: int, transaction: Transaction) -> None:
         """Count a notification for its subscription."""

@@ -1,16 +1,42 @@
-"""A transaction: a request and its answer, either half of which may be missing."""
+"""A transaction: a request and its answer, either half of which may be missing, and a first look at that answer.
+
+`check_answer` looks at every answer (reference 5.1 and 7.3). It only steps over the data items in place; each of them is made
+an object when somebody asks for `Transaction.results`.
+"""
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import DATA_HEAD, DataItem, data_size_within, item_fill, parse_data_items
+from dissect.s7.items import (
+    DATA_HEAD,
+    DataItem,
+    Item,
+    ItemResult,
+    data_size_within,
+    item_fill,
+    odd_data_code,
+    parse_data_items,
+    read_results,
+    walk_areas,
+    write_results,
+)
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SUCCESS, USERDATA, WRITE_VAR
+from dissect.s7.tables import (
+    ACK_DATA,
+    JOB,
+    READ_VAR,
+    RETURN_CODES,
+    SETUP_COMMUNICATION,
+    SUCCESS,
+    USERDATA,
+    WRITE_VAR,
+)
 from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -20,15 +46,27 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
+    BAD_DATA,
+    COUNT_MISMATCH,
+    FUNCTION_MISMATCH,
+    HEADER,
+    ITEM,
+    MESSAGE,
+    NO_CODE,
+    NO_CODE_TEXTS,
+    ODD_DATA_CODE,
+    PARAMETER,
+    RETURN_VALUE,
+    SIZE_MISMATCH,
     STILL_OPEN,
     UNCONFIRMED,
-    ItemResult,
     Subscription,
+    TransactionError,
+    check_other_answer,
     has_items,
-    read_results,
     userdata_results,
-    write_results,
 )
+from dissect.wire.build import COMPILED
 from dissect.wire.octets import u16
 from dissect.wire.text import printable
 
@@ -52,12 +90,6 @@ HOLE: Final = "hole"
 REFERENCE_REUSED: Final = "reference_reused"
 TABLE_FULL: Final = "table_full"
 CONNECTION_EVICTED: Final = "connection_evicted"
-#: Code of an error that is the lack of a return code.
-NO_CODE: Final = -1
-_NO_CODE_TEXTS: Final = (
-    "No return code",
-    "The answer has no return code for this item: it is unknown whether it was written.",
-)
 #: One sentence for each reason.
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
@@ -69,49 +101,8 @@ REASON_TEXTS: Final[dict[str, str]] = {
 }
 
 
-#: Parts of an answer that can refuse (`TransactionError.part`).
-HEADER: Final = "header"
-PARAMETER: Final = "parameter"
-RETURN_VALUE: Final = "return value"  # of S7comm-plus
-ITEM: Final = "item"
-MESSAGE: Final = "message"  # of SCD
-
-
-class TransactionError:
-    """One thing the answer says no to.
-
-    ``part`` is the part of the answer that says so: `HEADER`, `PARAMETER`, `RETURN_VALUE`, `ITEM` or `MESSAGE`; ``item`` the
-    number of the item, counted from 1, 0 for the other parts. ``code`` is the number on the wire, `NO_CODE` where the answer
-    has none for a written item, ``name`` and ``text`` its name and sentence; ``address`` is the item's address where there is
-    one.
-    """
-
-    __slots__ = ("address", "code", "item", "name", "part", "text")
-
-    def __init__(self, part: str, code: int, name: str, text: str, item: int = 0, address: str = "") -> None:
-        self.part = part
-        self.item = item
-        self.code = code
-        self.name = name
-        self.text = text
-        self.address = address
-
-    @property
-    def where(self) -> str:
-        """The part for a person and for JSON: ``header``, ``parameter``, ``return value``, ``message`` or ``item N``."""
-        return f"{self.part} {self.item}" if self.item else self.part
-
-    def __repr__(self) -> str:
-        return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the error as the JSON contract has it."""
-        return {
-            "where": self.where,
-            "code": self.code if self.code != NO_CODE else None,
-            "name": self.name,
-            "text": self.text,
-        }
+#: A data item of a read answer up to its octets, read at once when interpreted.
+_HEAD: Final = struct.Struct(">BBH")
 
 
 class Transaction:
@@ -456,7 +447,7 @@ class Transaction:
                     TransactionError(ITEM, code, RETURN_CODES.name(code), RETURN_CODES.text(code), number, address)
                 )
             elif code < 0 and written:
-                errors.append(TransactionError(ITEM, NO_CODE, *_NO_CODE_TEXTS, number, address))
+                errors.append(TransactionError(ITEM, NO_CODE, *NO_CODE_TEXTS, number, address))
         return errors
 
     def _plus_item_errors(self) -> list[TransactionError]:
@@ -482,3 +473,121 @@ class Transaction:
             return []
         name = "abort" if told.scd.message.phase == "abort" else "error"
         return [TransactionError(MESSAGE, int(told.err), name, told.scd.dictionary.error_text(int(told.err)))]
+
+
+def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
+    """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins."""
+    buf = transaction.response_buf
+    at: i64 = transaction.response_offset
+    end: i64 = at + transaction.response_size
+    if transaction.response_rosctr >= USERDATA:
+        head = parameters.userdata
+        if head is not None and head.error_code:
+            transaction.error_code = head.error_code
+            transaction.has_errors = True
+        elif transaction.response_rosctr > USERDATA:
+            check_other_answer(transaction)
+        return
+    code: i64 = u16(buf, at + 10)
+    if code:
+        transaction.error_code = code
+        transaction.has_errors = True
+    function: i64 = transaction.parameters.function
+    if parameters.function != function or transaction.response_rosctr != ACK_DATA:
+        return  # an Ack, or an answer to something else
+    if function == READ_VAR:
+        if parameters.item_count >= 0 and not (code and data_at == end):
+            _check_read(transaction, parameters.item_count, buf, data_at, end)
+    elif function == WRITE_VAR:
+        if parameters.item_count >= 0 and not (code and data_at == end):
+            _check_write(transaction, parameters.item_count, buf, data_at, end)
+    elif function == SETUP_COMMUNICATION:
+        setup = parameters.setup
+        if setup is not None and code == 0:
+            transaction.connection.grant(setup, transaction.asked_by)
+
+
+def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
+    """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
+    items = transaction.parameters.items
+    asked: i64 = transaction.parameters.item_count
+    if count != asked and not transaction.parameters.malformed:  # what a broken request asks for nobody can say
+        transaction.flags |= COUNT_MISMATCH
+    known: i64 = len(items)
+    index: i64 = 0
+    size: i64 = 0
+    while index < count:
+        if at + 4 > end:
+            transaction.flags |= BAD_DATA
+            return
+        return_code: i64
+        transport_size: i64
+        length: i64
+        if COMPILED:
+            return_code = buf[at]
+            transport_size = buf[at + 1]
+            length = u16(buf, at + 2)
+        else:
+            return_code, transport_size, length = _HEAD.unpack_from(buf, at)
+        at += 4
+        if return_code == SUCCESS:
+            size = data_size_within(transport_size, length, end - at)
+            if index < known:
+                wanted: i64 = items[index].size
+                if wanted != size and wanted >= 0:
+                    transaction.flags |= SIZE_MISMATCH
+                elif wanted < 0:
+                    _check_areas(transaction, items[index], buf, at, min(at + size, end))
+        else:
+            size = 0
+            transaction.has_errors = True
+        index += 1
+        at += size
+        if size & 1 and index < count:
+            at += 1
+    if at != end and not (at + 1 == end and size & 1):
+        transaction.flags |= BAD_DATA
+
+
+def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end: i64) -> None:
+    """Look at the return codes of the areas in the answer to a DBREAD item."""
+    areas = item.areas
+    if areas is None or not areas:
+        return
+    told = walk_areas(areas, buf[at:end])
+    if not told:
+        transaction.flags |= SIZE_MISMATCH
+    for area in told:
+        if area.return_code != SUCCESS:
+            transaction.has_errors = True
+
+
+def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
+    """Look at the return codes of a write answer: one octet for each item."""
+    if end - at < transaction.parameters.item_count and transaction.error_code == 0:
+        transaction.flags |= UNCONFIRMED
+        transaction.has_errors = True
+    if count != transaction.parameters.item_count and not transaction.parameters.malformed:
+        transaction.flags |= COUNT_MISMATCH
+    if end - at != count:
+        transaction.flags |= BAD_DATA
+    while at < end:
+        if buf[at] != SUCCESS:
+            transaction.has_errors = True
+        at += 1
+
+
+def check_data_codes(transaction: Transaction) -> None:
+    """Compare the transport sizes of a read answer with those CPUs answer with, for each distinct request once.
+
+    A request of which every item was refused is looked at again with its next answer.
+    """
+    if transaction.response_rosctr != ACK_DATA or transaction.flags & (COUNT_MISMATCH | BAD_DATA | FUNCTION_MISMATCH):
+        return
+    for result in transaction.results():
+        item = result.item
+        answer = result.answer
+        if item is not None and answer is not None and answer.return_code == SUCCESS:
+            transaction.parameters.answer_unjudged = False
+            if odd_data_code(item, answer):
+                transaction.flags |= ODD_DATA_CODE

@@ -12,7 +12,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.tables import (
     BIT,
     BYTE,
@@ -36,7 +36,7 @@ from dissect.tags.naming import TagNaming
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import TEST_WRITES, ItemResult, has_items
+from dissect.transactions.results import TEST_WRITES, has_items
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.transactions.transaction import PUSH as OUTCOME_PUSH
 from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, ValueRow, Variable

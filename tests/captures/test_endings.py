@@ -15,6 +15,7 @@ import pytest
 
 import dissect
 from dissect.transactions.ending import FIN, RESET
+from tests.golden.tshark_view import ports_of
 from tests.tshark import ask
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -30,7 +31,7 @@ Flags = tuple[int, str, str, bool, bool]
 
 def flags_shown(path: Path) -> Iterator[Flags]:
     """Give the packets with FIN or RST that tshark shows of a capture of ours, which other tests ask about too."""
-    for layers in ask(path).packets:
+    for layers in ask(path, ports_of(path)).packets:
         tcp = layers.get("tcp")
         if isinstance(tcp, dict) and (flags := int(tcp["tcp.flags"], 0)) & (_FIN_BIT | _RESET_BIT):
             host = layers["ip"]["ip.src"] if "ip" in layers else f"[{layers['ipv6']['ipv6.src']}]"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 import dissect
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.run import drive
+from dissect.index.store import NAME
 from dissect.session import Run
 from tests.cli.support import run
 from tests.report import schemas
@@ -119,3 +122,69 @@ def test_wrong_use_is_one_line(capfdbinary: Capture, folder: Path) -> None:
         assert said in ran.err
     assert run(capfdbinary, "index", folder / "missing").code == 2
     assert other.read_bytes() == b"x" * 5000
+
+
+# ---- --indexed: commands that do not open the rest ------------------------------------------------------------------
+
+
+def spoil(path: Path) -> None:
+    """Make a capture one that cannot be read, so that nobody can open it unnoticed; the index cannot tell."""
+    state = path.stat()
+    path.write_bytes(bytes(state.st_size))
+    os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns))
+
+
+def test_files_that_cannot_answer_are_not_opened(
+    capfdbinary: Capture, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By no command and no process: two of four captures would be named if they were."""
+    monkeypatch.setattr("dissect.cli.options.jobs.processors", lambda: 2)
+    run(capfdbinary, "index", folder)
+    names = sorted(map(str, folder.rglob("*.pcapng")))
+    wanted = [name for name in names if name.endswith(("item-errors.pcapng", "refusals.pcapng"))]
+    for name in set(names) - set(wanted):
+        spoil(Path(name))
+    where = ("--separate", "-Y", "port in {45840, 49152}")
+    said = "s7dissect: 2 of 4 files are not opened: the index has nothing in them that -Y selects\n"
+    for command in (
+        ("analyze", "-T", "json"), ("analyze", "-T", "json", "-j", "2"), ("devices", "-T", "json"), ("transactions",),
+        ("values", "-T", "csv"), ("export", "--force", "-o", folder / "out.sqlite"),
+    ):  # fmt: skip
+        ran = run(capfdbinary, *command, *where, *names, "--indexed")
+        few = run(capfdbinary, *command, *where, *wanted)
+        assert (ran.out, ran.err) == (few.out, said + few.err)
+        assert ran.code == few.code == 0
+    assert run(capfdbinary, "analyze", *where, *names).code == 3
+    # Nothing can answer: one is opened, for a result in which nothing is. What changed since, or is not known, is opened.
+    ran = run(capfdbinary, "transactions", "--separate", "-Y", "port == 1", *wanted, "--indexed", "-T", "csv")
+    assert (ran.code, ran.out.count("\n")) == (0, 1)
+    for path in (Path(wanted[0]), folder / "new.pcapng"):
+        path.write_bytes(b"no capture, but long enough to be looked at")
+        ran = run(capfdbinary, "analyze", *where, *wanted, str(path), "--indexed")
+        assert (ran.code, f"{path}: " in ran.err) == (3, True)
+
+
+def test_indexed_needs_an_index_and_a_question(capfdbinary: Capture, folder: Path) -> None:
+    name = str(folder / "two-clients.pcapng")
+    where = ("-Y", "port == 1")
+    for options, why in (
+        (where, "Usage: "),
+        (("--separate",), "Error: --indexed needs -Y: without it every file has something that is wanted."),
+        (
+            ("--separate", *where),
+            "Error: no file has an index in its folder or one above: s7dissect index DIR makes one",
+        ),
+    ):
+        ran = run(capfdbinary, "analyze", name, *options, "--indexed")
+        assert (ran.code, ran.out) == (2, "")
+        assert why in ran.err
+    run(capfdbinary, "index", folder)
+    index = folder / NAME
+    with sqlite3.connect(index) as base:
+        base.execute("UPDATE about SET value = '0.0.1' WHERE name = 'version'")
+    base.close()
+    before = index.read_bytes()
+    ran = run(capfdbinary, "analyze", name, "--separate", *where, "--indexed")
+    assert ran.code == 2
+    assert f"{index} is not of this version: `s7dissect index` brings it up to date" in ran.err
+    assert index.read_bytes() == before

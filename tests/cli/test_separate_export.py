@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import mmap
+import shutil
 import sqlite3
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Future
@@ -11,14 +15,20 @@ from typing import Any, Final
 
 import pytest
 
-from dissect.cli import separate
+from dissect.cli import separate, task
 from dissect.cli.separate_export import NUMBERS
+from dissect.export.extras import MissingLibraryError
+from dissect.jobs.tasks import FileError
 from tests.cases import each
 from tests.cli.support import run
-from tests.cli.test_separate import CUT, FILES, SZL, Dying
+from tests.cli.test_separate import CAPTURES, CUT, FILES, SZL, Dying
 from tests.cli.test_separate_rows import Spooling
 
 Capture = pytest.CaptureFixture[bytes]
+
+READ: Final = str(CAPTURES / "read-areas.pcapng")
+#: Bytes that a file of this disk takes at least.
+PAGE: Final = mmap.PAGESIZE
 
 #: Columns that count over all files.
 COUNTED: Final = {"connection", "transaction", "operation", "finding", "pdu", "transactions"}
@@ -182,3 +192,43 @@ def test_an_interrupted_export_leaves_nothing(
         assert ran.code == 130
         assert ran.err == f"s7dissect: interrupted; {path} was not written\n"
         assert not path.exists()
+
+
+#: Runs a command where the folder $0 is a disk of $1 bytes, which no other process sees.
+SMALL_DISK: Final = 'mount -t tmpfs -o size="$1" small "$0" && shift && "$@"; code=$?; find "$0" -type f; exit $code'
+
+
+def test_a_full_disk_costs_the_capture_that_does_not_fit(capfdbinary: Capture, tmp_path: Path) -> None:
+    """It is one line with the words of the system; the other is there, whole, and nothing else is."""
+    apart = [shutil.which("unshare") or "unshare", "--mount", "sh", "-c"]
+    if shutil.which("unshare") is None or subprocess.run([*apart, "true"], check=False, capture_output=True).returncode:
+        pytest.skip("a file system of its own for one process takes rights")
+    files, options = (SZL, READ), ("--separate", "--only", "transactions", "-o")
+    assert run(capfdbinary, "export", *files, *options, tmp_path / "all.parquet").code == 0
+    first, second = (path.stat().st_size for path in sorted((tmp_path / "all.parquet").rglob("part-*")))
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    out = disk / "out.parquet"
+    export = [sys.executable, "-m", "dissect", "export", *files, *options, str(out)]
+    command = [*apart, SMALL_DISK, str(disk), str(-(-first // PAGE) * PAGE + second // 2), *export]
+    ran = subprocess.run(command, check=False, capture_output=True, text=True)
+    names = [str(Path(path).relative_to(out)) for path in ran.stdout.splitlines()]
+    assert (ran.returncode, [name.partition("/")[0] for name in sorted(names)]) == (
+        3,
+        ["s7dissect.json", "transactions"],
+    )
+    said = ran.stderr.splitlines()
+    assert said[0] == f"s7dissect: {READ}: its rows cannot be written to {out}: No space left on device"
+    assert said[-1] == f"s7dissect: 16 transactions written to {out}"
+
+
+def test_a_library_that_is_missing_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a worker that does not have it, where it is here."""
+
+    def missing(*_arguments: object, **_options: object) -> None:
+        raise MissingLibraryError("Parquet needs pyarrow: pip install 's7dissect[data]'")
+
+    monkeypatch.setattr("dissect.cli.separate_export.ParquetSink", missing)
+    arguments = ["export", "--separate", SZL, SZL, "-o", str(tmp_path / "out.parquet")]
+    with pytest.raises(FileError, match=r"^Parquet needs pyarrow: pip install 's7dissect\[data\]'$"):
+        task.work(arguments, True, None, str(tmp_path), 0, SZL)

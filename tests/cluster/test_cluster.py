@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
-import select
 import shutil
 import subprocess
 import sys
@@ -20,7 +20,7 @@ from jsonschema import Draft202012Validator
 from dissect.cli.examples import EXAMPLES
 from dissect.source.files import open_capture
 from tests.cli.support import Ran, run
-from tests.cluster.support import Cluster, cluster
+from tests.cluster.support import PATIENCE_S, Cluster, Pipes, cluster
 from tests.report.schemas import ROOT, load, strict
 from tests.source.craft import Pcap, Recorder, step_to_the_end
 from tests.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
@@ -37,17 +37,20 @@ CLOCK: Final = CAPTURES / "clock.pcapng"
 SMALL: Final = CAPTURES / "refused-port.pcapng"
 CUT: Final = CAPTURES / "crafted" / "cut-pcapng.pcapng"
 DIED: Final = "the process that read it ended: it was killed, or there was no memory left"
-#: Seconds that a test waits for what has to happen.
-_PATIENCE_S: Final = 60
 
 
 class Site(NamedTuple):
-    """A cluster of two workers, a and b, and captures on three servers; only b has a key of the SSH server."""
+    """A cluster of two workers, a and b, and captures on three servers; only b, in ``home``, has a key of the SSH server.
+
+    Both have the key of a user of the object store who may use the bucket ``ring``, and no other; ``keys`` are its variables.
+    """
 
     cluster: Cluster
     sftp: str
     http: str
     store: str
+    home: Path
+    keys: dict[str, str]
 
 
 @pytest.fixture(scope="module")
@@ -63,26 +66,36 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     with (
         sftp_server(folder / "keys") as ssh,
         web_server(folder, day) as web,
-        object_store(folder) as store,
+        object_store(folder, INITIAL_NO_AUTH_ACTION_COUNT="3") as store,
         cluster(folder) as made,
     ):
-        environment = {
-            "AWS_ENDPOINT_URL": f"http://{LOOPBACK}:{store}",
-            "AWS_ACCESS_KEY_ID": "made",
-            "AWS_SECRET_ACCESS_KEY": "up",
-            "AWS_DEFAULT_REGION": "us-east-1",
-            "SSH_AUTH_SOCK": "",
-        }
+        url = f"http://{LOOPBACK}:{store}"
+        environment = {"AWS_ENDPOINT_URL": url, "AWS_DEFAULT_REGION": "us-east-1", **user_of(url), "SSH_AUTH_SOCK": ""}
         (folder / "a" / ".ssh").mkdir()
         shutil.copy(folder / "keys" / "home" / ".ssh" / "known_hosts", folder / "a" / ".ssh")
         made.begin("a", HOME=os.fspath(folder / "a"), **environment)
         made.begin("b", HOME=os.fspath(folder / "keys" / "home"), **environment)
-        objects = s3fs.S3FileSystem(key="made", secret="up", endpoint_url=environment["AWS_ENDPOINT_URL"])
+        keys = {"key": environment["AWS_ACCESS_KEY_ID"], "secret": environment["AWS_SECRET_ACCESS_KEY"]}
+        objects = s3fs.S3FileSystem(endpoint_url=url, **keys)
         objects.mkdir("ring")
         objects.put(os.fspath(SZL), "ring/szl.pcapng")
         objects.clear_instance_cache()
         made.wait("a", "b")
-        yield Site(made, f"sftp://{LOOPBACK}:{ssh}{day}", f"http://{LOOPBACK}:{web}", "s3://ring")
+        sftp = f"sftp://{LOOPBACK}:{ssh}{day}"
+        yield Site(made, sftp, f"http://{LOOPBACK}:{web}", "s3://ring", folder / "keys" / "home", environment)
+
+
+def user_of(url: str) -> dict[str, str]:
+    """Make a user of an object store; return the variables by which tools know its key. It takes three requests."""
+    users = pytest.importorskip("boto3").client(
+        "iam", endpoint_url=url, region_name="us-east-1", aws_access_key_id="first", aws_secret_access_key="any"
+    )
+    users.create_user(UserName="made")
+    key = users.create_access_key(UserName="made")["AccessKey"]
+    rights = {"Effect": "Allow", "Action": "s3:*", "Resource": ["arn:aws:s3:::ring", "arn:aws:s3:::ring/*"]}
+    policy = json.dumps({"Version": "2012-10-17", "Statement": [rights]})
+    users.put_user_policy(UserName="made", PolicyName="ring", PolicyDocument=policy)
+    return {"AWS_ACCESS_KEY_ID": key["AccessKeyId"], "AWS_SECRET_ACCESS_KEY": key["SecretAccessKey"]}
 
 
 def lines_without_place(told: str) -> list[str]:
@@ -172,7 +185,7 @@ def test_no_scheduler(capfdbinary: Capture, site: Site, monkeypatch: pytest.Monk
             assert ran.err.count("\n") == 1
             if address != closed:
                 break
-        assert time.monotonic() - begun < _PATIENCE_S
+        assert time.monotonic() - begun < PATIENCE_S
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     ran = run(capfdbinary, "cluster-check", closed)
     assert (ran.code, ran.err) == (2, "Error: a cluster needs Dask: pip install 's7dissect[cluster]'\n")
@@ -276,6 +289,37 @@ def test_captures_on_servers(capfdbinary: Capture, site: Site) -> None:
     assert len(said) == 2
 
 
+def test_credentials_that_are_refused(capfdbinary: Capture, site: Site) -> None:
+    """One line for each file, with the machine; no password is shown. The right ones read."""
+    asks = site.http.replace("//", "//{}@") + "/asks/szl.pcapng"
+    files = [
+        "s3://closed/szl.pcapng",
+        site.sftp.replace("//", "//nobody-of-ours@") + "/szl.pcapng",
+        f"{site.http}/asks/szl.pcapng",
+        asks.format("made:dOwN"),
+        asks.format("made:up"),
+    ]
+    ran = run(capfdbinary, "analyze", "--separate", "-T", "json", *files, "--cluster", site.cluster.address)
+    assert ran.code == 3
+    assert [file["packets"] for file in json.loads(ran.out)["files"]] == [0, 0, 0, 0, 42]
+    shown = [*files[:3], files[3].replace(":dOwN", "")]
+    said = ran.err.splitlines()
+    assert len(said) == len(shown)
+    assert re.fullmatch(rf"s7dissect: {shown[0]}: no permission to read it \(worker [ab] on \S+\)", said[0])
+    for line, name in zip(said[1:], shown[1:], strict=True):
+        assert line.startswith(f"s7dissect: {name}: access refused (")
+        assert re.search(r"; credentials are those of the transport's own tools \(worker [ab] on \S+\)$", line)
+    assert "dOwN" not in ran.err + ran.out
+
+
+def test_verify(capfdbinary: Capture, site: Site) -> None:
+    """Wireshark is asked on the workers."""
+    if shutil.which("tshark") is None:
+        pytest.skip("no tshark: scripts/install-tools.sh installs it")
+    ran = both(capfdbinary, site, "verify", "--separate", SZL, CLOCK, CUT)
+    assert (ran.code, ran.out.count(".pcapng: ")) == (3, 3)
+
+
 def test_a_worker_that_may_not_read_what_another_may(capfdbinary: Capture, site: Site) -> None:
     """Worker a has no key: it is named with the file, worker b reads it; after three files a is given no more."""
     files = [
@@ -313,6 +357,124 @@ def test_rows_and_tables(capfdbinary: Capture, site: Site, tmp_path: Path) -> No
         assert len(made[0]) > 3
 
 
+def test_parquet_on_other_machines(
+    capfdbinary: Capture, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers write it there: the files that one process writes there, with the rows that it writes here."""
+    fsspec, parquet = pytest.importorskip("fsspec"), pytest.importorskip("pyarrow.parquet")
+    for name, value in {**site.keys, "HOME": os.fspath(site.home)}.items():
+        monkeypatch.setenv(name, value)
+    there = ("--cluster", site.cluster.address)
+    fsspec.get_filesystem_class("s3").clear_instance_cache()
+    store = fsspec.filesystem("s3")
+    files = ("export", "--separate", SZL, CUT, POLL, CLOCK, tmp_path / "gone.pcap", "-o")
+    local = tmp_path / "tables.parquet"
+    assert run(capfdbinary, *files, local).code == 3
+
+    def made(name: str) -> dict[str, bytes]:
+        store.invalidate_cache()
+        return {path.partition(f"{name}/")[2]: store.cat(path) for path in store.find(f"ring/{name}")}
+
+    for name, more in (("one.parquet", ()), ("out.parquet", there)):
+        ran = run(capfdbinary, *files, f"s3://ring/{name}", *more)
+        assert ran.code == 3
+        assert ran.err.splitlines()[-1].endswith(f" written to s3://ring/{name}")
+    objects = made("out.parquet")
+    assert objects == made("one.parquet")
+    assert {name.partition("/")[0] for name in objects} == {path.name for path in local.iterdir()}
+    for table in ("transactions", "values", "devices"):
+        ours = [parquet.ParquetFile(path).read() for path in sorted((local / table).rglob("*.parquet"))]
+        theirs = [
+            parquet.ParquetFile(io.BytesIO(objects[name])).read()
+            for name in sorted(objects)
+            if name.startswith(f"{table}/")
+        ]
+        assert [one.to_pylist() for one in theirs] == [one.to_pylist() for one in ours]
+    # What is there is kept, or replaced as a whole; one run writes there as well.
+    ran = run(capfdbinary, *files, "s3://ring/out.parquet")
+    assert (ran.code, ran.err.splitlines()[-1]) == (2, "Error: s3://ring/out.parquet exists; --force overwrites it.")
+    ran = run(capfdbinary, "export", SZL, "--only", "items", "-o", "s3://ring/out.parquet", "--force")
+    assert (ran.code, sorted(made("out.parquet"))) == (0, ["items.parquet", "s7dissect.json"])
+    assert run(capfdbinary, "export", SZL, "-o", "parquet:s3://ring", "--force").err.splitlines()[-1] == (
+        "Error: s3://ring holds files that no export wrote; choose another OUT."
+    )
+    # Worker a has no key of the SSH server: its files are done by b.
+    out = f"{site.sftp}/out.parquet"
+    ran = run(capfdbinary, "export", "--separate", SZL, POLL, "-o", out, *there)
+    assert ran.code == 3
+    assert re.match(rf"s7dissect: \S+: its rows cannot be written to {out}: access refused .* \(worker a on ", ran.err)
+    folder = Path(f"/{site.sftp.split('/', 3)[3]}", "out.parquet")
+    parts = [path.name for path in sorted((folder / "transactions").rglob("*.parquet"))]
+    assert parts == ["part-0001-0001.parquet", "part-0002-0001.parquet"]
+    assert not (folder / "s7dissect-unfinished").exists()
+
+
+def test_what_is_not_written_on_other_machines(
+    capfdbinary: Capture, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line each, before anything is read."""
+    for name, value in site.keys.items():
+        monkeypatch.setenv(name, value)
+    pytest.importorskip("s3fs").S3FileSystem.clear_instance_cache()
+    for out, why in (
+        ("s3://closed/x.parquet", "s7dissect: s3://closed/x.parquet: "),
+        (
+            f"{site.http}/x.parquet",
+            f"Error: {site.http}/x.parquet: captures can be read over HTTP, and nothing written",
+        ),
+        ("s3://ring/x.sqlite", "Error: s3://ring/x.sqlite: SQLite database is written on this machine"),
+        (f"sftp://u:dOwN@{LOOPBACK}:{free_port()}/x.parquet", f"s7dissect: sftp://u@{LOOPBACK}:"),
+    ):
+        ran = run(capfdbinary, "export", "--separate", "no-such.pcap", "-o", out)
+        assert (ran.code, ran.out) == (2, "")
+        assert ran.err.splitlines()[-1].startswith(why)
+        assert "no-such" not in ran.err
+        assert "dOwN" not in ran.err
+
+
+#: Runs a command whose processes can write no file of more than 4 kB.
+LITTLE_ROOM: Final = """
+import os, resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+
+
+def test_a_worker_without_room(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """The file whose rows it cannot write is named with it, and another worker does it; nothing is missing."""
+    files = [SZL, CLOCK, READ]
+    out = [tmp_path / name / "tables.parquet" for name in ("here", "there")]
+    for path in out:
+        path.parent.mkdir()
+    assert run(capfdbinary, "export", "--separate", *files, "-o", out[0]).code == 0
+    site.cluster.begin("little", sys.executable, "-c", LITTLE_ROOM)
+    site.cluster.wait("little")
+    try:
+        ran = run(capfdbinary, "export", "--separate", *files, "-o", out[1], "--cluster", site.cluster.address)
+    finally:
+        site.cluster.end("little")
+    assert ran.code == 3
+    said = re.escape(f"s7dissect: {READ}: its rows cannot be written to {out[1]}: File too large")
+    assert re.fullmatch(rf"{said}; another worker read it \(worker little on \S+\)", ran.err.splitlines()[0])
+    assert ran.err.count("cannot be") == 1
+    made = [{path.relative_to(one): path.read_bytes() for path in one.rglob("*.parquet")} for one in out]
+    assert made[0] == made[1]
+
+
+def test_workers_do_not_open_what_the_index_rules_out(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """A capture that nobody could read any more is not missed."""
+    for path in (SZL, CLOCK):
+        shutil.copy(path, tmp_path)
+    run(capfdbinary, "index", tmp_path)
+    size, time_ns = (tmp_path / CLOCK.name).stat().st_size, (tmp_path / CLOCK.name).stat().st_mtime_ns
+    (tmp_path / CLOCK.name).write_bytes(bytes(size))
+    os.utime(tmp_path / CLOCK.name, ns=(time_ns, time_ns))
+    files = (tmp_path / SZL.name, tmp_path / CLOCK.name)
+    ran = both(capfdbinary, site, "transactions", "--separate", "--indexed", "-Y", "port == 52228", *files)
+    assert (ran.code, ran.err.count("not opened")) == (0, 1)
+    assert ran.out.count("\n") > 1
+
+
 def test_a_cluster_takes_captures_of_their_own(capfdbinary: Capture, site: Site) -> None:
     for command in ("analyze", "transactions", "values"):
         ran = run(capfdbinary, command, SZL, "--cluster", site.cluster.address)
@@ -321,59 +483,6 @@ def test_a_cluster_takes_captures_of_their_own(capfdbinary: Capture, site: Site)
 
 
 # ---- who dies -------------------------------------------------------------------------------------------------------
-
-
-class Pipes:
-    """Captures that are read when it suits the test: named pipes, which keep their readers waiting."""
-
-    def __init__(self, *paths: Path) -> None:
-        self.paths = paths
-        for path in paths:
-            os.mkfifo(path)
-        self._writers: dict[Path, int] = {}
-
-    def await_readers(self) -> None:
-        """Wait until somebody reads each of them."""
-        for path in self.paths:
-            if path not in self._writers:
-                self._writers[path] = _opened(path)
-
-    def without_reader(self) -> Path:
-        """Wait until a reader is gone; return the pipe that it read, and forget it."""
-        poll = select.poll()
-        names = {number: path for path, number in self._writers.items()}
-        for number in names:
-            poll.register(number, 0)
-        found = poll.poll(_PATIENCE_S * 1000)
-        assert found, "nobody went away"
-        path = names[found[0][0]]
-        os.close(self._writers.pop(path))
-        return path
-
-    def feed(self, path: Path, capture: Path) -> None:
-        """Give a reader what it waits for."""
-        number = self._writers.pop(path, None)
-        number = _opened(path) if number is None else number
-        os.set_blocking(number, True)
-        with os.fdopen(number, "wb") as file:
-            file.write(capture.read_bytes())
-
-    def close(self) -> None:
-        """Let all readers go."""
-        for number in self._writers.values():
-            os.close(number)
-        self._writers.clear()
-
-
-def _opened(path: Path) -> int:
-    """Open a pipe for writing when somebody reads it."""
-    deadline = time.monotonic() + _PATIENCE_S
-    while True:
-        try:
-            return os.open(path, os.O_WRONLY | os.O_NONBLOCK)
-        except OSError:
-            assert time.monotonic() < deadline, "nobody reads"
-            time.sleep(0.02)
 
 
 def begun(site: Site, *arguments: str | Path) -> subprocess.Popen[str]:
@@ -404,6 +513,26 @@ def test_a_worker_that_is_killed(capfdbinary: Capture, site: Site, tmp_path: Pat
     other.symlink_to(POLL)
     assert run(capfdbinary, "analyze", "--separate", "-T", "json", *pipes.paths, CLOCK).out == out
     site.cluster.wait("a")
+
+
+def test_a_worker_that_joins_later(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
+    """It is given a file while the others are busy."""
+    pipes, later = Pipes(tmp_path / "x.pcapng", tmp_path / "y.pcapng"), Pipes(tmp_path / "z.pcapng")
+    files = [*pipes.paths, *later.paths]
+    with begun(site, "analyze", "--separate", "-T", "json", *files) as command:
+        pipes.await_readers()
+        site.cluster.begin("late")
+        later.await_readers()
+        for some in (later, pipes):
+            for path in some.paths:
+                some.feed(path, CLOCK)
+        out, err = command.communicate()
+    site.cluster.end("late")
+    assert (command.returncode, err) == (0, "")
+    for path in files:
+        path.unlink()
+        path.symlink_to(CLOCK)
+    assert run(capfdbinary, "analyze", "--separate", "-T", "json", *files).out == out
 
 
 def test_a_scheduler_that_is_gone(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import dissect
 from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
-from dissect.report.words import outcome
+from dissect.report.facets import outcome
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.tables import (
@@ -69,7 +69,7 @@ def said(talk: Talk) -> list[tuple[str, str]]:
         (1, "security.plc_stop", "operating state request 1 STOP"),
         (3, "security.plc_start", "operating state request 3 RUN"),
         (2, "security.memory", "operating state request 2 reset retentive"),
-        (9, "security.plc_start", "operating state request 9 (unknown)"),
+        (9, "security.unknown_service", "operating state request DInt 9 (unknown)"),
     ],
 )
 @pytest.mark.parametrize("version", [1, 2, 3])
@@ -112,6 +112,14 @@ def test_a_cpu_reports_that_it_stopped() -> None:
         ("security.stopped", "operating state STOP"),
         ("security.mode_changed", "operating state RUN"),
     ]
+
+
+def test_a_state_that_is_no_number_hides_no_change() -> None:
+    for value in (Value(0, BOOL, True), Value(0, WSTRING, "RUN"), Value(0, DINT, -1)):
+        talk = begun()
+        for number, state in enumerate((Value(0, DINT, 8), value, Value(0, DINT, 4)), 1):
+            do(talk, number, GET_MULTI_VARIABLES, bodies.get_multi(STATE), b"\0\1" + build_value(state) + b"\0\0")
+        assert said(talk) == [("security.stopped", "operating state STOP")]
 
 
 def test_a_subscription_reports_it() -> None:
@@ -286,8 +294,7 @@ def test_a_write_that_is_refused_in_part_is_told_for_the_rest() -> None:
     output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
     body = bodies.set_multi([(output, Value(0, BOOL, True)), (flag, Value(0, INT, 5))])
     do(talk, 1, SET_MULTI_VARIABLES, body, b"\x13\1" + b"\xff" * 8 + b"\xf4\0")
-    text = "MW100 = Int 5, refused in part: 0x0013 Service executed with partial error"
-    assert said(talk) == [("transaction.item_error", "0xfff4 Object not found"), ("security.write", text)]
+    assert said(talk) == [("transaction.item_error", "0xfff4 Object not found"), ("security.write", "MW100 = Int 5")]
     (item_error,) = [one.detail for one in talk.findings if one.slug == "transaction.item_error"]
     assert item_error == "S7comm-plus SetMultiVariables QB0: 0xfff4 Object not found"
     (transaction,) = talk.transactions
@@ -412,27 +419,78 @@ def test_reads_that_lie_are_told_though_nobody_looks_at_what_they_read() -> None
     ]
 
 
+def linked(object_id: int, id_: int, value: Value) -> bytes:
+    """A write of several with a link to the object, of one attribute."""
+    head = bodies.rid(object_id) + b"\1\1" + bodies.number(id_) + b"\1" + build_value(value) + b"\0"
+    return head + bodies.QUALIFIER + bodies.end(4)
+
+
 def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_write_of_one() -> None:
     """With a link to the object and without, alone and behind writes of which no more is to be told."""
     five = Value(0, INT, 5)
     first = bodies.set_multi([(Address(0, area, 3736, [3, 0, 2]), five) for area in (81, 82)])
-    for id_, text, slug, detail, accepted in (
-        (2167, 1, "security.plc_stop", "operating state request 1 STOP", ", accepted"),
-        (2167, 3, "security.plc_start", "operating state request 3 RUN", ", accepted"),
-        (304, 1, "security.password", "accepted", ""),
+    refused = ", refused: 0xfff4 Object not found"
+    for id_, number, found in (
+        (2167, 1, [("security.plc_stop", f"operating state request 1 STOP{end}") for end in (", accepted", refused)]),
+        (2167, 3, [("security.plc_start", f"operating state request 3 RUN{end}") for end in (", accepted", refused)]),
+        (304, 1, [("security.password", "accepted"), ("security.password_failed", f"attempt 1{refused}")]),
     ):
-        value = Value(0, DINT, text)
-        linked = bodies.rid(52) + b"\1\1" + bodies.number(id_) + b"\1" + build_value(value) + b"\0"
-        linked += bodies.QUALIFIER + bodies.end(4)
-        for body in (linked, bodies.set_multi([(Address(0, 52, id_, []), value)])):
+        value = Value(0, DINT, number)
+        for body in (linked(52, id_, value), bodies.set_multi([(Address(0, 52, id_, []), value)])):
             talk = begun()
             do(talk, 1, SET_MULTI_VARIABLES, first, b"\0\0")
             do(talk, 2, SET_MULTI_VARIABLES, body, b"\0\0")
             do(talk, 3, SET_MULTI_VARIABLES, body, b"\0\1" + bodies.number(0xFFF4) + b"\0")
-            found = [text for name, text in said(talk) if name == slug]
-            assert found == [detail + accepted, ANY], (id_, body.hex())
-            if accepted:
-                assert found[1] == f"{detail}, refused"
+            slugs = {slug for slug, _ in found}
+            assert [one for one in said(talk) if one[0] in slugs] == found, (id_, body.hex())
+            results = [(one.result, one.error_code) for one in talk.operations]
+            assert results == [("done", 0), ("refused", 0xFFF4)]
+
+
+def test_of_a_write_of_several_each_item_is_told_by_what_became_of_it() -> None:
+    """The CPU stops and takes no password; then the other way round. What it answers to the whole says neither."""
+    pairs = [(Address(0, 52, 2167, []), Value(0, DINT, 1)), (Address(0, 0x386, 304, []), Value(0, BLOB, Blob(0, b"x")))]
+    refused = "refused: 0xfff4 Object not found"
+    for whole in (b"\0", b"\x13"):
+        for item, stopped, slug, password in (
+            (2, "accepted", "security.password_failed", f"attempt 1, {refused}"),
+            (1, refused, "security.password", "accepted"),
+        ):
+            talk = begun()
+            refusal = bodies.number(item) + bodies.number(0xFFF4) + b"\0"
+            do(talk, 1, SET_MULTI_VARIABLES, bodies.set_multi(pairs), whole + refusal)
+            found = [one for one in said(talk) if one[0].startswith("security.p")]
+            assert found == [("security.plc_stop", f"operating state request 1 STOP, {stopped}"), (slug, password)]
+
+
+def test_the_key_of_a_session_that_is_refused_authenticates_nobody() -> None:
+    for answer, authenticated in ((b"\0\0", True), (b"\0\1" + bodies.number(0xFFF4) + b"\0", False)):
+        talk = begun()
+        do(talk, 1, SET_MULTI_VARIABLES, linked(0x386, 1830, Value(0, BLOB, Blob(0, b"key"))), answer)
+        talk.close()
+        session = talk.connections[0].plus
+        assert session is not None
+        assert session.authenticated is authenticated
+
+
+def test_a_state_request_that_names_no_state_is_no_start() -> None:
+    """Only the CPU knows what it does with it: the value is told, and whether the CPU took it."""
+    for value, text in (
+        (Value(0, WSTRING, "STOP\n"), r"WString 'STOP\x0a'"),
+        (Value(0, BOOL, True), "Bool true"),
+        (Value(0x10, DINT, [1, 3]), "DInt[2] 1, 3"),
+        (Value(0, BLOB, Blob(0, b"\1")), "Blob 01"),
+    ):
+        talk = begun()
+        do(talk, 1, SET_VARIABLE, bodies.set_variable(52, [2167], value))
+        do(talk, 2, SET_MULTI_VARIABLES, linked(52, 2167, value), b"\0\1" + bodies.number(0xFFF4) + b"\0")
+        detail = f"operating state request {text} (unknown)"
+        assert said(talk) == [
+            ("security.unknown_service", f"{detail}, accepted"),
+            ("transaction.item_error", "0xfff4 Object not found"),
+            ("security.unknown_service", f"{detail}, refused: 0xfff4 Object not found"),
+        ]
+        assert [(one.kind, one.result) for one in talk.operations] == [("control", "done"), ("control", "refused")]
 
 
 def test_only_the_packet_that_lies_is_named() -> None:

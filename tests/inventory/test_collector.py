@@ -15,7 +15,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.inventory import collector
 from dissect.inventory.collector import Inventory
 from dissect.inventory.contract import inventory_as_dict
-from dissect.inventory.model import MAX_AREAS, MAX_NAMES, MAX_TAGS, Area, Device, Names
+from dissect.inventory.model import MAX_AREAS, MAX_BEYOND, MAX_NAMES, MAX_TAGS, Area, Device, Names
 from dissect.inventory.model import Talk as Both
 from dissect.session import Run
 from dissect.stations import facts
@@ -212,15 +212,28 @@ def test_what_has_no_room_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_a_device_holds_is_bounded() -> None:
     both, area, names, device = Both("a", "b"), Area("DB1"), Names(), Device("10.0.0.1")
-    for number in range(500):
+    for number in [*range(500), *range(500)]:  # what has no room is counted once, however often it comes
         both.area(f"DB{number}")
         area.tag(str(number))
         names.add(str(number))
         device.because("CPU", "behaviour", str(number), 1)
-    assert (len(both.areas), both.more_areas) == (MAX_AREAS, 500 - MAX_AREAS)
-    assert (len(area.tags), area.more_tags) == (MAX_TAGS, 500 - MAX_TAGS)
-    assert (len(names.texts), names.more) == (MAX_NAMES, 500 - MAX_NAMES)
+    assert (len(both.areas), len(both.more_areas)) == (MAX_AREAS, 500 - MAX_AREAS)
+    assert (len(area.tags), len(area.more_tags)) == (MAX_TAGS, 500 - MAX_TAGS)
+    assert (len(names.texts), len(names.more)) == (MAX_NAMES, 500 - MAX_NAMES)
     assert len(device.reasons) < 500
+
+
+def test_what_has_no_room_is_counted_once_over_parts_and_up_to_a_bound() -> None:
+    first, second = Names(), Names()
+    for number in range(30):
+        first.add(f"a{number:02}")
+        second.add(f"a{number + 10:02}")
+    first.merge(second)
+    assert first.texts == [f"a{number:02}" for number in range(MAX_NAMES)]
+    assert len(first.more) == 40 - MAX_NAMES
+    for number in range(2 * MAX_BEYOND):
+        first.add(f"b{number}")
+    assert len(first.more) == MAX_BEYOND
 
 
 # ---- properties -----------------------------------------------------------------------------------------------------

@@ -131,3 +131,13 @@ def test_an_interruption_is_said() -> None:
     outcome = Devices(inventory_of(*host(1)), interrupted=True)
     assert str(next(iter(outcome.text()))).startswith("Line(text='INTERRUPTED")
     assert outcome.as_dict()["interrupted"] is True
+
+
+def test_packets_that_are_not_in_order_of_time() -> None:
+    """As of captures that are given in another order."""
+    inventory = inventory_of(*host(1))
+    device = inventory.devices[0]
+    device.first_ns, device.last_ns = int(device.last_ns) + 10**9, int(device.first_ns)
+    (line,) = [line for line in shown(inventory) if line.startswith("  seen ")][:1]
+    assert " UTC back to " in line
+    assert " (packets are not in order of time), packets 1 to " in line

@@ -136,12 +136,12 @@ def test_lists_of_a_device_have_their_bounds() -> None:
             assert names is not None
             names.add("loaded" if device is one else "deleted")
     one.merge(two)
-    assert (len(one.tsaps.texts), one.tsaps.more) == (model.MAX_NAMES, model.MAX_NAMES)
+    assert (len(one.tsaps.texts), len(one.tsaps.more)) == (model.MAX_NAMES, model.MAX_NAMES)
     assert one.tsaps.texts == sorted(one.tsaps.texts)
     assert len(one.reasons) == model.MAX_REASONS
     first = one.reasons[model.CPU, "says 0"]
     assert (first.frame, first.count) == (1, 2)
-    assert (len(one.blocks), one.more_blocks) == (model.MAX_BLOCKS, 1)
+    assert (len(one.blocks), len(one.more_blocks)) == (model.MAX_BLOCKS, 1)
     assert one.blocks["DB 0"].texts == ["loaded"]
     assert one.blocks["DB 1"].texts == ["deleted", "loaded"]
 
@@ -156,7 +156,7 @@ def test_areas_of_two_have_their_bounds() -> None:
             area.reach(10 * more, 10 * more + 3)
             area.tag(f"tag {more}")
     one.merge(two)
-    assert (len(one.areas), one.more_areas) == (model.MAX_AREAS, 1)
+    assert (len(one.areas), len(one.more_areas)) == (model.MAX_AREAS, 1)
     shared = one.areas["DB1"]
     assert (shared.reads, shared.low, shared.high, shared.tags) == (2, 0, 13, ["tag 0", "tag 1"])
 

@@ -54,7 +54,7 @@ def lines(folder: str, place: int, file: str) -> str:
 @given(st.integers(0, 2**32))
 def test_results_come_in_order_whoever_is_first(seed: int) -> None:
     executor = Shuffled(seed, FILES[-1])
-    done = list(Files(executor, 5, lines, ("a",)).run(FILES, lambda: False))
+    done = list(Files(executor, lambda: 5, lines, ("a",)).run(FILES, lambda: False))
     assert [one.file for one in done] == FILES
     assert [one.result for one in done if not one.why] == [
         f"a/{file}" for file in FILES if file not in {"7.pcap", "30.pcap"}
@@ -94,7 +94,9 @@ class Dying:
 def test_what_died_is_read_once_more_and_then_named() -> None:
     said: list[str] = []
     work = Dying({"2.pcap", "3.pcap"}, {"5.pcap"})
-    done = list(Files(Here(), 2, work, (), retried=lambda file, _: said.append(file)).run(FILES[:8], lambda: False))
+    done = list(
+        Files(Here(), lambda: 2, work, (), retried=lambda file, _: said.append(file)).run(FILES[:8], lambda: False)
+    )
     assert sorted(said) == ["2.pcap", "3.pcap", "5.pcap"]
     assert [one for one in done if one.why] == [Done("5.pcap", None, f"{DIED}; so did the one that read it again", 2)]
     assert [one.result for one in done if not one.why] == [file.upper() for file in FILES[:8] if file != "5.pcap"]
@@ -103,5 +105,5 @@ def test_what_died_is_read_once_more_and_then_named() -> None:
 
 def test_who_stops_has_what_is_done() -> None:
     done: list[Done] = []
-    done.extend(Files(Here(), 1, lines, ("a",)).run(FILES, lambda: len(done) >= 3))
+    done.extend(Files(Here(), lambda: 1, lines, ("a",)).run(FILES, lambda: len(done) >= 3))
     assert [one.file for one in done] == FILES[:3]

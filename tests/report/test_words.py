@@ -145,7 +145,7 @@ def test_octets_that_are_no_value_are_shown_as_they_are() -> None:
 def test_an_answer_nobody_asked_for_has_items_without_names() -> None:
     talk = begun().send(1, dt(messages.read_answer(9, [WORD, WORD], [b"\x00\x01", 0x05])))
     transaction = first_transaction(talk)
-    assert words.outcome(transaction) == "answer without request"
+    assert facets.outcome(transaction) == "answer without request"
     assert facets.subject(transaction) == "item 1 = 00 01, item 2: Invalid address"
 
 
@@ -194,7 +194,7 @@ def test_outcomes() -> None:
     talk.send(1, dt(messages.userdata(0, 0, 4, 3, b"12345678", 0xD402)))
     talk.send(0, dt(messages.read_job(3, [WORD]))).reset(1)
     told = transactions(talk.packets())[1:]
-    assert [words.outcome(transaction) for transaction in told] == [
+    assert [facets.outcome(transaction) for transaction in told] == [
         "",
         "REFUSED 0xd241 Not permitted in current protection level",
         "push",
@@ -208,7 +208,7 @@ def test_a_hole_explains_what_is_missing() -> None:
     talk.send(0, dt(messages.read_job(1, [WORD]))).skip(1, 29).send(0, dt(messages.read_job(2, [WORD])))
     talk.send(1, dt(messages.read_answer(2, [WORD], [b"\x00\x01"]))).ack(0)
     told = transactions(talk.packets())[1:]
-    assert sorted(words.outcome(transaction) for transaction in told) == ["", "NO ANSWER (gap in the capture)"]
+    assert sorted(facets.outcome(transaction) for transaction in told) == ["", "NO ANSWER (gap in the capture)"]
 
 
 @pytest.mark.parametrize("syntax", [b"\x12\x08\xb0" + b"\x1b" * 7, b"\x12\x60\xa2" + b"\x9b" * 95])
@@ -245,4 +245,4 @@ def test_types_of_which_there_are_no_blocks_are_left_out(counts: dict[str, int],
     listed = b"".join([type_.encode() + number.to_bytes(2, "big") for type_, number in counts.items()])
     answer = build.userdata_head(2, 3, 1, 1, 0), build.payload(listed)
     pdu = parse_pdu(build.pdu(build.USERDATA, 1, *answer))
-    assert words.body_notes(pdu) == text
+    assert facets.body_notes(pdu) == text

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.assembly import MAX_FRAMES, PlusAssembler
 from dissect.s7plus.message import parse_plus
 from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, notified, told
 
@@ -75,6 +75,25 @@ def test_a_long_pdu_is_kept_in_part_and_the_rest_counted() -> None:
     assert parse_plus(whole, cut=True).sequence == 1
     assert assembler.push(framed(asked(2))) == framed(asked(2))
     assert assembler.left_out == 0
+
+
+def test_a_pdu_of_very_many_frames_takes_bounded_memory() -> None:
+    """A frame costs some hundred octets when the PDU is read, and needs to carry only one: 8 MiB hold 1.6 million of them."""
+    assembler = PlusAssembler()
+    first, more, last = framed(told(1), trailer=False), framed(b"x", trailer=False), framed(b"end")
+    assembler.push(first)
+    for _ in range(MAX_FRAMES + 9):
+        assembler.push(more)
+    whole = assembler.push(last)
+    assert whole is not None
+    assert whole == first + more * (MAX_FRAMES - 1)
+    assert assembler.left_out == 10 * len(more) + len(last)
+    pdu = parse_plus(whole, cut=True)
+    assert (pdu.frames, pdu.sequence, pdu.place(len(pdu.data) - 1)) == (MAX_FRAMES, 1, len(whole) - 1)
+    # The next one begins to count anew.
+    for frame in (first, more, last):
+        whole = assembler.push(frame)
+    assert (whole, assembler.left_out) == (first + more + last, 0)
 
 
 def test_finish_gives_what_there_is() -> None:

@@ -12,7 +12,7 @@ from dissect.s7plus.items import PlusItem, join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import notifies_refusal, refuses_items
+from dissect.s7plus.refusals import answered, notifies_refusal, refuses_items
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import (
@@ -23,6 +23,7 @@ from dissect.s7plus.tables import (
     GET_VAR_SUBSTREAMED,
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
+    refuses,
 )
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, UINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
@@ -127,8 +128,8 @@ def test_a_notification_that_refuses_items_is_known_by_a_glance(
         elif isinstance(one, int):
             data += bytes((one,)) + (b"\5" + build_value(FIVE) if one == 0x9B else reference)
     data += b"\0" + bytes(4)
-    pdu = parse_plus(framed(data[: len(data) - 5 * lost], version))
-    assert notifies_refusal(pdu) == bool(parse_contents(pdu, False).refusals)
+    octets = framed(data[: len(data) - 5 * lost], version)
+    assert notifies_refusal(octets) == bool(parse_contents(parse_plus(octets), False).refusals)
 
 
 def test_functions_without_items() -> None:
@@ -209,21 +210,36 @@ def test_refusals_are_found_without_reading_it_all(
 ) -> None:
     if version == 1 and integrity_id >= 0:
         integrity_id = -1
-    pdu = parse_plus(framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got(items, refusals, integrity_id)), version))
-    assert refuses_items(pdu) == bool(refusals)
+    pdu = framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got(items, refusals, integrity_id)), version)
+    assert answered(pdu) == (0, bool(refusals))
     digest = bodies.multi_got(items, refusals, max(integrity_id, 0))[:-4] + b"\x20" + bytes(range(32))
-    assert refuses_items(parse_plus(framed(told(1, GET_MULTI_VARIABLES, digest), 2))) == bool(refusals)
+    assert answered(framed(told(1, GET_MULTI_VARIABLES, digest), 2)) == (0, bool(refusals))
 
 
 def test_refusals_of_a_write() -> None:
-    good = parse_plus(framed(told(1, SET_MULTI_VARIABLES, b"\0\0" + bodies.end(3)), 3))
-    bad = parse_plus(framed(told(1, SET_MULTI_VARIABLES, b"\0\1\5\0" + bodies.end(3)), 3))
-    assert (refuses_items(good), refuses_items(bad)) == (False, True)
+    good = framed(told(1, SET_MULTI_VARIABLES, b"\0\0" + bodies.end(3)), 3)
+    bad = framed(told(1, SET_MULTI_VARIABLES, b"\0\1\5\0" + bodies.end(3)), 3)
+    assert (answered(good), answered(bad)) == ((0, False), (0, True))
 
 
-@given(st.binary(max_size=60), st.sampled_from([GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, EXPLORE]))
-def test_refusals_never_raise(body: bytes, function: int) -> None:
-    refuses_items(parse_plus(framed(told(1, function, body), 3)))
+def several(values: list[Value]) -> bytes:
+    """The values of an answer, with an end that may be any."""
+    return bodies.multi_got([*enumerate(values, 1)], [], 5)
+
+
+@given(
+    st.one_of(st.binary(max_size=60), st.lists(VALUES, max_size=3).map(several)),
+    st.sampled_from([GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, EXPLORE]),
+    st.sampled_from([1, 2, 3]),
+    st.integers(0, 6),
+)
+def test_what_a_response_says_is_found_in_place_as_by_reading_it(
+    body: bytes, function: int, version: int, lost: int
+) -> None:
+    octets = framed(told(1, function, body), version)
+    octets = octets[: len(octets) - lost]
+    pdu = parse_plus(octets)
+    assert answered(octets) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
 
 
 # ---- secrets --------------------------------------------------------------------------------------------------------

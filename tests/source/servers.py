@@ -91,7 +91,7 @@ def sftp_server(folder: Path) -> Iterator[int]:
 
 @contextmanager
 def web_server(folder: Path, root: Path) -> Iterator[int]:
-    """Run nginx on the files under ``root``; below ``/closed`` it refuses."""
+    """Run nginx on the files under ``root``; below ``/closed`` it refuses, below ``/asks`` all but the user made, word up."""
     nginx = _program("nginx")
     port = free_port()
     work = folder / "nginx"
@@ -99,21 +99,23 @@ def web_server(folder: Path, root: Path) -> Iterator[int]:
     kinds = ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
     places = " ".join([f"{kind}_temp_path {work / kind};" for kind in kinds])
     settings = work / "nginx.conf"
+    (work / "users").write_text("made:{PLAIN}up\n")
     settings.write_text(
         f"daemon off; master_process off; pid {work / 'pid'}; error_log {work / 'error.log'}; events {{ }}\n"
         f"http {{ access_log {work / 'access.log'}; {places}\n"
         f"  server {{ listen {LOOPBACK}:{port}; root {root}; location /closed {{ return 403; }}\n"
-        f"    location /plain/ {{ alias {root}/; max_ranges 0; }} }} }}\n"
+        f"    location /plain/ {{ alias {root}/; max_ranges 0; }}\n"
+        f"    location /asks/ {{ alias {root}/; auth_basic plant; auth_basic_user_file {work / 'users'}; }} }} }}\n"
     )
     with running([nginx, "-p", os.fspath(work), "-c", os.fspath(settings)], port, work / "log"):
         yield port
 
 
 @contextmanager
-def object_store(folder: Path) -> Iterator[int]:
+def object_store(folder: Path, **environment: str) -> Iterator[int]:
     """Run moto's S3 server; its contents go with it."""
     pytest.importorskip("moto.server", reason="no moto: pip install 's7dissect[test]'")
     port = free_port()
     command = [sys.executable, "-m", "moto.server", "-H", LOOPBACK, "-p", str(port)]
-    with running(command, port, folder / "moto.log"):
+    with running(command, port, folder / "moto.log", {**os.environ, **environment}):
         yield port

@@ -5,11 +5,12 @@ import struct
 import pytest
 
 from dissect.report.facets import subject
+from dissect.s7.items import ItemResult
 from dissect.s7.values import Value
 from dissect.transactions import results as checks
 from dissect.transactions import transaction as module
-from dissect.transactions.results import STILL_OPEN, UNCONFIRMED, ItemResult
-from dissect.transactions.transaction import HEADER, ITEM, MESSAGE, OUTCOMES, PARAMETER, REASON_TEXTS, Transaction
+from dissect.transactions.results import HEADER, ITEM, MESSAGE, PARAMETER, STILL_OPEN, UNCONFIRMED
+from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS, Transaction
 from tests.layers.examples import BY_NUMBER
 from tests.transactions.talk import (
     Talk,

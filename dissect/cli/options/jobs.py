@@ -9,8 +9,9 @@ from typing import Any, Final
 import click
 
 AUTO: Final = "auto"
-#: Under this the context of a command keeps the address of a cluster.
+#: Under these the context of a command keeps the address of a cluster, and whether files are looked up in their index.
 _CLUSTER: Final = "dissect.cli.options.jobs.cluster"
+_INDEXED: Final = "dissect.cli.options.jobs.indexed"
 
 
 def processors() -> int:
@@ -61,6 +62,27 @@ def cluster_meant() -> str:
     return str(click.get_current_context().meta.get(_CLUSTER, ""))
 
 
+def _indexed(ctx: click.Context, _param: click.Parameter, value: bool) -> bool:
+    ctx.meta[_INDEXED] = value
+    return value
+
+
+def indexed_option(command: Any) -> Any:
+    """Add ``--indexed`` to a command that has ``-Y``; `dissect.cli.indexed` does what it says."""
+    return click.option(
+        "--indexed",
+        is_flag=True,
+        callback=_indexed,
+        expose_value=False,
+        help="With --separate and -Y: do not open files in which the index of their folder has nothing for -Y.",
+    )(command)
+
+
+def indexed_meant() -> bool:
+    """Return whether the command at hand has ``--indexed``."""
+    return bool(click.get_current_context().meta.get(_INDEXED))
+
+
 def separate_options(command: Any) -> Any:
     """Add ``--separate``, ``-j N`` and ``--cluster``; the command's arguments are ``separate`` and ``jobs``."""
     command = click.option(
@@ -80,23 +102,16 @@ def separate_options(command: Any) -> Any:
     )(command)
 
 
-def check_cluster(separate: bool, jobs: int) -> None:
-    """Raise UsageError for a cluster where files may go on one in another, or where this machine shall read them."""
+def check_jobs(separate: bool, jobs: int) -> None:
+    """Raise UsageError for several processes, machines or an index where files may go on one in another (decision 18)."""
+    if indexed_meant() and not separate:
+        raise click.UsageError("--indexed leaves out files, and needs --separate: each is a capture of its own.")
     if cluster_meant() and jobs > 1:
         raise click.UsageError("-j is for this machine, and --cluster for others; choose one.")
     if cluster_meant() and not separate:
         raise click.UsageError(
             "--cluster has each file read by one of its workers, and needs --separate: each is a capture of its own."
         )
-
-
-def check_jobs(separate: bool, jobs: int) -> None:
-    """Raise UsageError for several processes or machines where files may go on one in another.
-
-    `transactions` and `values` do without it: they share the connections of one run among processes then, which gives the same
-    result and does not pay yet, so nothing says so (decision 15).
-    """
-    check_cluster(separate, jobs)
     if jobs > 1 and not separate:
         raise click.UsageError(
             "-j reads several files at the same time, and needs --separate: each is a capture of its own."

@@ -8,17 +8,16 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.report import words
-from dissect.report.facets import facet_of
+from dissect.report.facets import error_text, facet_of
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.tables import BYTE, REAL, RETURN_CODES, SUCCESS, USERDATA
 from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
-from dissect.transactions.results import ItemResult
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction, TransactionError
+from dissect.transactions.results import TransactionError
+from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.text import SHORT, Clock, cell, decimal, hexadecimal
 
 #: Of the transaction, the same in all of its rows; with several files `FILE_COLUMNS` stand behind ``response_frame``.
@@ -228,7 +227,7 @@ def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
 
 
 def _error(error: TransactionError) -> str:
-    return f"{error.where}: {words.error_text(error)}"
+    return f"{error.where}: {error_text(error)}"
 
 
 def _label(item: Item) -> str:

@@ -12,7 +12,7 @@ from dissect.iso.cotp import Tpdu, parse_tpdu
 from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.tables import CC, CR, DR, DT, ED, ER
 from dissect.iso.upper import classify, is_rdp_connect
-from dissect.report import words
+from dissect.report import facets, words
 from dissect.report.facets import facet_of
 from dissect.report.operations import styled_operation
 from dissect.report.plus import plus_notes, plus_summary
@@ -21,7 +21,7 @@ from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import Item
+from dissect.s7.items import Item, ItemResult
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.s7plus.hiding import Shown, shown_contents
@@ -30,7 +30,6 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import ItemResult
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.text import Clock, decimal, shortened
@@ -52,7 +51,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     if transaction.outcome == PUSH and facet.pushes_both_ways():
         asked, answered = answered, asked  # shown as it went
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
-    ending = words.outcome(transaction)
+    ending = facets.outcome(transaction)
     subject = facet.subject(transaction)
     said = f"  {ending}" if ending else ""
     if subject:
@@ -142,7 +141,7 @@ def _body(pdu: Pdu, naming: Naming | None) -> str:
             return f"{good}, all good" if len(codes) > 1 else f"{good}, good"
         return f"{len(refused)} of {good} refused: {', '.join(refused)}"
     head = parameters.userdata
-    said = words.body_notes(pdu)
+    said = facets.body_notes(pdu)
     if head is None:
         return said
     error = f", error 0x{head.error_code:04x} {ERROR_CODES.name(head.error_code)}" if head.error_code else ""
@@ -156,7 +155,7 @@ def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> str:
     said = []
     for index, item in enumerate(items):
         written = data[index].data if index < len(data) else None
-        said.append(words.item(ItemResult(item, -1, written, None), index + 1, naming))
+        said.append(facets.item(ItemResult(item, -1, written, None), index + 1, naming))
     return ", ".join(said)
 
 

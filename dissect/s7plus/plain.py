@@ -1,0 +1,156 @@
+"""The head of a PDU that is one sound frame, which most are, read in place: no object is made of it.
+
+Everything else is left to `dissect.s7plus.message`, which knows what is wrong and where. That both agree is a property test
+(tests/s7plus/test_plain.py).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7plus.message import DIGEST_SIZE, SHORT_HEADS, PlusPdu, is_beginning
+from dissect.s7plus.tables import (
+    FUNCTIONS,
+    NO_RESPONSE,
+    NOTIFICATION,
+    PROTOCOL_ID,
+    REQUEST,
+    RESPONSE,
+    RESPONSE2,
+    V1,
+    V2,
+    V3,
+)
+from dissect.wire.octets import u16, u32
+from dissect.wire.varint import VLQ, VLQ64, read_varint
+
+_HEADER: Final = 4
+_TRAILER: Final = 4
+#: Octets of the fixed part of a request, a response and a notification.
+REQUEST_SIZE: Final = 14
+RESPONSE_SIZE: Final = 10
+NOTIFICATION_SIZE: Final = 12
+_BIT_7: Final = 0x80
+_FUNCTIONS: Final = frozenset([row.number for row in FUNCTIONS])
+
+
+def one_frame(octets: bytes) -> tuple[i64, i64]:
+    """Return where the data of a PDU begin and end that is one sound frame and a trailer; (-1, -1) for any other."""
+    end: i64 = len(octets) - _TRAILER
+    if end < _HEADER or octets[0] != PROTOCOL_ID or octets[end] != PROTOCOL_ID:
+        return -1, -1
+    version: i64 = octets[1]
+    at: i64 = _HEADER
+    if version == V3:
+        if end <= at or octets[at] != DIGEST_SIZE:
+            return -1, -1
+        at += 1 + DIGEST_SIZE
+    elif version != V2 and version != V1:
+        return -1, -1
+    if at > end or u16(octets, 2) != end - _HEADER or octets[end + 1] != version or u16(octets, end + 2):
+        return -1, -1
+    return at, end
+
+
+class Head:
+    """What the engine asks of a PDU; numbers that it does not have are -1, as in `PlusPdu`. One serves for many PDUs.
+
+    ``begins`` is `is_beginning`. ``at`` and ``end`` are where its data begin and end, after `read` only.
+    """
+
+    __slots__ = (
+        "at",
+        "begins",
+        "end",
+        "frames",
+        "function",
+        "opcode",
+        "sequence",
+        "subscription_id",
+        "version",
+        "wants_response",
+    )
+
+    def __init__(self) -> None:
+        self.at: i64 = 0
+        self.end: i64 = 0
+        self.version: i64 = -1
+        self.frames: i64 = 0
+        self.opcode: i64 = -1
+        self.function: i64 = -1
+        self.sequence: i64 = -1
+        self.subscription_id: i64 = -1
+        self.begins = False
+        self.wants_response = False
+
+    def read(self, octets: bytes) -> bool:
+        """Read the head of a PDU in one sound frame; False for any other, which is left to `take`. Never raises."""
+        at, end = one_frame(octets)
+        if at < 0 or at >= end:
+            return False
+        opcode: i64 = octets[at]
+        version: i64 = octets[1]
+        if opcode == NOTIFICATION:
+            if version == V1 or end - at < NOTIFICATION_SIZE:
+                return False
+            self.function = -1
+            self.subscription_id = u32(octets, at + 1)
+            if self.subscription_id < SHORT_HEADS:
+                self.sequence = octets[at + NOTIFICATION_SIZE - 1]
+            else:
+                self.sequence = _number(octets, at + NOTIFICATION_SIZE, end)
+            self.wants_response = False
+        else:
+            request: bool = opcode == REQUEST
+            size: i64 = REQUEST_SIZE if request else RESPONSE_SIZE
+            if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
+                return False
+            function: i64 = u16(octets, at + 3)
+            if function not in _FUNCTIONS and u16(octets, at + 1) | u16(octets, at + 5) != 0:
+                return False
+            self.function = function
+            self.subscription_id = -1
+            self.sequence = u16(octets, at + 7)
+            flags: i64 = octets[at + REQUEST_SIZE - 1] if request else NO_RESPONSE
+            self.wants_response = flags & NO_RESPONSE == 0
+        self.at = at
+        self.end = end
+        self.version = version
+        self.frames = 1
+        self.opcode = opcode
+        self.begins = True
+        return True
+
+    def take(self, pdu: PlusPdu) -> None:
+        """Take the head of a PDU of any kind."""
+        self.version = pdu.version
+        self.frames = pdu.frames
+        self.opcode = pdu.opcode
+        self.function = pdu.function
+        self.sequence = pdu.sequence
+        self.subscription_id = pdu.subscription_id
+        self.begins = is_beginning(pdu)
+        self.wants_response = pdu.wants_response
+
+    def return_code(self, octets: bytes) -> i64:
+        """Return the lower 16 bits of the return value of the response that was read last, -1 for none."""
+        at: i64 = self.at + RESPONSE_SIZE
+        if self.opcode == REQUEST or self.function not in _FUNCTIONS:
+            return -1
+        if at < self.end and octets[at] < _BIT_7:
+            return octets[at]
+        value, behind = read_varint(octets, at, self.end, VLQ64)
+        return value & 0xFFFF if behind > 0 else -1
+
+
+def _number(octets: bytes, at: i64, end: i64) -> i64:
+    """Read a number of at most 32 bits without sign, -1 for none."""
+    if at < end and octets[at] < _BIT_7:
+        return octets[at]
+    if at + 1 < end and octets[at + 1] < _BIT_7:
+        first: i64 = octets[at]
+        second: i64 = octets[at + 1]
+        return (first & (_BIT_7 - 1)) << 7 | second
+    return read_varint(octets, at, end, VLQ)[0]
