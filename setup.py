@@ -146,14 +146,9 @@ BUSIEST: Final = (
 
 #: What else a packet or a transaction of any protocol passes through.
 BUSY: Final = (
-    "dissect/anonymize/messages.py",
-    "dissect/anonymize/rewrite_plan.py",
     "dissect/anonymize/rules.py",
     "dissect/anonymize/track.py",
     "dissect/anonymize/usual_packet.py",
-    "dissect/golden/forms.py",
-    "dissect/golden/values.py",
-    "dissect/s7/build.py",
     "dissect/wire/malformed.py",
     "dissect/wire/part.py",
     "dissect/wire/varint.py",

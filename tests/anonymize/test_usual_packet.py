@@ -59,7 +59,7 @@ def damaged(octets: bytes, dice: Random) -> bytes:
 
 def right(octets: bytes, link_type: int) -> bytes:
     """Return a packet whose TCP checksum is right, as it is on the wire, and which is not left to a network card."""
-    at = link.find_ip(octets, 0, len(octets), link_type)[0]
+    at = int(link.find_ip(octets, 0, len(octets), link_type)[0])
     if at < 0 or len(octets) < at + 40 or octets[at] != 0x45 or octets[at + 9] != ip.TCP:
         return octets
     start, stop = at + 20, at + int.from_bytes(octets[at + 2 : at + 4], "big")
