@@ -128,6 +128,7 @@ BUSIEST: Final = (
     "dissect/engine/iso.py",
     "dissect/engine/pipeline.py",
     "dissect/engine/s7.py",
+    "dissect/s7/parameters.py",
     "dissect/s7/singles.py",
     "dissect/s7/values.py",
     "dissect/transactions/pairing.py",
@@ -153,7 +154,6 @@ BUSY: Final = (
     "dissect/iso/upper.py",
     "dissect/s7/items.py",
     "dissect/s7/message.py",
-    "dissect/s7/parameters.py",
     "dissect/s7plus/assembly.py",
     "dissect/s7plus/bodies.py",
     "dissect/s7plus/contents.py",
@@ -189,6 +189,7 @@ BUSY: Final = (
     "dissect/export/item_columns.py",
     "dissect/export/transaction_rows.py",
     "dissect/live/events.py",
+    "dissect/report/analysis.py",
     "dissect/report/facets.py",
     "dissect/report/words.py",
     "dissect/report/writer.py",
@@ -218,7 +219,7 @@ PARTS: Final = 2
 #: How each kind is compiled, by how the names of its files begin. -Og is half the work of -O1, but does not see that a variable
 #: is always set. Glibc's checks of buffers want an optimizing compiler, and complain of any other.
 FAST: Final = {
-    "busiest": (),  # as mypyc asks for it
+    "busiest": ("-finline-small-functions",),  # that much more than mypyc asks for; it costs no time
     "busy": ("-Og", "-Wno-maybe-uninitialized"),
     "plain": ("-O0", "-U_FORTIFY_SOURCE"),
 }
@@ -327,9 +328,11 @@ def extensions() -> list[Extension]:
             kinds = {name: [source for source in extension.sources if kind(source) == name] for name in FAST}
             extension.sources = [part for name, sources in kinds.items() for part in united(sources, name, PARTS)]
         if new_compiler().compiler_type == "unix":
-            # Without this the engine's functions could be replaced from outside, so that none of them may be inlined
-            # into another.
-            extension.extra_compile_args = [*extension.extra_compile_args, "-fno-semantic-interposition"]
+            # Without these the engine's functions could be replaced from outside, so that none of them may be inlined into
+            # another, and each call from one C file to another would go through a table. What Python looks for is exported
+            # all the same.
+            hidden = ("-fno-semantic-interposition", "-fvisibility=hidden")
+            extension.extra_compile_args = [*extension.extra_compile_args, *hidden]
     return compiled
 
 

@@ -1,7 +1,7 @@
-"""What -j gains: one process and several over the same captures, and whether they write the same.
+"""What --separate -j gains: one process and several over the same captures, and whether they write the same.
 
-`python -m benchmarks.processes FILE… [--jobs N] [--python PYTHON]`. Of a busy machine only the CPU seconds say something: those
-of all processes together are what sharing costs; what it gains is elapsed time, to be measured on one that is idle.
+`python -m benchmarks.processes FILE FILE… [--jobs N] [--python PYTHON]`. Of a busy machine only the CPU seconds say something:
+those of all processes together are what sharing costs; what it gains is elapsed time, to be measured on one that is idle.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from benchmarks.measure import machine, run
 
 #: What is measured, each with the files behind it.
-COMMANDS = (("transactions", "-T", "jsonl"), ("transactions",), ("values", "-T", "jsonl"))
+COMMANDS = (("analyze", "-T", "json"), ("transactions", "-T", "jsonl"), ("values", "-T", "jsonl"))
 
 
 def main() -> int:
@@ -28,7 +28,7 @@ def main() -> int:
     print(machine())
     wrong = 0
     for words in COMMANDS:
-        command = [arguments.python, "-m", "dissect", *words, *arguments.files]
+        command = [arguments.python, "-m", "dissect", *words, "--separate", *arguments.files]
         costs = [run([*command, "-j", jobs]) for jobs in ("1", arguments.jobs)]
         wrong += _written(command, "1") != _written(command, arguments.jobs)
         one, several = costs

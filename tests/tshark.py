@@ -39,6 +39,8 @@ LAYERS: Final = "frame vlan ieee8021ad ip ipv6 tcp tpkt cotp s7comm"
 #: What the names of captures begin with that are not joined: mergecap takes no file that is cut off, and leaves out the blocks
 #: that Wireshark numbers as if they were packets.
 ALONE: Final = ("cut-", "sections")
+#: Public captures of fewer octets are joined with the others.
+SMALL: Final = 150_000
 
 
 class Answer(NamedTuple):
@@ -79,9 +81,10 @@ def ask(path: Path, ports: Iterable[int] = (), reorder: bool = False) -> Answer:
 
 @cache
 def joinable(ports: str) -> list[Path]:
-    """Return the captures of the repository that may be joined and for which just these ``ports`` are taken for TPKT."""
+    """Return the captures that may be joined and for which just these ``ports`` are taken for TPKT; small public ones too."""
     folder = ROOT / "captures"
-    found = []
+    shared = Path(os.environ.get("S7DISSECT_CORPUS") or ROOT.parent / "shared" / "captures")
+    found = [path for path in sorted(shared.glob("*.pcap*")) if ports == "102" and path.stat().st_size < SMALL]
     for path in sorted([*folder.glob("*.pcapng"), *(folder / "crafted").glob("*.pcap*")]):
         table = path.with_name(f"{path.name.partition('.')[0]}.toml")
         told = tomllib.loads(table.read_text(encoding="utf-8"))
@@ -134,21 +137,16 @@ def _packets(shown: bytes) -> list[Tree]:
 
 
 def _asked_at_once(paths: list[Path], asked: list[str]) -> list[bytes]:
-    """Return what tshark shows of each of the captures, joined into one and read in one go."""
+    """Return what tshark shows of each of the captures, as JSON, joined into one and read in one go."""
     with tempfile.TemporaryDirectory() as folder:
         moved = [_Moved(path, number, Path(folder)) for number, path in enumerate(paths)]
-        copies = [each.path for each in moved]
-        joined = Path(folder, "joined.pcapng")
-        merged, complaint, _ = _run("mergecap", "-a", "-w", joined, *copies)
-        assert merged == 0, complaint
+        joined, counts = join([each.path for each in moved], Path(folder))
         code, complaint, shown = _run("tshark", "-n", "-r", joined, *asked)
-        counted, _, table = _run("capinfos", "-M", "-T", "-m", "-r", "-c", *copies)
-    assert (code, counted) == (0, 0), complaint
+    assert code == 0, complaint
     packets = _packets(shown)
     streams: dict[str, int] = {}
     answers = []
-    for number, (line, each) in enumerate(zip(table.decode().splitlines(), moved, strict=True)):
-        count = int(line.rpartition(",")[2])
+    for number, (count, each) in enumerate(zip(counts, moved, strict=True)):
         own, packets = packets[:count], packets[count:]
         for at, layers in enumerate(own, 1):
             layers["frame"]["frame.number"] = str(at)
@@ -159,6 +157,21 @@ def _asked_at_once(paths: list[Path], asked: list[str]) -> list[bytes]:
         answers.append(each.back(msgspec.json.encode([{"_source": {"layers": layers}} for layers in own])))
     assert packets == []
     return answers
+
+
+def ask_together(paths: list[Path], asked: list[str]) -> dict[Path, list[Tree]]:
+    """Return the layers of every packet of captures, asked for by JSON in another way than `ask` does, in one go."""
+    return {path: _packets(shown) for path, shown in zip(paths, _asked_at_once(paths, asked), strict=True)}
+
+
+def join(paths: list[Path], folder: Path) -> tuple[Path, list[int]]:
+    """Join captures one behind the other, return that capture and the number of packets of each."""
+    joined = folder / "joined.pcapng"
+    merged, complaint, _ = _run("mergecap", "-a", "-w", joined, *paths)
+    assert merged == 0, complaint
+    counted, complaint, table = _run("capinfos", "-M", "-T", "-m", "-r", "-c", *paths)
+    assert counted == 0, complaint
+    return joined, [int(line.rpartition(",")[2]) for line in table.decode().splitlines()]
 
 
 class _Moved:

@@ -253,7 +253,7 @@ def _addresses(found: Contents) -> list[Address]:
 
 def _requested(side: Side, pdu: PlusPdu) -> list[Address]:
     """Return what the request of a response was about; it is still open when the response is looked at."""
-    asked = side.connection.open_requests[1 - side.index].table.get(PLUS_KEY | pdu.sequence)
+    asked = side.connection.open_requests[1 - side.index].find(PLUS_KEY | pdu.sequence)
     if asked is None or not asked.request_octets:
         return []
     return _addresses(parse_contents(parse_plus(asked.request_octets), shown=False))

@@ -447,8 +447,8 @@ def _area_codes(side: Side, octets: bytes) -> list[int]:
     """Return where return codes of areas stand in an answer of ``side``: the answer to a DBREAD item has one for each."""
     if len(octets) < HEADER_SIZE or octets[0] != S7_PROTOCOL_ID or octets[1] != ACK_DATA:
         return []
-    requests = side.connection.open_requests[1 - side.index].table
-    asked = requests.get(key_of(ACK_DATA, int.from_bytes(octets[PDU_REF], "big")))
+    requests = side.connection.open_requests[1 - side.index]
+    asked = requests.find(key_of(ACK_DATA, int.from_bytes(octets[PDU_REF], "big")))
     if asked is None or all([item.areas is None for item in asked.parameters.items]):
         return []
     found: list[int] = []

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import click
 
-from dissect.cli.configuration import hosts
-from dissect.cli.formats import format_option
+from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import check_cluster, indexed_option, separate_options
+from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -21,7 +19,6 @@ from dissect.cli.run import (
     EXIT_CODES,
     checksums_option,
     complain,
-    complain_of,
     drive,
     files_argument,
     nanoseconds,
@@ -30,22 +27,15 @@ from dissect.cli.run import (
 from dissect.cli.separate import refuse
 from dissect.cli.separate_rows import Total, no_places, rows_separately, rows_task
 from dissect.cli.task import Task, current
-from dissect.cli.together import Output, alone, alone_because, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
-from dissect.jobs.merging import Merger
-from dissect.jobs.rows import TransactionRows
-from dissect.jobs.share import by_pair
 from dissect.report.formats import TRANSACTIONS, Format
-from dissect.report.words import PROTOCOLS, Places
+from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed, Writer
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
-
-if TYPE_CHECKING:
-    from dissect.report.styled import Line
 
 
 @click.command("transactions", epilog=EXIT_CODES)
@@ -95,7 +85,7 @@ def command(
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())
     choice = chosen.choice("transaction", _choice(failed, slow_ns))
-    check_cluster(separate, jobs)
+    check_jobs(separate, jobs)
     of = current()
     if of is not None:
         return _task(of, writer, TransactionFeed(writer, choice), chosen, options, bool(fail_on))
@@ -104,50 +94,17 @@ def command(
         files = may_match(files, chosen)
         writer.begin(no_places(files))
         return rows_separately(files, jobs, writer, fail_on, _say_nothing_found)
-    worker = working()
-    if worker is not None:
-        return worker.rows(options, chosen, by_pair, lambda share, order: TransactionRows(share, order, writer, choice))
-    output = Output()
-    if jobs > 1:
-        why = alone_because(files, chosen, [(fail_on, "--fail-on counts findings"), (decoder, "--scd")])
-        if why:
-            alone(why)
-        elif (code := _together(files, writer, jobs, output)) is not None:
-            return code
-        writer = chosen.writer(format_, TRANSACTIONS, clock())
     feed = TransactionFeed(writer, choice)
     run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(
-        run, files, lambda: output.write(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full
-    )
+    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full)
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         pipeline = run.pipeline
         said = _instead(pipeline.frames, pipeline.counters.packet_counts(), feed.protocols)
         click.echo(f"s7dissect: no S7 transaction: {said}", err=True)
     return gate(run, fail_on, code, chosen.findings)
-
-
-def _together(files: Sequence[str], writer: Writer, jobs: int, output: Output) -> int | None:
-    """Have ``jobs`` processes do it; return the exit code, None when one process has to begin anew."""
-    feed = TransactionFeed(writer)
-    writer.begin(Places([], len(files) > 1, hosts()))
-
-    def merged(lines: list[str | Line], packets: list[int], held: int) -> None:
-        feed.add(lines, packets)
-        output.write(feed.take(held))
-
-    done = together(files, Merger(jobs, writer.number_width), jobs, merged)
-    # What there is in the place of transactions can only be counted where all packets are looked at.
-    if done is None or (done[1] and not any([end.transactions or end.unwanted for end in done[1]])):
-        output.again()
-        return None
-    code, ends = done
-    output.write(feed.take(0))
-    complain_of(ends[0].files if ends else [], code)
-    return code
 
 
 def _task(of: Task, writer: Writer, feed: TransactionFeed, chosen: Chosen, options: Options, findings: bool) -> int:

@@ -10,29 +10,23 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
-from dissect.cli.options.jobs import check_cluster, indexed_option, separate_options
+from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
-from dissect.cli.run import EXIT_CODES, checksums_option, complain, complain_of, drive, files_meant, places_of
+from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files_meant, places_of
 from dissect.cli.separate import refuse
 from dissect.cli.separate_rows import no_places, rows_separately, rows_task
 from dissect.cli.task import Task, current
-from dissect.cli.together import Output, alone, alone_because, together, working
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
-from dissect.jobs.merging import Merger
-from dissect.jobs.rows import ValueRows
-from dissect.jobs.share import by_service
 from dissect.report.formats import VALUES, Format
-from dissect.report.words import Places
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
@@ -121,7 +115,7 @@ def command(
     writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
     collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"))
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-    check_cluster(separate, jobs)
+    check_jobs(separate, jobs)
     of = current()
     if of is not None:
         return _task(of, writer, collector, chosen, options, bool(fail_on))
@@ -131,29 +125,13 @@ def command(
         writer.begin(no_places(captures))
         writer.values([])  # what the output begins with
         return rows_separately(captures, jobs, writer, fail_on, lambda total: _miss(wanted, total.seen))
-    worker = working()
-    if worker is not None:
-        return worker.rows(options, chosen, by_service, lambda share, order: ValueRows(share, order, writer, collector))
-    output = Output()
-    if jobs > 1:
-        reasons = [
-            (fail_on, "--fail-on counts findings"),
-            (decoder, "--scd"),
-            (summary, "--summary adds up all values"),
-        ]
-        why = alone_because(captures, chosen, reasons)
-        if why:
-            alone(why)
-        elif (code := _together(captures, writer, jobs, output, wanted)) is not None:
-            return code
-        writer = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]
     run = Run(captures, chosen.sieve(collector) if fail_on else collector, chosen.narrow(options))
     chosen.begin(run, captures)
     writer.begin(places_of(run, captures))
 
     def write() -> None:
         writer.values(collector.take())
-        output.write(writer.take())
+        write_out(writer.take())
 
     code = drive(run, captures, None if summary else write)
     if summary:
@@ -178,27 +156,6 @@ def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, o
         return writer.take()
 
     return rows_task(of, run, chosen, writer, take, lambda: ({}, collector.found))
-
-
-def _together(
-    files: Sequence[str], writer: ValueWriter, jobs: int, output: Output, wanted: WantedSet | None
-) -> int | None:
-    """Have ``jobs`` processes do it; return the exit code, None when one process has to begin anew."""
-    writer.begin(Places([], len(files) > 1, hosts()))
-    writer.values([])  # what the output begins with
-    output.write(writer.take())
-
-    def merged(lines: list[str | Line], _packets: list[int], _held: int) -> None:
-        output.write(lines)
-
-    done = together(files, Merger(jobs, numbered=False), jobs, merged)
-    if done is None:
-        output.again()
-        return None
-    code, ends = done
-    complain_of(ends[0].files if ends else [], code)
-    _miss(wanted, {text for end in ends for text in end.found})
-    return code
 
 
 def _split(

@@ -266,9 +266,11 @@ class IsoOnTcp(Protocol):
             self.tsdus.add(TLS)
             self._tls.feed(side, buf, at, size, frame, time_ns)
             return
-        upper: i64 = (
-            S7COMM if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7 else classify(buf, at, at + size)
-        )
+        if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7:
+            self.tsdus.add(S7COMM)
+            self._s7.feed(side, buf, at, size, frame, time_ns)
+            return
+        upper: i64 = classify(buf, at, at + size)
         self.tsdus.add(upper)
         if upper == S7COMM:
             self._s7.feed(side, buf, at, size, frame, time_ns)

@@ -8,7 +8,6 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.exchange import PayloadDecoder
-from dissect.engine.order import Order
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
@@ -29,7 +28,7 @@ class Options:
     ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
     ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
     ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is
-    read and nothing reported, but they keep their numbers. ``order`` is told where the run stands.
+    read and nothing reported, but they keep their numbers.
     """
 
     def __init__(
@@ -43,7 +42,6 @@ class Options:
         tls_keys: KeyLog | None = None,
         only: Callable[[Connection], bool] | None = None,
         naming: Naming | None = None,
-        order: Order | None = None,
     ) -> None:
         self.slow_ns: i64 = slow_ns
         self.overdue_ns: i64 = overdue_ns
@@ -54,4 +52,3 @@ class Options:
         self.tls_keys: KeyLog | None = tls_keys
         self.only: Callable[[Connection], bool] | None = only
         self.naming: Naming | None = naming
-        self.order: Order | None = order

@@ -28,7 +28,6 @@ from dissect.engine.ibh import IbhNetLink
 from dissect.engine.iso import IsoOnTcp
 from dissect.engine.observer import Observer
 from dissect.engine.options import Options
-from dissect.engine.order import AFTERWARDS, CLOSED, CROWDED, OPEN, OVER, PACKET, ROOM, Order
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
@@ -99,8 +98,7 @@ class Pipeline(PacketSink):
         self.exchange.naming = chosen.naming
         self.counters: Counters = Counters(self.exchange.reporter)
         self.silent: SilentConnections = SilentConnections(self.counters)
-        self.order: Order | None = chosen.order
-        self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns, chosen.order)
+        self.timers: Timers = Timers(self.counters, self.exchange, chosen.overdue_ns)
         self.connections: Connections = Connections(self.exchange, chosen.only)
         self.s7: S7 = S7(self.exchange)
         self.plus: S7Plus = S7Plus(self.exchange)
@@ -185,8 +183,6 @@ class Pipeline(PacketSink):
         """Take one packet (see `PacketSink.frame`)."""
         counters = self.counters
         counters.frames += 1
-        if self.order is not None:
-            self.order.packet(counters.frames, self.exchange.dialogue.count)
         self._taken += end - start
         if self._taken >= LOOK_OCTETS:
             self._taken = 0
@@ -223,21 +219,10 @@ class Pipeline(PacketSink):
         """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
         for held, side in self._room.step():
             self.table.evicted += 1
-            self._stand(ROOM, side.turn_frame)
             self._evict(side, f"it held {held} bytes")
-        if self.order is not None:
-            self.order.room = max(self.order.room, self._room.total)
-            self._stand(PACKET, 0)
-
-    def _stand(self, phase: i64, key: i64) -> None:
-        """Say what is done next with the packet at hand."""
-        if self.order is not None:
-            self.order.at(phase, key, self.exchange.dialogue.count)
 
     def _evict(self, side: Side, detail: str) -> None:
         side.tcp.ended = side.tcp.ended or "evicted"
-        if self.order is not None:
-            self.order.left.append(int(side.tcp.first_frame))
         if side.connection.followed:
             self.counters.note("stream.evicted", detail, side.connection.number)
         self._finish(side, CONNECTION_EVICTED)
@@ -260,10 +245,12 @@ class Pipeline(PacketSink):
         total: i64
         if COMPILED:
             if (
-                u16(buf, start + 12) != 0x0800
+                buf[start + 12] != 0x08
+                or buf[start + 13] != 0x00
                 or buf[start + 14] != 0x45
                 or buf[start + 23] != 6
-                or u16(buf, start + 20) & 0x3FFF
+                or buf[start + 21] != 0  # a fragment, or
+                or buf[start + 20] & 0x3F  # more of them follow
             ):
                 return self._slow_frame(buf, start, end, link_type)
             total = u16(buf, start + 16)
@@ -353,11 +340,8 @@ class Pipeline(PacketSink):
             if not side.tcp.note_fin(side.index, end_seq, self.counters.frames, self.counters.now_ns):
                 self.counters.note_ignored(side, "FIN")
         if side.tcp.closed and not was_closed:
-            side.turn_frame = self.counters.frames
-            if self.order is not None:
-                self.order.ended += [int(side.tcp.first_frame), int(self.counters.frames)]
             self.table.linger(side)
-            self._forget_closed(AFTERWARDS)  # not only when time passes: in some captures it stands still
+            self._forget_closed()  # not only when time passes: in some captures it stands still
         self.timers.wake()
         return category
 
@@ -381,16 +365,9 @@ class Pipeline(PacketSink):
         return self._segment(fresh, seq, ack, ACK if ack >= 0 else 0, octets, missing)
 
     def _open(self, key: bytes, vlan: i64) -> Side:
-        crowded = self.table.overflow()
-        for idle in crowded:
-            self._stand(CROWDED, idle.turn_frame)
+        for idle in self.table.overflow():
             self._evict(idle, "")
-        if crowded:
-            self._stand(PACKET, 0)
         side = self.table.open(key, vlan, self.counters.frames, self.counters.now_ns)
-        side.turn_frame = self.counters.frames
-        if side.peer is not None:
-            side.peer.turn_frame = self.counters.frames
         side.tcp.note_link(side.index, self._link)
         return side
 
@@ -405,7 +382,10 @@ class Pipeline(PacketSink):
         assert peer is not None
         if side.waiting or peer.waiting:
             self.timers.passing(side, peer, ack, flags & ACK != 0)
-        side.last_ack = ack if flags & ACK else -1
+        if flags & ACK:
+            side.last_ack = ack
+        else:
+            side.last_ack = -1  # as an expression it would make int objects (mypyc), with each packet
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
@@ -507,18 +487,16 @@ class Pipeline(PacketSink):
         timers.deadline_ns = next_tick(self.counters.now_ns)
         try:
             timers.give_up_waiting()
-            self._forget_closed(OVER)
+            self._forget_closed()
             timers.look_overdue()
         except Exception as bug:
             if self._strict:
                 raise
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         timers.settle(self.table.lingering)
-        self._stand(PACKET, 0)
 
-    def _forget_closed(self, phase: i64) -> None:
+    def _forget_closed(self) -> None:
         for side in self.table.closed(self.counters.now_ns):
-            self._stand(phase, side.turn_frame)
             self._finish(side, CONNECTION_CLOSED)
 
     # ---- the end ----------------------------------------------------------------------------------------------------
@@ -560,10 +538,8 @@ class Pipeline(PacketSink):
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""
         for side in self.table.closed(self.counters.now_ns, True):
-            self._stand(CLOSED, side.turn_frame)
             self._finish(side, CONNECTION_CLOSED)
         for side in self.table.all_open():
-            self._stand(OPEN, side.turn_frame)
             self._finish(side, CAPTURE_ENDED)
         self.silent.finish()
         if self.datagrams is not None:

@@ -11,6 +11,8 @@ from dissect.findings.transaction_rules import judge_parameters
 from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import (
+    ACK_HEADER_SIZE,
+    HEADER_SIZE,
     PUSH,
     REQUEST,
     RESPONSE,
@@ -47,7 +49,8 @@ class S7(Protocol):
         exchange = self._exchange
         connection = side.connection
         self.pdus += 1
-        self.rosctrs.add(buf[at + 1])
+        rosctr: i64 = buf[at + 1]
+        self.rosctrs.add(rosctr)
         if connection.pdus == 0:
             self._first_pdu(connection, frame, time_ns)
         connection.pdus += 1
@@ -58,8 +61,10 @@ class S7(Protocol):
         if size < 10:
             self._damaged(side, buf[at : at + size], frame, time_ns)
             return
-        rosctr, pdu_ref, param_length, data_length = read_header(buf, at)
-        head: i64 = 12 if rosctr == ACK_DATA or rosctr == ACK else 10
+        _, pdu_ref, param_length, data_length = read_header(buf, at)
+        head: i64 = HEADER_SIZE
+        if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
+            head = ACK_HEADER_SIZE
         data_at: i64 = at + head + param_length
         if data_at + data_length != at + size or (rosctr > ACK_DATA and rosctr != USERDATA):
             self._damaged(side, buf[at : at + size], frame, time_ns)
@@ -74,14 +79,16 @@ class S7(Protocol):
         limit: i64 = connection.pdu_length
         if limit and (size > limit or parameters.answer_size > limit):
             judge_length(exchange.reporter, connection, parameters, size, frame, time_ns)
-        if (rosctr == ACK and size > head) or u16(buf, at + 2):
+        if (rosctr == ACK and size > head) or buf[at + 2] or buf[at + 3]:
             judge_header(exchange.reporter, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
         if rosctr == JOB:
             self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return
         if rosctr == USERDATA:
             userdata = parameters.userdata
-            kind: i64 = userdata.type if userdata is not None else -1
+            kind: i64 = -1
+            if userdata is not None:
+                kind = userdata.type
             if kind == REQUEST:
                 self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
                 return

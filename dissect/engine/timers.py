@@ -19,7 +19,6 @@ from mypy_extensions import i64
 
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
-from dissect.engine.order import RESPONSES, SEGMENTS, Order
 from dissect.findings.reporter import Reporter
 from dissect.transactions.naming import subject
 from dissect.transactions.pairing import Dialogue
@@ -132,8 +131,7 @@ def next_tick(now_ns: i64) -> i64:
 class Timers:
     """Keeps the sides that wait, and passes their octets on when it is time."""
 
-    def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64, order: Order | None = None) -> None:
-        self._order: Order | None = order
+    def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64) -> None:
         self._counters: Counters = counters
         self._exchange: Exchange = exchange
         self._waiting: list[Side] = []  # sides with held segments or held answers
@@ -183,7 +181,6 @@ class Timers:
         """Look at ``side`` again when time passes or its connection shows another packet."""
         if not side.waiting:
             side.waiting = True
-            side.waiting_frame = self._counters.frames
             self._waiting.append(side)
             if len(self._waiting) > _MANY_WAITING:
                 self._waiting = [one for one in self._waiting if one.waiting]
@@ -193,11 +190,6 @@ class Timers:
         """Something waits from now on."""
         if self.deadline_ns == FAR_FUTURE:
             self.deadline_ns = next_tick(self._counters.now_ns)
-
-    def _stand(self, phase: i64, side: Side) -> None:
-        """Say that what waits of ``side`` is looked at next."""
-        if self._order is not None:
-            self._order.at(phase, side.waiting_frame, self._exchange.dialogue.count)
 
     def expire_answers(self, side: Side) -> None:
         """Give up answers of ``side`` that were held for their request long enough."""
@@ -224,12 +216,10 @@ class Timers:
         """Time has passed: give up what waited too long."""
         waiting = list(self._waiting)
         for side in waiting:
-            self._stand(SEGMENTS, side)
             side.stream.expire(self._counters.now_ns)
             if side.stream.ready:
                 self.chunks(side)
         for side in waiting:  # only then the answers: the request one of them waits for may just have come out
-            self._stand(RESPONSES, side)
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
             side.waiting = side.stream.time_bound or asked.orphans is not None

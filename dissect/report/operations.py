@@ -63,9 +63,13 @@ def styled_operation(operation: Operation, clock: Clock, places: Places) -> Line
 
 def _carried(operation: Operation) -> str:
     """Return of how much an operation consisted."""
-    parts = [words.count(operation.parts, "transaction")] if operation.parts != 1 else []
-    if operation.pushes:
-        parts.append(words.count(operation.pushes, "push", "pushes") + " of them")
+    pushes = words.count(operation.pushes, "push", "pushes")
+    if operation.pushes and operation.pushes == operation.parts:
+        parts = [pushes]
+    else:
+        parts = [words.count(operation.parts, "transaction")] if operation.parts != 1 else []
+        if operation.pushes:
+            parts.append(f"{pushes} of them")
     times = operation.parts if operation.kind == POLLING else operation.pushes
     if times > 1:
         parts.append(f"one in {words.duration(operation.duration_ns // (times - 1))} on average")

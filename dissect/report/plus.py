@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Final
 
 from dissect.iso.upper import S7COMM_PLUS, UPPER_NAMES
@@ -10,7 +11,7 @@ from dissect.report.facet import Facet
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import SUCCESS
 from dissect.s7plus.alarms import ALARM, Alarm
-from dissect.s7plus.contents import Contents
+from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.hiding import shown_contents, without_secrets
 from dissect.s7plus.ids import DATA_BLOCK
 from dissect.s7plus.items import Half, PlusItem, join_items
@@ -18,6 +19,7 @@ from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PlusParameters, names_function
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
+from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
@@ -36,6 +38,9 @@ DB_AREA: Final = 0x84
 
 #: Functions whose items stand beside what else they are about.
 _ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
+
+#: How `head_json` begins, by version and opcode, for PDUs in one frame.
+_BEGINNINGS: Final[dict[int, str]] = {}
 
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 _NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
@@ -137,25 +142,31 @@ def _some(texts: list[str]) -> list[str]:
 
 def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
     """Return what only S7comm-plus has; keys that the PDU does not have are left out."""
-    version = str(pdu.version) if pdu.version >= 0 else "null"
-    said = f'{{"kind":{json_text(pdu.kind)},"version":{version},"frames":{pdu.frames}'
-    if pdu.opcode >= 0:
-        said += f',"opcode":{pdu.opcode}'
+    opcode = pdu.opcode
+    key = pdu.version << 8 | opcode if pdu.frames == 1 and opcode >= 0 else -1
+    said = _BEGINNINGS.get(key, "")
+    if not said:
+        version = str(pdu.version) if pdu.version >= 0 else "null"
+        said = f'{{"kind":{json_text(pdu.kind)},"version":{version},"frames":{pdu.frames}'
+        if opcode >= 0:
+            said += f',"opcode":{opcode}'
+        if key >= 0:
+            _BEGINNINGS[key] = said
     if pdu.session_id >= 0:
         said += f',"session_id":{pdu.session_id}'
     if pdu.subscription_id >= 0:
         said += f',"subscription_id":{pdu.subscription_id}'
-    number = pdu.sequence if pdu.opcode == NOTIFICATION else pdu.number
+    number = pdu.sequence if opcode == NOTIFICATION else pdu.number
     if number >= 0:
         said += f',"number":{number}'
     if pdu.credit_tick >= 0:
         said += f',"credit_tick":{pdu.credit_tick}'
     if pdu.transport_flags >= 0:
         said += f',"transport_flags":{pdu.transport_flags}'
-    if pdu.opcode == REQUEST:
-        said += f',"wants_response":{"true" if pdu.wants_response else "false"}'
+    if opcode == REQUEST:
+        said += ',"wants_response":true' if pdu.wants_response else ',"wants_response":false'
     if pdu.return_value >= 0:
-        said += f',"return_value":"0x{pdu.return_value:x}"'
+        said += f',"return_value":"0x{pdu.return_value:x}"' if pdu.return_value else ',"return_value":"0x0"'
     if pdu.integrity:
         said += f',"integrity":"{pdu.integrity.hex()}"'
     if pdu.message:
@@ -204,38 +215,61 @@ def _item_json(item: PlusItem) -> str:
     """
     address = item.address
     value = item.value
-    label = path = start = area = db = crc = code = "null"
+    label, where, path = "null", _NOWHERE, _NO_PATH
     if address is not None:
-        label = json_text(item.label)
-        path = f"[{','.join([str(id_) for id_ in (address.area, address.sub_area, *address.lids)])}]"
-        start = str(address.start_bit) if address.start_bit >= 0 else "null"
-        if address.area >> 16 == DATA_BLOCK:
-            area, db = str(DB_AREA), str(address.area & 0xFFFF)
-        elif address.area in S7_AREAS:
-            area, db = str(S7_AREAS[address.area]), "0"
-        if address.crc:
-            crc = f'"0x{address.crc:08x}"'
-    if item.return_code >= 0:
-        code = str(item.return_code or SUCCESS)
+        if address.fragment is None:
+            address.fragment = _address_json(address)
+        known, where, path = address.fragment
+        label = known if item.found is None else json_text(item.label)
+    code = _SUCCESS if item.return_code == 0 else str(item.return_code) if item.return_code >= 0 else "null"
     data = f'"{item.data.hex()}"' if item.data is not None else "null"
-    name = json_text(value.type_name) if value is not None else "null"
+    name = _TYPES[value.type] if value is not None else "null"
     note = f',"note":{json_text(item.note)}' if item.note else ""
     return (
-        f'{{"address":{label},"syntax_id":null,"area":{area},"db":{db},"start_bit":{start}'
-        f',"transport_size":null,"count":null,"return_code":{code},"data":{data},"value":{_value_json(item.json_value)}'
-        f',"number":{item.number},"type":{name},"crc":{crc},"path":{path}{note}}}'
+        f'{{"address":{label}{where}{code},"data":{data},"value":{_value_json(item.json_value)}'
+        f',"number":{item.number},"type":{name}{path}{note}}}'
     )
 
 
+def _address_json(address: Address) -> tuple[str, str, str]:
+    """Return what an item says of its address: its label, what stands behind that, and what stands behind the type."""
+    start = str(address.start_bit) if address.start_bit >= 0 else "null"
+    area = db = crc = "null"
+    if address.area >> 16 == DATA_BLOCK:
+        area, db = str(DB_AREA), str(address.area & 0xFFFF)
+    elif address.area in S7_AREAS:
+        area, db = str(S7_AREAS[address.area]), "0"
+    if address.crc:
+        crc = f'"0x{address.crc:08x}"'
+    path = ",".join([str(id_) for id_ in (address.area, address.sub_area, *address.lids)])
+    return json_text(address.label), _where(area, db, start), f',"crc":{crc},"path":[{path}]'
+
+
+def _where(area: str, db: str, start: str) -> str:
+    return f',"syntax_id":null,"area":{area},"db":{db},"start_bit":{start},"transport_size":null,"count":null,"return_code":'
+
+
+_NOWHERE: Final = _where("null", "null", "null")
+_NO_PATH: Final = ',"crc":null,"path":null'
+_SUCCESS: Final = str(SUCCESS)
+_TYPES: Final[list[str]] = [json_text(VALUE_TYPES.name(type_)) for type_ in range(256)]
+
+
 def _value_json(value: object) -> str:
-    """Return JSON of a value: numbers and texts, which most are, directly."""
+    """Return JSON of a value: numbers, texts and lists of numbers, which most are, directly."""
     if value is None:
         return "null"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
         return str(value)
-    return json_text(value) if isinstance(value, str) else _json(value)
+    if isinstance(value, list):
+        texts = [str(one) for one in value if isinstance(one, int) and not isinstance(one, bool)]
+        if len(texts) == len(value):
+            return f"[{','.join(texts)}]"
+    if isinstance(value, str):
+        return json_text(value)
+    return repr(value) if isinstance(value, float) and math.isfinite(value) else _json(value)
 
 
 def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[str, int] | None) -> str:

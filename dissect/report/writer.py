@@ -130,18 +130,6 @@ class TransactionFeed(Observer):
         while len(packets) < len(lines):
             packets.append(0)
 
-    def add(self, lines: list[str | Line], packets: list[int]) -> None:
-        """Take lines that were made elsewhere, and where they stand: the packet of each, 0 for behind all others."""
-        self.settle()
-        if packets and packets[0] >= self._latest and packets == sorted(packets):
-            self._writer.lines += lines
-            self._packets += packets
-            self._latest = packets[-1]
-            return
-        for line, packet in zip(lines, packets, strict=True):
-            self._writer.lines.append(line)
-            self.place(packet)
-
     def place(self, packet: int) -> None:
         """Put the lines that the writer has got since into their place: that of ``packet``, 0 for behind all others."""
         lines = self._writer.lines

@@ -227,7 +227,9 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
     counted: i64 = COUNTED[transport_size]
     if counted == 0:
         return length
-    return (length + 7) >> 3 if counted == BITS or length > room else length
+    if counted == BITS or length > room:
+        return (length + 7) >> 3
+    return length
 
 
 class DataItem:

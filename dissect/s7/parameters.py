@@ -33,7 +33,7 @@ from dissect.s7.tables import (
 )
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16
+from dissect.wire.octets import u16, u32
 
 PROTOCOL_ID: Final = 0x32
 HEADER_SIZE: Final = 10
@@ -46,6 +46,8 @@ PUSH: Final = 0
 REQUEST: Final = 1
 RESPONSE: Final = 2
 
+#: Octets of the parameter block of a job with one item of twelve octets.
+_ONE_ITEM: Final = 14
 _SHORT: Final = 8
 _EXTENDED: Final = 12
 _USEND_SIZE: Final = 10
@@ -331,6 +333,8 @@ class ParameterCache:
     #: Blocks of a generation, and octets of all of them; an item takes some thirty times its octets in memory.
     CAPACITY: Final = 8192
     OCTETS: Final = 512 * 1024
+    #: Blocks of requests that are found without a dictionary, a power of two.
+    PLACES: Final = 2048
 
     def __init__(self) -> None:
         self._young: list[dict[bytes, Parameters]] = [{} for _ in range(8)]
@@ -339,6 +343,8 @@ class ParameterCache:
         self._octets: i64 = 0
         #: Function and item count are the whole block of half of all PDUs: these, by both of them.
         self._short: list[Parameters | None] = [None] * 512
+        #: Of the younger generation, the latest block of a job with the same DB and address at its end.
+        self._latest: list[Parameters | None] = [None] * self.PLACES
 
     def get(self, buf: bytes, at: i64, end: i64, rosctr: i64) -> Parameters:
         """Return the parsed block ``buf[at:end]`` of a PDU with ROSCTR 0 to 7."""
@@ -349,7 +355,20 @@ class ParameterCache:
                 short = parse_parameters(buf[at:end], rosctr)
                 self._short[place] = short
             return short
+        if rosctr == JOB and end - at >= _ONE_ITEM:
+            return self._asked(buf[at:end])
         return self._distinct(buf[at:end], rosctr)
+
+    def _asked(self, octets: bytes) -> Parameters:
+        """Return the parsed block of a job with items: what the end of the last one refers to tells most of them apart."""
+        size: i64 = len(octets)
+        place: i64 = (u32(octets, size - 4) + (u16(octets, size - 6) << 4) + (size << 1)) & (self.PLACES - 1)
+        latest = self._latest[place]
+        if latest is not None and latest.octets == octets:
+            return latest
+        parameters = self._distinct(octets, JOB)
+        self._latest[place] = parameters
+        return parameters
 
     def _distinct(self, octets: bytes, rosctr: i64) -> Parameters:
         parameters = self._young[rosctr].get(octets)
@@ -365,6 +384,7 @@ class ParameterCache:
         if self._blocks >= self.CAPACITY or self._octets + size > self.OCTETS:
             self._old = self._young
             self._young = [{} for _ in range(8)]
+            self._latest = [None] * self.PLACES
             self._blocks = 0
             self._octets = 0
         self._young[rosctr][parameters.octets] = parameters

@@ -119,6 +119,16 @@ def number_texts(transport_size: i64, octets: bytes, as_json: bool, most: i64) -
     return texts
 
 
+def number_json(transport_size: i64, octets: bytes) -> str:
+    """Return the only element as JSON, as `number_texts` has it; empty where octets are not those of one number."""
+    size: i64 = len(octets)
+    if size == 0 or transport_size < 0 or transport_size > 255 or size != _TEXT_SIZES[transport_size]:
+        return ""
+    if transport_size == BYTE:
+        return SHORT[octets[0]]
+    return _element_text(transport_size, octets, 0, True)
+
+
 def _element_text(transport_size: i64, octets: bytes, at: i64, as_json: bool) -> str:
     if transport_size == REAL:
         single = octets if len(octets) == 4 else octets[at : at + 4]

@@ -22,6 +22,7 @@ from dissect.s7plus.pieces import (
     take_object_id,
     take_objects,
     take_qualifier,
+    take_read_addresses,
     take_refusals,
     take_reserved,
     take_return_value,
@@ -165,8 +166,7 @@ def _object_deleted(walk: Walk, found: Contents) -> None:
 
 
 def _get_multi(walk: Walk, found: Contents) -> None:
-    take_addresses(walk, found)
-    take_qualifier(walk)
+    take_read_addresses(walk, found)
 
 
 def _multi_got(walk: Walk, found: Contents) -> None:

@@ -15,16 +15,19 @@ from dissect.wire.part import Part
 class Address:
     """Where a variable is: an area or object, the attribute that holds it (``sub_area``), and the way to it within that.
 
-    ``crc`` is the checksum of its symbol, 0 for none. An attribute of an object has no LIDs.
+    ``crc`` is the checksum of its symbol, 0 for none. An attribute of an object has no LIDs. One address serves for every
+    read that repeats it, so that nothing of it is changed; ``fragment`` is for who writes it again and again.
     """
 
-    __slots__ = ("area", "crc", "lids", "sub_area")
+    __slots__ = ("_label", "area", "crc", "fragment", "lids", "sub_area")
 
     def __init__(self, crc: int, area: int, sub_area: int, lids: list[int]) -> None:
         self.crc = crc
         self.area = area
         self.sub_area = sub_area
         self.lids = lids
+        self._label = ""
+        self.fragment: tuple[str, str, str] | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Address) and self.key == other.key
@@ -47,6 +50,11 @@ class Address:
         For example ``DB3 LID 14``, ``MW100``, ``CPUexecUnit.OperatingStateREQ``. The checksum of a symbol follows in
         brackets, as it is what the device compares.
         """
+        if not self._label:
+            self._label = self._said()
+        return self._label
+
+    def _said(self) -> str:
         where = AREAS.get(self.area) or block_name(self.area)
         if not where:
             return ".".join([short_name(self.area), *[member_name(id_) for id_ in (self.sub_area, *self.lids)]])

@@ -33,6 +33,7 @@ from dissect.s7plus.session import (
     SUBSCRIPTION,
     PlusSession,
     reference_list_of,
+    references_of,
 )
 from dissect.s7plus.skimming import UNSOUND, skim
 from dissect.s7plus.skipping import MET, marks, table
@@ -77,6 +78,7 @@ REPLAYED: Final = "replay"
 SESSION: Final = "session"
 SUBSCRIBED: Final = "subscription"
 SUBSCRIBED_ALARMS: Final = "alarm subscription"
+LISTED: Final = "subscription list"
 DELETED: Final = "deleted object"
 
 _PROGRAM: Final = 3
@@ -177,13 +179,16 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes) -
 
 def _judge_contents(request: bytes, response: bytes) -> Facts | None:
     """Look for what is wrong with contents that say nothing else."""
-    facts: Facts | None = None
-    for octets in (request, response):
-        if octets and skim(octets, _MARKS) == UNSOUND:
-            if facts is None:
-                facts = Facts()
-            _read(octets, facts)
-    return facts if facts is not None and (facts.malformed or facts.exhausted) else None
+    asked: bool = len(request) > 0 and skim(request, _MARKS) == UNSOUND
+    told: bool = len(response) > 0 and skim(response, _MARKS) == UNSOUND
+    if not (asked or told):
+        return None
+    facts = Facts()
+    if asked:
+        _read(request, facts)
+    if told:
+        _read(response, facts)
+    return facts if facts.malformed or facts.exhausted else None
 
 
 def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
@@ -347,7 +352,8 @@ def _blocks(objects: list[PlusObject]) -> str:
         number = one.number(_NUMBER)
         if not block_name(one.rid) and number >= 0:
             text += f" {number}"
-        texts.append(f"{text}{f' {name!r}' if name else ''}{f' ({LANGUAGES.name(language)})' if language > 0 else ''}")
+        title = f" {name!r}" if name and name != text else ""
+        texts.append(f"{text}{title}{f' ({LANGUAGES.name(language)})' if language > 0 else ''}")
     more = f" and {len(objects) - _NAMED} more" if len(objects) > _NAMED else ""
     return ", ".join(texts) + more
 
@@ -374,11 +380,19 @@ def _item_written(session: PlusSession, facts: Facts, address: Address, value: V
     elif last == SESSION_KEY:
         session.authenticated = session.authenticated or good
     elif last == REFERENCE_LIST and value is not None and good:
-        session.change(address.area, value)
+        _listed(session, facts, address.area, value)
     elif last == STATE_REQUEST and address.area == CPU_EXEC_UNIT and value is not None:
         facts.events.append(_state_requested(value))
     else:
         _write(session, facts, address, value)
+
+
+def _listed(session: PlusSession, facts: Facts, object_id: int, value: Value) -> None:
+    """A subscription gets another list of variables, or more of them: tools make it first and fill it later."""
+    session.change(object_id, value)
+    labels = [session.label(address) for _, address in references_of(value)[:_NAMED]]
+    if labels:
+        facts.events.append(Event(LISTED, ", ".join(labels), object_id))
 
 
 def _write(session: PlusSession, facts: Facts, address: Address, value: Value | None) -> None:
@@ -408,7 +422,7 @@ def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, tol
     if ids[-1] in PASSWORDS:
         facts.events.append(Event(PASSWORD, ""))
     elif ids[0] == REFERENCE_LIST and value is not None and good:
-        session.change(object_id, value)
+        _listed(session, facts, object_id, value)
     elif object_id == CPU_EXEC_UNIT and ids == [STATE_REQUEST] and value is not None:
         facts.events.append(_state_requested(value))
     else:
@@ -441,7 +455,12 @@ def _number(value: Value) -> int:
 
 
 def _state(session: PlusSession, facts: Facts, state: int) -> None:
-    """Note the operating state of the CPU; an event where it is a different one from before."""
+    """Note the operating state of the CPU; an event where it is a different one from before.
+
+    What is no state at all hides no change: that from before stands.
+    """
+    if state < 0:
+        return
     before, session.identity.state = session.identity.state, state
     session.identity.tell(OPERATING_MODE, OPERATING_STATES.name(state) if state in _STATES else "", IN_VARIABLE)
     if state in _STATES and before >= 0 and state != before:

@@ -98,10 +98,21 @@ class Glance:
 
     def expect(self, octets: bytes) -> bool:
         """Pass over octets that must be these."""
-        if not self._octets.startswith(octets, self._skipper.at, self._end):
+        at: i64 = self._skipper.at
+        behind: i64 = at + len(octets)
+        if behind > self._end or self._octets[at:behind] != octets:
             self.plain = False
             return False
-        self._skipper.at += len(octets)
+        self._skipper.at = behind
+        return True
+
+    def zero(self) -> bool:
+        """Pass over an octet that must be 0."""
+        at: i64 = self._skipper.at
+        if at >= self._end or self._octets[at]:
+            self.plain = False
+            return False
+        self._skipper.at = at + 1
         return True
 
     def skip(self, size: i64) -> bool:
@@ -250,7 +261,7 @@ def _got(asked: Glance, told: Glance, seen: Seen) -> None:
             seen.stated = told.plain
         else:
             told.value()
-    told.expect(b"\0")  # no refusals
+    told.zero()  # no refusals
 
 
 def _read_addresses(asked: Glance) -> i64:
@@ -337,7 +348,7 @@ def _set(asked: Glance, told: Glance, seen: Seen, outputs: bool, elsewhere: bool
             return
         count -= 1
     if asked.plain and asked.skip(1) and asked.expect(USUAL_QUALIFIER):
-        told.expect(b"\0")  # no refusals
+        told.zero()  # no refusals
 
 
 def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhere: bool) -> None:

@@ -6,6 +6,8 @@ others are hashes and keys that a download brings to the CPU. Every face reads c
 
 from __future__ import annotations
 
+from typing import Final
+
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS
@@ -13,10 +15,13 @@ from dissect.s7plus.items import Half
 from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, VALUE
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.tables import REQUEST
-from dissect.s7plus.value_tables import STRUCT, WSTRING
+from dissect.s7plus.value_tables import BLOB, STRUCT, VARIANT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
+
+#: Types of values inside which there are others.
+_MAY_HOLD: Final = frozenset((STRUCT, BLOB, VARIANT))
 
 #: Contents without secrets, and (offset, end) of each secret within the octets of their PDU.
 Shown = tuple[Contents, list[tuple[int, int]]]
@@ -44,10 +49,11 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
                 _hide(part, int(content.offset), int(content.end), pdu, spans)
     if found.value is not None and (named or _holds_secret(found.value)):
         found.value = Value(0, WSTRING, HIDDEN)
-    found.items = [
-        (number, Value(0, WSTRING, HIDDEN) if number in secret or _holds_secret(value) else value)
-        for number, value in found.items
-    ]
+    if secret or any([value.type in _MAY_HOLD for _, value in found.items]):
+        found.items = [
+            (number, Value(0, WSTRING, HIDDEN) if number in secret or _holds_secret(value) else value)
+            for number, value in found.items
+        ]
     return found, spans
 
 

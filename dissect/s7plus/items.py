@@ -75,6 +75,8 @@ class PlusItem:
         """The value in few words, empty when there is none."""
         if self.value is None:
             return ""
+        if self._is_plain:
+            return value_said(self.value, self._last_id)
         text = self._program_value()
         if text is not None:
             variable = self.found.variable if self.found is not None else None
@@ -87,13 +89,13 @@ class PlusItem:
             shown = [str(one) for one in elements[:_SHOWN]]
             more = " …" if len(elements) > _SHOWN else ""
             return f"{self.found.variable.datatype_name}[{len(elements)}] {', '.join(shown)}{more}"
-        address = self.address
-        ids = [address.sub_area, *address.lids] if address is not None else [0]
-        return value_said(self.value, ids[-1])
+        return value_said(self.value, self._last_id)
 
     @property
     def json_value(self) -> object:
         """The value as JSON-ready data, None when there is none."""
+        if self.value is not None and self._is_plain:
+            return as_json(self.value)
         text = self._program_value()
         if text is not None:
             return text
@@ -105,6 +107,19 @@ class PlusItem:
             return {"id": content.id, "time": content.time, "octets": content.octets.hex(), "members": members}
         elements = self._elements()
         return elements if elements is not None else as_json(self.value)
+
+    @property
+    def _is_plain(self) -> bool:
+        """True where the program says nothing of the value."""
+        return self.found is None and self.value is not None and not isinstance(self.value.content, Packed)
+
+    @property
+    def _last_id(self) -> int:
+        """The attribute or member that the item is, 0 where that is not known."""
+        address = self.address
+        if address is None:
+            return 0
+        return address.lids[-1] if address.lids else address.sub_area
 
     def _program_value(self) -> str | None:
         if self.value is None or self.program is None:
@@ -200,12 +215,22 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
             item.data = _data(item.value, told)
         return [item]
     source = asked if writes else (told if whole == 0 else None)
+    known = asked.contents.addresses
+    items: list[PlusItem] = []
+    if (
+        source is not None
+        and _in_order(source.contents, len(known))
+        and not (told is not None and told.contents.refusals)
+    ):
+        for number, one in source.contents.items:  # nearly always
+            item = PlusItem(number, known[number - 1], one, whole)
+            item.data = _data(one, source)
+            items.append(item)
+        return items
     values: dict[int, list[Value | None]] = {}
     for index, sent in source.contents.items if source is not None else []:
         values.setdefault(index, []).append(sent)  # one that comes twice is shown twice
     refusals = dict(told.contents.refusals) if told is not None else {}
-    items: list[PlusItem] = []
-    known = asked.contents.addresses
     for number in sorted({*range(1, len(known) + 1), *values, *refusals}):
         code = refusals[number] & 0xFFFF if number in refusals else whole
         for value in values.get(number, _NO_VALUE):
@@ -216,6 +241,12 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
             item.data = _data(value, source)
             items.append(item)
     return items
+
+
+def _in_order(contents: Contents, count: int) -> bool:
+    """Tell whether there are so many values, numbered from 1."""
+    items = contents.items
+    return len(items) == count and all([number == index for index, (number, _) in enumerate(items, 1)])
 
 
 def _notified(told: Half, session: PlusSession | None) -> list[PlusItem]:

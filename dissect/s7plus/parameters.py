@@ -37,12 +37,14 @@ TITLE: Final = "S7comm-plus"
 class PlusParameters(Parameters):
     """What S7comm-plus PDUs of one function have in common. ``code`` is the function on the wire, -1 for a notification."""
 
-    __slots__ = ("code",)
+    __slots__ = ("_row", "code")
 
     def __init__(self, code: i64) -> None:
         super().__init__(b"", PLUS)
         self.code: i64 = code
         self.function = _FUNCTION | code if code >= 0 else _NOTIFICATION
+        known: bool = code < 0 or code in FUNCTIONS
+        self._row: int = self.function if known else _UNKNOWN
 
     @property
     def function_name(self) -> str:
@@ -57,8 +59,7 @@ class PlusParameters(Parameters):
     @property
     def statistics_key(self) -> int:
         """Number of the row of statistics that this function counts in."""
-        known: bool = self.code < 0 or self.code in FUNCTIONS
-        return self.function if known else _UNKNOWN
+        return self._row
 
     @property
     def statistics_name(self) -> str:
@@ -78,13 +79,18 @@ class PlusParameterCache:
 
     def __init__(self) -> None:
         self._by_code: dict[int, PlusParameters] = {}
+        self._latest: PlusParameters | None = None
 
     def get(self, code: i64) -> PlusParameters:
         """Return the object for a function code, -1 for notifications."""
+        latest = self._latest
+        if latest is not None and latest.code == code:
+            return latest
         found = self._by_code.get(code)
         if found is None:
             if len(self._by_code) >= self.CAPACITY:
                 self._by_code.clear()
             found = PlusParameters(code)
             self._by_code[code] = found
+        self._latest = found
         return found

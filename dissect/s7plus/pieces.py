@@ -92,6 +92,41 @@ def take_ids(walk: Walk, found: Contents, count: int) -> None:
         walk.part(layouts.ATTRIBUTE_ID, at, id_name(id_) if walk.shown else "")
 
 
+class _Known:
+    """Addresses of reads, and what reading them costs, by their octets: polling repeats them. ``size`` counts these octets."""
+
+    def __init__(self) -> None:
+        self.addresses: dict[bytes, tuple[list[Address], int]] = {}
+        self.size = 0
+
+
+_KNOWN: Final = _Known()
+#: Octets of the addresses that are remembered; an address takes at least four, and some hundred when it is read.
+_MAX_KNOWN: Final = 1 << 16
+
+
+def take_read_addresses(walk: Walk, found: Contents) -> None:
+    """Read the addresses of a read of several, with the qualifier that follows. Raises `FormatError`."""
+    begin = walk.at
+    end = walk.octets.find(_QUALIFIER, begin, walk.end) if not walk.shown else -1
+    asked = walk.octets[begin:end] if end > begin else b""
+    known = _KNOWN.addresses.get(asked)
+    if known is not None:
+        found.addresses = known[0]
+        walk.at = end
+        walk.spend(known[1], "address")
+    else:
+        before = walk.budget
+        take_addresses(walk, found)
+        if walk.at == end and found.addresses and found.object_id < 0:  # of attributes of one object more is to be kept
+            _KNOWN.size += len(asked)
+            if _KNOWN.size > _MAX_KNOWN:
+                _KNOWN.addresses.clear()
+                _KNOWN.size = len(asked)
+            _KNOWN.addresses[asked] = (found.addresses, before - walk.budget)
+    take_qualifier(walk)
+
+
 def take_addresses(walk: Walk, found: Contents) -> int:
     """Read the addresses of items: of variables, or attributes of one object. Returns how many items there are."""
     at = walk.at

@@ -53,13 +53,18 @@ class TypeInformation:
         return known
 
 
+#: Blocks and areas of which is remembered which type is theirs.
+_MAX_AREAS: Final = 4096
+
+
 class Program:
     """The variables of a CPU's blocks and areas, by the id of their type information."""
 
-    __slots__ = ("_count", "_types")
+    __slots__ = ("_count", "_of_areas", "_types")
 
     def __init__(self) -> None:
         self._types: dict[int, TypeInformation] = {}
+        self._of_areas: dict[int, int] = {}  # what `_type_of` found among these types
         self._count = 0
 
     def learn(self, objects: list[PlusObject]) -> None:
@@ -73,6 +78,7 @@ class Program:
                 continue  # no names, or lists that contradict each other
             self._forget(one.rid)
             self._types[one.rid] = told
+            self._of_areas.clear()
             self._count += told.count
             while self._count > MAX_VARIABLES and len(self._types) > 1:
                 self._forget(next(iter(self._types)))
@@ -87,6 +93,7 @@ class Program:
         for rid, told in other._types.items():
             if rid not in self._types:
                 self._types[rid] = told
+                self._of_areas.clear()
                 self._count += told.count
 
     def symbols(self) -> list[Symbol]:
@@ -121,6 +128,7 @@ class Program:
     def _forget(self, type_id: int) -> None:
         told = self._types.pop(type_id, None)
         if told is not None:
+            self._of_areas.clear()
             self._count -= told.count
 
     def _known(self, type_id: int) -> dict[int, tuple[str, Variable]] | None:
@@ -137,6 +145,17 @@ class Program:
 
     def _type_of(self, area: int) -> int:
         """Return the id of the type information of a block or an area, as far as it passed; -1 for none."""
+        if not self._types:
+            return -1
+        found = self._of_areas.get(area)
+        if found is None:
+            if len(self._of_areas) >= _MAX_AREAS:
+                self._of_areas.clear()
+            found = self._seek_type(area)
+            self._of_areas[area] = found
+        return found
+
+    def _seek_type(self, area: int) -> int:
         if area in AREAS:
             return next((rid for rid in self._types if rid >> 24 == _AREA_TYPES and _area(rid) == area), -1)
         kind = BLOCK_KINDS.get(area >> 16)

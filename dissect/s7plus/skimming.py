@@ -273,7 +273,8 @@ class Body:
     def _qualifier(self, more: i64) -> bool:
         """Pass over the usual qualifier and as many octets behind it."""
         at: i64 = self.skipper.at
-        return self._octets.startswith(USUAL_QUALIFIER, at, self._end) and self._skip(len(USUAL_QUALIFIER) + more)
+        behind: i64 = at + len(USUAL_QUALIFIER)
+        return behind <= self._end and self._octets[at:behind] == USUAL_QUALIFIER and self._skip(behind - at + more)
 
     def _ids(self) -> bool:
         """Pass over an object and the ids of its attributes. A compressed value of one is left to be read."""

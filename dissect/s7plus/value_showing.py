@@ -16,6 +16,17 @@ from dissect.wire.text import Clock
 _SHOWN: Final = 8
 _SHOWN_TEXT: Final = 80
 _SHOWN_OCTETS: Final = 16
+_BYTE: Final = "0x%02x"
+#: Numbers that are shown by a form of their own.
+_OTHER: Final = "?"
+#: By type: how a number is shown, empty for the decimal number that it is.
+_FORMS: Final[list[str]] = [
+    f"0x%0{2 * FIXED_SIZES[type_]}x" if type_ in BIT_TYPES
+    else _OTHER if type_ in (RID, AID, TIMESTAMP, TIMESPAN)
+    else ""
+    for type_ in range(256)
+]  # fmt: skip
+_BYTES: Final[list[str]] = [_BYTE % number for number in range(256)]
 
 
 def value_text(value: Value) -> str:
@@ -44,8 +55,10 @@ def value_said(value: Value, id_: int) -> str:
 
 
 def _content_text(type_: int, content: object) -> str:
-    if isinstance(content, bool):
-        return "true" if content else "false"
+    if content is True:
+        return "true"
+    if content is False:
+        return "false"
     if isinstance(content, int):
         return _number_text(type_, content)
     if isinstance(content, bytes) and type_ == WSTRING:
@@ -67,15 +80,18 @@ def _content_text(type_: int, content: object) -> str:
 
 
 def _number_text(type_: int, number: int) -> str:
-    if type_ in BIT_TYPES:
-        return f"0x{number:0{2 * FIXED_SIZES[type_]}x}"
+    form = _FORMS[type_] if 0 <= type_ < len(_FORMS) else ""
+    if not form:
+        return str(number)
+    if form == _BYTE and 0 <= number < len(_BYTES):
+        return _BYTES[number]
+    if form != _OTHER:
+        return form % number
     if type_ == RID or type_ == AID:
         return id_name(number)
     if type_ == TIMESTAMP:
         return iso_time(number)
-    if type_ == TIMESPAN:
-        return f"{number} ns"
-    return str(number)
+    return f"{number} ns"
 
 
 def iso_time(time_ns: int) -> str:

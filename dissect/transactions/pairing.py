@@ -107,20 +107,45 @@ class Orphan:
 
 
 class OpenRequests:
-    """The open requests of one asking side, and the answers to it that found none."""
+    """The open requests of one asking side, and the answers to it that found none.
 
-    __slots__ = ("_given_up", "count", "orphans", "table")
+    Most clients wait for each answer: the only open request needs no dictionary, and no key as an int object.
+    """
+
+    __slots__ = ("_given_up", "_only", "_only_key", "_table", "count", "orphans")
 
     def __init__(self) -> None:
-        self.table: dict[int, Transaction] = {}
+        self._only: Transaction | None = None  # while nothing else is open; `_table` is empty then
+        self._only_key: i64 = 0
+        self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 
+    @property
+    def table(self) -> dict[int, Transaction]:
+        """The open requests by their keys, in the order of asking; to be looked at, and changed in here only."""
+        only = self._only
+        if only is not None:
+            self._only = None
+            self._table[self._only_key] = only
+        return self._table
+
+    def find(self, key: i64) -> Transaction | None:
+        """Return what is open under ``key``, the latest of several that are identical; None when nothing is."""
+        only = self._only
+        if only is None:
+            return self._table.get(key) if self._table else None
+        return only if key == self._only_key else None
+
     def add(self, key: i64, transaction: Transaction) -> None:
-        """Open a request under a key that `table` does not hold."""
+        """Open a request under a key that nothing is open under."""
         self.count += 1
-        self.table[key] = transaction
+        if self.count == 1:
+            self._only = transaction
+            self._only_key = key
+        else:
+            self.table[key] = transaction
 
     def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
         """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it)."""
@@ -188,12 +213,15 @@ class OpenRequests:
         return dropped
 
     def take(self, key: i64, found: Transaction) -> Transaction:
-        """Close the oldest open request of ``key`` and return it; ``found`` is what `table` holds there."""
+        """Close the oldest open request of ``key`` and return it; ``found`` is what `find` returns for it."""
         self.count -= 1
-        if found.earlier is None:
-            del self.table[key]
-            return found
-        return _earliest_of(found)
+        if found.earlier is not None:
+            return _earliest_of(found)
+        if found is self._only:
+            self._only = None
+        else:
+            del self._table[key]
+        return found
 
     def _take_behind(self, newer: Transaction, older: Transaction) -> Transaction:
         """Close the oldest of the identical requests ``older``, which are kept behind ``newer``, and return it."""
@@ -226,7 +254,7 @@ class OpenRequests:
         self._given_up += 1
         if self._given_up % _FRESH == 0:
             # Finding the first entry of a dict takes the longer the more were deleted before it.
-            self.table = {key: found for key, found in self.table.items()}  # noqa: C416 - dict() copies the gaps too
+            self._table = {key: found for key, found in self.table.items()}  # noqa: C416 - dict() copies the gaps too
         for key, found in self.table.items():
             newer = found
             behind = found.superseded
@@ -265,7 +293,7 @@ class OpenRequests:
         for transaction in found:
             transaction.earlier = None
         found.sort(key=_number)
-        self.table = {}
+        self._table = {}
         self.count = 0
         return found
 
@@ -398,7 +426,7 @@ class Dialogue:
                 self._join(transaction, orphan.transaction)
                 return transaction
         answering = side.peer
-        waiting = requests.table.get(key)
+        waiting = requests.find(key)
         self.open += 1
         if self.watching and not side.watched:
             self._watch(side)
@@ -439,7 +467,7 @@ class Dialogue:
         connection = side.connection
         requests = connection.open_requests[1 - side.index]
         key: i64 = key_of(rosctr, pdu_ref)
-        waiting = requests.table.get(key)
+        waiting = requests.find(key)
         if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
             # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
             older = requests.take_superseded(waiting, side.end_seq)
@@ -507,7 +535,7 @@ class Dialogue:
     def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
         """Return whether a request is open that an answer of ``side`` with this reference would complete."""
         key: i64 = key_of(rosctr, pdu_ref)
-        return key in side.connection.open_requests[1 - side.index].table
+        return side.connection.open_requests[1 - side.index].find(key) is not None
 
     def tell(
         self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64

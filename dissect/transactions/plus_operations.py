@@ -11,6 +11,7 @@ from dissect.s7plus.alarms import ALARM
 from dissect.s7plus.events import (
     CHANGED,
     DELETED,
+    LISTED,
     ORDERED,
     PASSWORD,
     READ_OUT,
@@ -100,6 +101,9 @@ class PlusOperations:
         if event.kind == DELETED:
             self._delete(event, transaction)
             return
+        if event.kind == LISTED:
+            self._list(event, transaction)
+            return
         kind = _KINDS.get(event.kind, "")
         subject = session.describe() if event.kind == SESSION else event.text
         if event.kind == STREAMED and session.identity.order_number.startswith(_PANELS):
@@ -131,6 +135,12 @@ class PlusOperations:
         if operation is not None and not operation.result:
             operation.add(transaction)
             self._book.settle(operation, transaction, DONE, FAILED)
+
+    def _list(self, event: Event, transaction: Transaction) -> None:
+        """Name what a subscription asks for since its list was written."""
+        operation = self._open.get((int(transaction.connection.number), event.object_id))
+        if operation is not None and not operation.result and event.text not in operation.subject:
+            operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
     def notified(self, subscription: int, transaction: Transaction) -> None:
         """Count a notification for its subscription."""

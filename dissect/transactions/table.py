@@ -159,9 +159,7 @@ class Side:
         "stream",
         "tcp",
         "told_overdue",
-        "turn_frame",
         "waiting",
-        "waiting_frame",
         "watched",
     )
 
@@ -190,8 +188,6 @@ class Side:
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
         self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
-        self.waiting_frame: i64 = 0  # packet since which it is
-        self.turn_frame: i64 = 0  # packet that opened its connection, or closed it
         self.watched: bool = False  # of those whose requests are watched for being overdue
         self.told_overdue: i64 = 0  # number of its latest request that was told to be
         self.garbage: bool = False  # inside a stretch that was already told

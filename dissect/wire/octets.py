@@ -19,7 +19,11 @@ def u24(octets: bytes, at: i64) -> i64:
 
 def u32(octets: bytes, at: i64) -> i64:
     """Return the four octets at ``at`` as a number; IndexError when they are not there."""
-    return (u16(octets, at) << 16) | u16(octets, at + 2)
+    first: i64 = octets[at]
+    second: i64 = octets[at + 1]
+    third: i64 = octets[at + 2]
+    fourth: i64 = octets[at + 3]
+    return (first << 24) | (second << 16) | (third << 8) | fourth
 
 
 class Tally:

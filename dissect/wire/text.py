@@ -92,7 +92,8 @@ def _escape(character: str) -> str:
 
 def json_text(value: str) -> str:
     """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
-    return encode_basestring_ascii(value).replace("\x7f", "\\u007f")
+    text = encode_basestring_ascii(value)
+    return text.replace("\x7f", "\\u007f") if "\x7f" in text else text
 
 
 def encodable(text: str) -> str:
@@ -216,11 +217,16 @@ class Clock:
 
     def iso(self, time_ns: i64) -> str:
         """Return ISO 8601 in UTC with nanoseconds, for example ``2016-02-08T14:51:37.916123000Z``."""
+        begin = self.iso_second(time_ns)
+        rest: i64 = time_ns % _NS_PER_S
+        return f"{begin}{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z"
+
+    def iso_second(self, time_ns: i64) -> str:
+        """Return `iso` up to the point between seconds and nanoseconds, for who puts it together with more."""
         second: i64 = time_ns // _NS_PER_S
         if second != self._second:
             self._turn(second)
-        rest: i64 = time_ns % _NS_PER_S
-        return f"{self._text}{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z"
+        return self._text
 
     def _turn(self, second: i64) -> None:
         """Write another second."""

@@ -17,6 +17,7 @@ from dissect.alerts.syslog import Syslog
 from dissect.alerts.webhook import Webhook
 from dissect.findings.catalogue import CATALOGUE
 from dissect.scd.errors import DictionaryError
+from tests.cases import each
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "alerts.md"
 S = 1_000_000_000
@@ -83,9 +84,7 @@ def test_actions() -> None:
     assert actions["a"].parallel == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
+@each(('text', 'told'), [
         ("", "[[rule]]: is missing: a rules file"),
         ("[rule]\n", "[rule]: must be written as [[rule]]"),
         ("[[rules]]\n", "file, rules: no such key here; close to it: 'rule'"),
@@ -140,8 +139,7 @@ def test_actions() -> None:
         (ACTION + 'webhook = "http://127.0.0.1/\\r\\nX: y"\n', ACT + "webhook: "),
         (ACTION + 'webhook = "http://127.0.0.1/"\nspool = "here"\n', ACT + "spool: 'here' is not an absolute path"),
         (FINDING + "burst = 0\n", RULE + "burst: 0 is outside 1 to 10000"),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_what_is_wrong_is_told(tmp_path: Path, text: str, told: str) -> None:
     with pytest.raises(RuleError) as error:
         load_rules(saved(tmp_path, text))

@@ -16,6 +16,7 @@ from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.bindings_file import MAX_BINDINGS, MAX_FILE, BindingError, load_bindings
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.loading import compile_text
+from tests.cases import each
 
 PLANT: Final = Path(__file__).resolve().parents[2] / "captures" / "scd" / "plant.toml"
 OD: Final = scd.compile(PLANT)
@@ -130,7 +131,7 @@ def test_messages_without_a_size_travel_where_units_end(load: Load) -> None:
 M: Final = 'holds = "messages"'
 
 
-@pytest.mark.parametrize(
+@each(
     ("text", "message"),
     [
         ("", "[[binding]]: 0 bindings, expected 1 to 1024"),

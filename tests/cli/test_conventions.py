@@ -14,6 +14,7 @@ from typing import Final
 
 import pytest
 
+from tests.cases import each
 from tests.cli.support import run, simple
 from tests.cli.test_outputs import commands, lines_of, object_of
 from tests.report.schemas import ROOT
@@ -190,7 +191,7 @@ def test_every_command_says_its_exit_codes() -> None:
         assert codes == sorted(codes, key=int), name
 
 
-@pytest.mark.parametrize("call", calls(WRONG), ids=lambda call: " ".join(call[:2]).rpartition("/")[2])
+@each("call", calls(WRONG))
 def test_what_cannot_be_read_is_code_2_and_nothing_on_stdout(
     capfdbinary: Capture, tmp_path: Path, call: list[str]
 ) -> None:

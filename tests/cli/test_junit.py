@@ -14,6 +14,7 @@ from dissect.golden.difference import KINDS, Difference
 from dissect.golden.model import Session
 from dissect.playback.server.service import Server
 from dissect.report.writers.junit import junit_outcome
+from tests.cases import each
 from tests.cli.support import run, simple
 from tests.golden.support import WRITTEN
 from tests.playback.client.support import changed, free_port
@@ -88,7 +89,7 @@ def test_what_cannot_stand_in_xml_is_escaped() -> None:
     assert suite.get("name") == f"s7dissect diff {shown} {shown}"
 
 
-@pytest.mark.parametrize("code", [*range(0x20), 0x7F, 0x85, 0xD800, 0xDFFF, 0xFFFE, 0xFFFF, 0x1FFFE, 0x10FFFF])
+@each("code", [*range(0x20), 0x7F, 0x85, 0xD800, 0xDFFF, 0xFFFE, 0xFFFF, 0x1FFFE, 0x10FFFF])
 def test_every_character_that_xml_refuses(code: int) -> None:
     suite = made(Difference("values", f"was {chr(code)}", (1, 1)))
     assert re.fullmatch(r"was \\[xuU][0-9a-f]{2,8}", str(suite[0][0].get("message")))

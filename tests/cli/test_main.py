@@ -15,6 +15,7 @@ import dissect
 from dissect.cli import main as cli
 from dissect.source.packet import CaptureError
 from dissect.wire.build import COMPILED
+from tests.cases import each
 from tests.cli.test_outputs import commands
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def test_every_help_fits_80_columns_and_speaks_plainly() -> None:
         assert re.findall(r"\b(?:octets?|somebody|told|hole|unless said|not any more)\b", text) == [], name
 
 
-@pytest.mark.parametrize("name", cli.COMMANDS)
+@each("name", cli.COMMANDS)
 def test_every_command_is_there(s7dissect: Command, name: str) -> None:
     ran = s7dissect(name, "--help")
     assert (ran.returncode, ran.stderr) == (0, b"")

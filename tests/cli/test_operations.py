@@ -8,6 +8,7 @@ from typing import Final
 
 import pytest
 
+from tests.cases import each
 from tests.cli.support import run
 from tests.report.schemas import ROOT, complaints
 
@@ -40,7 +41,7 @@ def test_only_some_kinds(capfdbinary: Capture) -> None:
     assert [json.loads(line)["kind"] for line in told.splitlines()] == ["connect", "upload", "upload", "upload"]
 
 
-@pytest.mark.parametrize("path", ALL, ids=[path.stem for path in ALL])
+@each("path", ALL)
 def test_every_line_is_as_the_schema_says(capfdbinary: Capture, path: Path) -> None:
     for line in run(capfdbinary, "operations", "-T", "jsonl", path).out.splitlines():
         assert complaints("operation", json.loads(line), exact=True) == []

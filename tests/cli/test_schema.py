@@ -7,6 +7,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from dissect.cli.schema import FOLDER, bundled
+from tests.cases import each
 from tests.cli.support import run, simple
 from tests.report.schemas import NAMES, load
 
@@ -20,7 +21,7 @@ def test_the_list(capfdbinary: Capture) -> None:
     assert all(load(line.split(" ", 1)[0])["title"] in line for line in ran.out.splitlines())
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_schema_needs_nothing_else(capfdbinary: Capture, name: str) -> None:
     ran = run(capfdbinary, "schema", name)
     assert (ran.code, ran.err, ran.out.isascii()) == (0, "", True)

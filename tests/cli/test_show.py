@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from dissect.iso.tables import DR_REASONS
+from tests.cases import each
 from tests.cli.support import halves, run, simple
 from tests.properties import messages
 from tests.properties.messages import EMPTY_DT, Item, dt, fragments
@@ -163,7 +164,7 @@ def test_a_cut_pdu(capfdbinary: Capture, path: Path) -> None:
     assert hex_view(lines) == messages.read_job(1, [WORD])[:15]
 
 
-@pytest.mark.parametrize("capture", OWN, ids=[capture.name for capture in OWN])
+@each("capture", OWN)
 def test_every_pdu_of_our_captures_has_a_tree_with_its_octets(capfdbinary: Capture, capture: Path) -> None:
     ran = run(capfdbinary, "show", "-V", capture)
     lines = ran.out.splitlines()

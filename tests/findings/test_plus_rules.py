@@ -114,6 +114,14 @@ def test_a_cpu_reports_that_it_stopped() -> None:
     ]
 
 
+def test_a_state_that_is_no_number_hides_no_change() -> None:
+    for value in (Value(0, BOOL, True), Value(0, WSTRING, "RUN"), Value(0, DINT, -1)):
+        talk = begun()
+        for number, state in enumerate((Value(0, DINT, 8), value, Value(0, DINT, 4)), 1):
+            do(talk, number, GET_MULTI_VARIABLES, bodies.get_multi(STATE), b"\0\1" + build_value(state) + b"\0\0")
+        assert said(talk) == [("security.stopped", "operating state STOP")]
+
+
 def test_a_subscription_reports_it() -> None:
     talk = begun()
     made = PlusObject(

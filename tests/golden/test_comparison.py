@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from dissect.golden import DiffOptions, Session, diff_sessions, golden_text, parse_golden, read_session
 from dissect.s7.errors import ERROR_CODES
 from dissect.transactions.transaction import HOLE, REASON_TEXTS
+from tests.cases import each
 from tests.golden.support import RECORDED, ROOT, WRITTEN, edited, place, reads, session, told
 from tests.properties import messages
 from tests.properties.messages import dt
@@ -78,7 +79,7 @@ def test_one_edit_is_one_difference(old: str, new: str, kind: str, text: str) ->
     assert [difference.kind for difference in back] == [{"missing": "added", "added": "missing"}.get(kind, kind)]
 
 
-@pytest.mark.parametrize("name", RECORDED)
+@each("name", RECORDED)
 def test_a_capture_is_like_its_golden(name: str) -> None:
     capture = read_session(ROOT / "captures" / f"{name}.pcapng")
     golden = read_session(ROOT / "captures" / "golden" / f"{name}.s7.txt")

@@ -13,6 +13,7 @@ import pytest
 
 from captures.golden.sources import GOLDENS, SOURCES
 from dissect.golden import golden_text, parse_golden
+from tests.cases import each
 from tests.golden.golden_said import read_said
 from tests.golden.support import ROOT
 from tests.golden.tshark_known import CAUSES, ROWS, excused
@@ -47,13 +48,13 @@ def views(request: pytest.FixtureRequest) -> Iterator[Views]:
         yield {name: pool.submit(read_shown, SOURCES[name].capture) for name in sorted(wanted)}
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@each("name", SOURCES)
 def test_goldens_are_what_their_captures_give(name: str) -> None:
     written = SOURCES[name].golden.read_bytes()
     assert SOURCES[name].text().encode() == written, "python -m captures.golden writes it anew"
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@each("name", SOURCES)
 def test_goldens_read_back_to_themselves(name: str) -> None:
     written = SOURCES[name].golden.read_text(encoding="utf-8")
     assert golden_text(parse_golden(written)) == written

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from dissect.golden import GoldenError, Session, golden_text, parse_golden, read_session
 from dissect.golden.writing import EXTRAS
+from tests.cases import each
 from tests.golden.support import WRITTEN
 from tests.report.support import OWN, ROOT
 
@@ -62,7 +63,7 @@ def facts(session: Session) -> list[object]:
     return [*links, *transactions]
 
 
-@pytest.mark.parametrize("path", [path for path in OWN if path.suffix != ".zst"], ids=lambda path: path.name)
+@each("path", [path for path in OWN if path.suffix != ".zst"])
 def test_a_golden_reads_back_to_the_session_of_its_capture(path: Path) -> None:
     session = read_session(path)
     again = parse_golden(golden_text(session), path.name)

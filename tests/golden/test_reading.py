@@ -13,6 +13,7 @@ from dissect.golden import golden_text, read_session
 from dissect.golden.model import GoldenError, Link, Session
 from dissect.golden.reading import is_golden, said_order
 from dissect.golden.writing import link_lines
+from tests.cases import each
 from tests.golden.support import WRITTEN, reads, session
 from tests.properties.packets import Flow, Packet, Segment, captured
 from tests.report.support import OWN, ROOT, begun, saved
@@ -146,7 +147,7 @@ def test_the_model_has_values_as_python_knows_them() -> None:
     assert found.links[0].addresses == ("10.0.0.1:49152", "10.0.0.2:102")
 
 
-@pytest.mark.parametrize("path", [path for path in OWN if path.suffix != ".zst"], ids=lambda path: path.name)
+@each("path", [path for path in OWN if path.suffix != ".zst"])
 def test_nothing_of_one_recording_is_in_a_golden(path: Path) -> None:
     found = read_session(path)
     text = golden_text(found)

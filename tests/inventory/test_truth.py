@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from bisect import bisect_left
+from itertools import accumulate
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +18,7 @@ from dissect.stations import facts
 from tests.cli.test_proxy import proxy
 from tests.live.support import client, plc
 from tests.report.schemas import ROOT
+from tests.tshark import join
 
 #: Our keys and Wireshark's fields of list 0x001C, and of the records of list 0x0011.
 NAMES: Final = {
@@ -41,26 +44,30 @@ SHARED: Final = (
 )
 
 
-def theirs(path: Path) -> dict[str, set[str]]:
-    """Return what Wireshark reads of the lists, by our keys."""
+def theirs(paths: list[Path], folder: Path) -> list[dict[str, set[str]]]:
+    """Return what Wireshark reads of the lists in each of some captures between other hosts, by our keys."""
     if shutil.which("tshark") is None:
         pytest.fail("tshark is missing: apt install tshark")
-    fields = [*IDENTIFICATION, *NAMES.values(), MODE, LEVEL]
-    command = ["tshark", "-n", "-r", str(path), "-o", "tpkt.tcp.port:102,1102", "-Y", "s7comm.data.userdata.szl_id"]
+    joined, counts = join(paths, folder)
+    fields = ["frame.number", *IDENTIFICATION, *NAMES.values(), MODE, LEVEL]
+    command = ["tshark", "-n", "-r", str(joined), "-o", "tpkt.tcp.port:102,1102", "-Y", "s7comm.data.userdata.szl_id"]
     command += ["-T", "fields", "-E", "separator=/t", "-E", "aggregator=;"]
     for field in fields:
         command += ["-e", field]
     ran = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    found: dict[str, set[str]] = {}
+    ends = list(accumulate(counts))
+    made: list[dict[str, set[str]]] = [{} for _ in paths]
     for line in ran.stdout.splitlines():
         cells = dict(zip(fields, [cell.split(";") if cell else [] for cell in line.split("\t")], strict=False))
+        found = made[bisect_left(ends, int(cells["frame.number"][0]))]
         for key, field in NAMES.items():
             found.setdefault(key, set()).update([text.strip() for text in cells[field] if text.strip()])
         for index, order, version, release in zip(*[cells[field] for field in IDENTIFICATION], strict=True):
             _identified(found, int(index, 0), order.strip(), int(version, 0), int(release, 0))
         found.setdefault(facts.OPERATING_MODE, set()).update(cells[MODE])
         found.setdefault(facts.PROTECTION, set()).update(cells[LEVEL])
-    return found
+    assert all(made)
+    return made
 
 
 def _identified(found: dict[str, set[str]], index: int, order: str, version: int, release: int) -> None:
@@ -77,11 +84,11 @@ def ours(devices: list[Device], key: str) -> set[str]:
     return {stretch.value for device in devices for stretch in device.history(key)}
 
 
-def compared(path: Path) -> int:
+def compared(path: Path, read: dict[str, set[str]]) -> int:
     """Hold everything that Wireshark reads against what we state; return how many values there were."""
     devices = list(dissect.devices(path))
     count = 0
-    for key, values in theirs(path).items():
+    for key, values in read.items():
         if not values:
             continue  # Wireshark does not look into list 0x0232
         said = ours(devices, key)
@@ -95,12 +102,14 @@ def compared(path: Path) -> int:
     return count
 
 
-def test_wireshark_reads_the_same_of_our_captures() -> None:
-    assert sum(compared(ROOT / "captures" / name) for name in OWN) >= 10
+def test_wireshark_reads_the_same_of_our_captures(tmp_path: Path) -> None:
+    paths = [ROOT / "captures" / name for name in OWN]
+    assert sum(map(compared, paths, theirs(paths, tmp_path))) >= 10
 
 
-def test_wireshark_reads_the_same_of_the_shared_captures(corpus: Path) -> None:
-    assert sum(compared(corpus / name) for name in SHARED) >= 25
+def test_wireshark_reads_the_same_of_the_shared_captures(corpus: Path, tmp_path: Path) -> None:
+    paths = [corpus / name for name in SHARED]
+    assert sum(map(compared, paths, theirs(paths, tmp_path))) >= 25
 
 
 def test_a_server_that_says_who_it_is(tmp_path: Path) -> None:

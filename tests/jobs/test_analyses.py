@@ -197,7 +197,7 @@ def test_no_key_is_sent() -> None:
     assert not [key for key in keys if key.decode() in sent or repr(bytes.fromhex(key.decode()))[2:-1] in sent]
 
 
-@pytest.mark.parametrize("module", ["os", "dissect.jobs.team"])
+@pytest.mark.parametrize("module", ["os", "dissect.jobs.pool"])
 def test_nothing_but_our_classes_is_made_of_what_comes(module: str) -> None:
     with pytest.raises(ValueError, match="no class of this package"):
         receive(Sent(("object", 0), [(module, "signal")], [(0, ["x"])], [((), [])]), Offsets())

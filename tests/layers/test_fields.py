@@ -33,7 +33,7 @@ def layer_of(layout: Layout) -> type[Packet]:
     )
 
 
-@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+@each("layout", LAYOUTS)
 @given(octets=st.binary(min_size=16, max_size=16))
 def test_the_fields_read_what_the_layout_reads(layout: Layout, octets: bytes) -> None:
     packet = layer_of(layout)(octets)

@@ -15,6 +15,7 @@ from scapy.utils import EDecimal, wrpcap
 
 from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, S7_ReadVarAnswer, S7_ReadVarRequest, S7Plus, S7Session, at
 from dissect.layers.s7 import function_of
+from tests.cases import each
 from tests.layers.examples import BY_NUMBER
 
 CLIENT, PLC = ("02:00:00:00:00:01", "10.0.0.1", 4000), ("02:00:00:00:00:02", "10.0.0.2", 102)
@@ -265,7 +266,7 @@ def test_shared_captures_give_every_pdu_once(corpus: Path, name: str) -> None:
 ANSWERED_ELSEWHERE = {"blocks-python": 1}
 
 
-@pytest.mark.parametrize("path", sorted(CAPTURES.glob("*.toml")), ids=lambda path: path.stem)
+@each("path", sorted(CAPTURES.glob("*.toml")))
 def test_our_captures_give_what_they_expect(path: Path) -> None:
     expected = tomllib.loads(path.read_text(encoding="utf-8"))["expected"]
     pdus: list[Packet] = [

@@ -27,6 +27,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from tests.bindings import plant
+from tests.cases import each
 from tests.conftest import ROOT
 
 CAPTURES: Final = sorted((ROOT / "captures").glob("*.pcapng"))
@@ -55,7 +56,7 @@ def test_there_are_captures() -> None:
     assert len(CAPTURES) > 20
 
 
-@pytest.mark.parametrize("path", CAPTURES, ids=lambda path: path.stem)
+@each("path", CAPTURES)
 def test_the_numbers_are_those_of_the_analysis(path: Path) -> None:
     metrics, analysis = counted(path)
     totals: Counter[int] = Counter()
@@ -79,7 +80,7 @@ def test_the_numbers_are_those_of_the_analysis(path: Path) -> None:
     assert metrics.ended == Counter(endings)
 
 
-@pytest.mark.parametrize("path", CAPTURES, ids=lambda path: path.stem)
+@each("path", CAPTURES)
 def test_functions_are_those_of_the_analysis(path: Path) -> None:
     metrics, analysis = counted(path)
     theirs: Counter[str] = Counter()

@@ -12,6 +12,7 @@ import pytest
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import PREFIX, Exposition
 from dissect.source.live.reader import Drops
+from tests.cases import each
 from tests.conftest import ROOT
 from tests.metrics.test_counters import counted
 
@@ -100,7 +101,7 @@ def test_there_are_queries() -> None:
     assert len(list(queries())) > 30
 
 
-@pytest.mark.parametrize(("where", "expression", "legend"), list(queries()))
+@each(("where", "expression", "legend"), list(queries()))
 def test_a_query_asks_for_what_is_exported(where: str, expression: str, legend: str) -> None:
     assert problems(expression, legend) == []
 

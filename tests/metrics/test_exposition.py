@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 from typing import Final
 
-import pytest
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -20,6 +19,7 @@ from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.source.live.reader import Drops
 from dissect.transactions.accounts import CATEGORIES
+from tests.cases import each
 from tests.conftest import ROOT
 from tests.metrics.test_counters import CAPTURES, counted
 
@@ -67,7 +67,7 @@ def test_names_follow_the_rules_of_prometheus() -> None:
     assert len(LABELS) == len(FAMILIES)
 
 
-@pytest.mark.parametrize("path", CAPTURES, ids=lambda path: path.stem)
+@each("path", CAPTURES)
 def test_the_text_agrees_with_the_analysis(path: Path) -> None:
     metrics, analysis = counted(path)
     families = parsed(metrics)

@@ -2,11 +2,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 import dissect
 from dissect.monitor.entries import Entry, Ring, detached
 from dissect.transactions.transaction import Transaction
+from tests.cases import each
 from tests.monitor.support import CAPTURES, events_of, of_packets
 from tests.properties.messages import fragments, pdu
 from tests.report.support import begun
@@ -14,7 +13,7 @@ from tests.report.support import begun
 NAMES = sorted([path.stem for path in CAPTURES.glob("*.pcapng")])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_detached_transaction_says_the_same(name: str) -> None:
     """And holds its octets only, with the packet around them where that carries nothing else."""
     for event in dissect.open(str(CAPTURES / f"{name}.pcapng"), pdus=False):

@@ -19,6 +19,7 @@ from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Reader, read_tshark
 from dissect.tls.key_log import KeyLog
 from tests.build import dt, pdu, tpdu
+from tests.cases import each
 from tests.examples import S7
 from tests.oracle.traffic import PUSH_ACK, Connection, connect, other_tpdu, setup, userdata, write_capture
 
@@ -114,7 +115,7 @@ def present() -> list[str]:
     return sorted(NAMED.keys() - absent)
 
 
-@pytest.mark.parametrize("name", present())
+@each("name", present())
 def test_a_changed_value_is_a_difference(capture: Path, frames: list[Frame], name: str) -> None:
     def change(copies: list[Frame]) -> None:
         record, place = first(copies, name)
@@ -126,7 +127,7 @@ def test_a_changed_value_is_a_difference(capture: Path, frames: list[Frame], nam
     assert told(comparison) == [(record.frame, record.kind, str(place))]
 
 
-@pytest.mark.parametrize("name", present())
+@each("name", present())
 def test_a_changed_position_is_a_difference(capture: Path, frames: list[Frame], name: str) -> None:
     def change(copies: list[Frame]) -> None:
         record, place = first(copies, name)
@@ -139,7 +140,7 @@ def test_a_changed_position_is_a_difference(capture: Path, frames: list[Frame], 
     assert told(comparison) == [(record.frame, record.kind, str(where))]
 
 
-@pytest.mark.parametrize("name", present())
+@each("name", present())
 def test_a_missing_field_is_a_difference(capture: Path, frames: list[Frame], name: str) -> None:
     def change(copies: list[Frame]) -> None:
         record, place = first(copies, name)

@@ -22,6 +22,7 @@ import pytest
 import dissect
 from dissect.source.packet import PacketSink
 from dissect.wire.build import COMPILED
+from tests.cases import each
 from tests.growth import UNCOUNTED, lines
 from tests.properties.books import Result, check_books, facts
 from tests.properties.captures import PATHS, PLAIN, ROOT, SHARED, analyze, name_of, reader_of
@@ -58,7 +59,7 @@ def test_the_shared_captures_are_there(corpus: Path) -> None:
     assert len(PATHS) > 50
 
 
-@pytest.mark.parametrize("path", PATHS, ids=name_of)
+@each("path", PATHS)
 def test_every_packet_and_octet_is_accounted_for(path: Path) -> None:
     analysis = dissect.analyze(str(path))
     assert analysis.pipeline is not None
@@ -69,7 +70,7 @@ def test_every_packet_and_octet_is_accounted_for(path: Path) -> None:
     assert counted["read"] == sum([file.packets for file in analysis.files])
 
 
-@pytest.mark.parametrize("path", PLAIN, ids=name_of)
+@each("path", PLAIN)
 def test_every_prefix_is_accounted_for(path: Path) -> None:
     packets = packets_of(path)
     whole = Result(packets)

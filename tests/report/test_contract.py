@@ -18,6 +18,7 @@ from dissect.session import Run
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
 from dissect.wire.malformed import LIMITS, REASONS
+from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, cut_to
@@ -82,19 +83,19 @@ def small(told: Told) -> Told:
 # ---- the schemas and the documentation ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_the_schemas_are_schemas(name: str) -> None:
     Draft202012Validator.check_schema(load(name))
     Draft202012Validator.check_schema(strict(load(name)))
 
 
-@pytest.mark.parametrize(("before", "behind", "lines"), list(parts()), ids=[*NAMES, "names"])
+@each(("before", "behind", "lines"), list(parts()))
 def test_every_key_is_documented(before: str, behind: str, lines: list[str]) -> None:
     text = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
     assert text.split(before, 1)[1].split(f"\n{behind}", 1)[0].split("\n") == lines
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_every_key_has_a_sentence(name: str) -> None:
     assert [row for row in table(name) if row.endswith("|  |")] == []
 
@@ -117,11 +118,11 @@ def test_what_looks_fast_and_what_explains_agree() -> None:
     first = told["connections"][0]
     wrong += [{**told, "connections": [{**first, key: {}}]} for key in list(first)[::4]]
     seen = set()
-    for each in wrong:
+    for one in wrong:
         for exact in (False, True):
-            sound = quick_validator("analysis", exact=exact).is_valid(each)
-            assert sound == validator("analysis", exact=exact).is_valid(each), each
-            assert bool(complaints("analysis", each, exact=exact)) is not sound
+            sound = quick_validator("analysis", exact=exact).is_valid(one)
+            assert sound == validator("analysis", exact=exact).is_valid(one), one
+            assert bool(complaints("analysis", one, exact=exact)) is not sound
             seen.add(sound)
     assert seen == {True, False}
 
@@ -173,7 +174,7 @@ def count_transactions(path: Path) -> int:
     return len(kept.transactions)
 
 
-@pytest.mark.parametrize("path", OWN, ids=[path.name for path in OWN])
+@each("path", OWN)
 def test_the_contract_holds_on_our_captures(path: Path) -> None:
     assert told_of(of_files(path))["transactions"]["total"] == count_transactions(path)
 

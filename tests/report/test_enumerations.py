@@ -19,6 +19,7 @@ from dissect.scd.difference import Level
 from dissect.scd.records import Role
 from dissect.source.live.opening import ENGINES
 from dissect.transactions import ending, operation
+from tests.cases import each
 from tests.report.schemas import ROOT, load
 
 EVENTS = {events.OPENED, events.CLOSED, events.FINDING, events.DEVICE, events.PROBLEM}
@@ -80,7 +81,7 @@ def found(name: str, path: str) -> list[str]:
     return [word for word in part if word is not None]
 
 
-@pytest.mark.parametrize(("name", "path", "words"), PLACES, ids=[f"{name}:{path}" for name, path, _ in PLACES])
+@each(("name", "path", "words"), PLACES)
 def test_an_enumeration_is_its_table(name: str, path: str, words: set[str]) -> None:
     assert set(found(name, path)) == words
 

@@ -18,6 +18,7 @@ from dissect.s7.values import Value, decode_value
 from dissect.session import Run
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
+from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Packet, Talk, cut_to
@@ -184,6 +185,23 @@ def test_an_array_of_bytes_has_the_text_that_it_spells(octets: bytes, text: str 
     assert read_item.get("text") == text
     (written,) = told.pdus[-1]["data_items"]
     assert (written["value"], written.get("text")) == (list(octets), text)
+
+
+def test_numbers_of_packets_are_whole() -> None:
+    transaction = both(read(begun(), 1)).transactions[1]
+    lines = TransactionLines()
+    for frame in (1, 998, 999, 1000, 1000, 1999, 999_999, 1_000_000, 123_456_789_012, 5):
+        transaction.request_frame = frame
+        transaction.response_frame = frame + 1
+        told = parsed(lines.line(transaction))
+        assert (told["request_frame"], told["response_frame"]) == (frame, frame + 1)
+
+
+def test_a_refused_write_keeps_what_was_to_be_written() -> None:
+    talk = begun().send(0, dt(messages.write_job(2, [WORD], [b"\x00\x07"])))
+    talk.send(1, dt(messages.write_answer(2, [0x0A])))
+    (item,) = both(talk).lines[1]["items"]
+    assert (item["return_code"], item["data"], item["value"]) == (0x0A, "0007", 7)
 
 
 def test_keys_stand_in_one_order() -> None:
@@ -388,7 +406,7 @@ def test_a_header_that_is_not_all_there_is_null() -> None:
 # ---- on captures ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", OWN, ids=[path.name for path in OWN])
+@each("path", OWN)
 def test_lines_say_what_the_objects_say(path: Path) -> None:
     check(path)
 

@@ -11,6 +11,7 @@ from dissect.report.styled import Line
 from dissect.report.text import analysis_lines, finding_lines, table
 from dissect.report.words import Places
 from dissect.source.packet import SourceFile
+from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments
 from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Segment, Talk, captured, cut_to
@@ -127,7 +128,7 @@ def test_a_capture_without_iso_on_tcp_says_so() -> None:
     assert [line for line in section(lines, "Findings") if line.startswith("packet 2: 127.0.0.1:102 refuses ")]
 
 
-@pytest.mark.parametrize("path", OWN, ids=[path.name for path in OWN])
+@each("path", OWN)
 def test_no_line_is_unsafe_or_ragged(path: Path) -> None:
     for line in report(of_files(path)):
         assert not UNSAFE.search(line)

@@ -7,12 +7,11 @@ from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import pytest
-
 import dissect
 from dissect import Pdu
 from dissect.s7.bodies import parse_body
 from dissect.wire.part import OCTETS, SURPLUS
+from tests.cases import each
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 
@@ -86,7 +85,7 @@ OWN: Final = [
 ]
 
 
-@pytest.mark.parametrize("path", OWN, ids=lambda path: path.name)
+@each("path", OWN)
 def test_no_octets_are_left_over(path: Path) -> None:
     assert unexplained(path) == []
 

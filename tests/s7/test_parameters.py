@@ -224,6 +224,20 @@ def test_cache_gives_the_same_object_for_the_same_octets() -> None:
     assert first.items[0].address == "DB1.DBW2"
 
 
+def test_cache_tells_blocks_apart_that_end_alike() -> None:
+    """Of many blocks with the same length and last address each is found again, also behind a younger generation."""
+    cache = ParameterCache()
+    blocks = [b"\x04\x02" + dbw(number, 7) + dbw(1, 2) for number in range(1, 40)]
+    first = [found(cache, block, JOB) for block in blocks]
+    for block, known in zip(blocks, first, strict=True):
+        assert found(cache, block, JOB) is known
+        assert known.octets == block
+        assert found(cache, block, ACK_DATA) is not known
+    for number in range(ParameterCache.CAPACITY):
+        found(cache, b"\x1e\x00\x00\x00" + number.to_bytes(4, "big"), JOB)
+    assert [found(cache, block, JOB) for block in blocks] == first
+
+
 def test_cache_keeps_requests_and_answers_apart() -> None:
     cache = ParameterCache()
     asked = found(cache, b"\xf0\x00\x00\x01\x00\x01\x01\xe0", JOB)

@@ -15,6 +15,7 @@ from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.s7plus.values import build_value
 from dissect.s7plus.variables import NameList, Variable, VariableList, build_names, build_variables
 from dissect.s7plus.walk import MAX_WORK, FormatError, Walk, Wanted
+from tests.cases import each
 from tests.s7plus.strategies import OBJECTS, VALUES
 
 _VARIABLES = VariableList(
@@ -57,8 +58,8 @@ def test_any_octets(flags: int, type_: int, rest: bytes) -> None:
     check(bytes((flags, type_)) + rest, len(rest) + 2)
 
 
-@pytest.mark.parametrize("type_", [code.number for code in VALUE_TYPES])
-@pytest.mark.parametrize("flags", [0x00, 0x10, 0x20, 0x40])
+@each("type_", [code.number for code in VALUE_TYPES])
+@each("flags", [0x00, 0x10, 0x20, 0x40])
 def test_most_types_are_passed_over(flags: int, type_: int) -> None:
     """One element of zeros, or one of key 1, or a structure without members, or an array of one."""
     octets = bytes((flags, type_)) + (b"\x01" if flags else b"") + bytes(12)

@@ -14,6 +14,7 @@ from mypy_extensions import i64
 
 from dissect.source.packet import PacketSink
 from dissect.source.pcap import CHUNK, MAX_ETHERNET_PACKET, MAX_PACKET, PCAP_MAGICS, PcapReader, u32le
+from tests.cases import each
 from tests.source.craft import (
     EPOCH,
     ETHERNET,
@@ -53,7 +54,7 @@ each_sample = pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)
 
 
 @each_sample
-@pytest.mark.parametrize("piece", [1 << 20, 1, 2, 7, 24, 61])
+@each("piece", [1 << 20, 1, 2, 7, 24, 61])
 def test_every_packet_in_pieces_of_any_size(sample: Pcap, piece: int) -> None:
     reader = reader_of(sample.octets, piece)
     recorder = drain(reader)

@@ -17,6 +17,7 @@ from mypy_extensions import i64
 from dissect.source.packet import PacketSink
 from dissect.source.pcap import MAX_ETHERNET_PACKET
 from dissect.source.pcapng import MAX_BLOCK, MAX_INTERFACES, PCAPNG_MAGIC, PcapngReader
+from tests.cases import each
 from tests.source.craft import (
     EPOCH,
     ETHERNET,
@@ -109,7 +110,7 @@ both_orders = pytest.mark.parametrize("big", [False, True], ids=["little", "big"
 
 
 @each_sample
-@pytest.mark.parametrize("piece", [1 << 20, 1, 2, 7, 12, 61])
+@each("piece", [1 << 20, 1, 2, 7, 12, 61])
 def test_every_packet_in_pieces_of_any_size(sample: Pcapng, piece: int) -> None:
     reader = reader_of(sample.octets, piece)
     assert drain(reader).frames == sample.frames
@@ -280,7 +281,7 @@ def _rejected_blocks(sample: Pcapng) -> dict[str, tuple[bytes, str]]:
 
 
 @both_orders
-@pytest.mark.parametrize("name", _rejected_blocks(_simplest(big=False)))
+@each("name", _rejected_blocks(_simplest(big=False)))
 def test_a_block_that_contradicts_itself_is_given_up_and_reading_goes_on(name: str, big: bool) -> None:
     sample = _simplest(big)
     block, words = _rejected_blocks(sample)[name]
@@ -365,8 +366,8 @@ def test_two_wrong_trailers_running_end_the_reading() -> None:
 
 
 @both_orders
-@pytest.mark.parametrize("kind", [1, 6, 77, 0x0A0D0D0A])
-@pytest.mark.parametrize("length", [0, 4, 7, 8, 11, 13, 30, MAX_BLOCK + 4, 2**31, 2**32 - 4, 2**32 - 1])
+@each("kind", [1, 6, 77, 0x0A0D0D0A])
+@each("length", [0, 4, 7, 8, 11, 13, 30, MAX_BLOCK + 4, 2**31, 2**32 - 4, 2**32 - 1])
 def test_a_block_length_that_cannot_be_ends_the_reading(length: int, kind: int, big: bool) -> None:
     sample = _simplest(big)
     at = len(sample.octets)

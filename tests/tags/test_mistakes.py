@@ -14,6 +14,7 @@ from dissect.tags import TagError, load_tags
 from dissect.tags.checks import overlaps
 from dissect.tags.coverage import Coverage
 from dissect.tags.loading import TagSet, read_tags
+from tests.cases import each
 from tests.properties.messages import Item
 from tests.report.support import begun, read, saved
 from tests.tags.support import asc_line, sdf_line, workbook
@@ -136,7 +137,7 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", CASES)
+@each("name", CASES)
 def test_a_mistake_is_reported_with_its_line_and_what_to_do(name: str, tmp_path: Path) -> None:
     file, content, severity, line, text = CASES[name]
     path = written(tmp_path, file, content)

@@ -41,7 +41,7 @@ def answer(number: int, time_ns: int = 0) -> Transaction:
 
 def put(requests: OpenRequests, key: int, transaction: Transaction) -> list[int]:
     """Open a request; return the numbers of those it replaces, the newest first."""
-    waiting = requests.table.get(key)
+    waiting = requests.find(key)
     if waiting is None:
         requests.add(key, transaction)
         return []
@@ -58,7 +58,9 @@ def chain(transaction: Transaction | None) -> list[int]:
 
 
 def take(requests: OpenRequests, key: int) -> int:
-    return requests.take(key, requests.table[key]).number
+    found = requests.find(key)
+    assert found is not None
+    return requests.take(key, found).number
 
 
 # ---- open requests --------------------------------------------------------------------------------------------------
@@ -70,6 +72,27 @@ def test_an_answered_request_leaves_the_table() -> None:
     assert requests.count == 1
     assert take(requests, 5) == 1
     assert (requests.count, requests.table) == (0, {})
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.booleans()), max_size=40))
+def test_what_is_open_is_found_however_many_are(steps: list[tuple[int, bool]]) -> None:
+    """Against a dictionary; the table is looked at now and then, which must change nothing."""
+    requests = OpenRequests()
+    known: dict[int, int] = {}
+    for number, (key, look) in enumerate(steps, 1):
+        if key in known:
+            assert take(requests, key) == known.pop(key)
+        else:
+            requests.add(key, request(number))
+            known[key] = number
+        if look:
+            assert [(key, found.number) for key, found in requests.table.items()] == list(known.items())
+        assert requests.count == len(known)
+        for other in range(5):
+            found = requests.find(other)
+            assert (found.number if found is not None else None) == known.get(other)
+    assert [found.number for found in requests.drain()] == list(known.values())
+    assert requests.find(0) is None
 
 
 def test_another_request_of_the_same_key_replaces_the_first() -> None:

@@ -94,6 +94,22 @@ def test_a_subscription_with_its_notifications() -> None:
     )
 
 
+def test_a_subscription_is_about_what_it_asks_for_later_too() -> None:
+    """TIA makes it empty and fills it afterwards; a list that is refused, or that says nothing new, changes nothing."""
+    talk = begun()
+    made = PlusObject(211, 1001, 0, 0, 0, [Attribute(1049, Value(0, UDINT, 900))])
+    request = bodies.create_object(285, NOTHING, made, integrity_id=1)
+    do(talk, 2, CREATE_OBJECT, request, b"\0\1" + bodies.number(LIST_ID))
+    write = bodies.set_variable(LIST_ID, [1048], Value(0x20, UDINT, list(LIST)))
+    (operation,) = talk.pipeline.exchange.watch.plus._operations._open.values()
+    do(talk, 3, SET_VARIABLE, write, DENIED)
+    assert operation.subject == "every 900 ms"
+    for number in (4, 5):
+        do(talk, number, SET_VARIABLE, write)
+    variables = "M LID 9 [CRC 0xac43db80], M LID 10 [CRC 0xa1d977b6]"
+    assert [one[1] for one in told_of(talk) if one[0] == "cyclic"] == [f"every 900 ms, {variables}"]
+
+
 def test_a_subscription_from_before_the_capture() -> None:
     """What it is about did not pass; that it is there, and how often it is served, did."""
     talk = Talk()

@@ -10,6 +10,7 @@ from dissect.findings.reporter import Finding
 from dissect.transactions.results import UNCHANGED
 from dissect.transactions.subscriptions import MAX_JOBS
 from dissect.transactions.transaction import Transaction
+from tests.cases import each
 from tests.transactions.talk import Talk, ack_data, dbw, head, item, job, read, userdata, write
 
 #: Two areas: DB68 from octet 352 on two octets, DB72 octet 48.
@@ -211,7 +212,7 @@ def test_jobs_that_are_remembered_are_bounded() -> None:
     assert rows(talk.transactions[-1])[0][0] == "DB1.DBW0"
 
 
-@pytest.mark.parametrize("cut", range(1, 30))
+@each("cut", range(1, 30))
 def test_what_is_cut_never_raises(talk: Talk, cut: int) -> None:
     whole = sent(PUSH, ON_CHANGE, 3, content(bytes.fromhex("ff0002ff7b")))
     talk.tell(whole[:-cut])

@@ -102,8 +102,8 @@ def separate_options(command: Any) -> Any:
     )(command)
 
 
-def check_cluster(separate: bool, jobs: int) -> None:
-    """Raise UsageError for a cluster or an index where files may go on one in another, or this machine shall read them."""
+def check_jobs(separate: bool, jobs: int) -> None:
+    """Raise UsageError for several processes, machines or an index where files may go on one in another (decision 18)."""
     if indexed_meant() and not separate:
         raise click.UsageError("--indexed leaves out files, and needs --separate: each is a capture of its own.")
     if cluster_meant() and jobs > 1:
@@ -112,15 +112,6 @@ def check_cluster(separate: bool, jobs: int) -> None:
         raise click.UsageError(
             "--cluster has each file read by one of its workers, and needs --separate: each is a capture of its own."
         )
-
-
-def check_jobs(separate: bool, jobs: int) -> None:
-    """Raise UsageError for several processes or machines where files may go on one in another.
-
-    `transactions` and `values` do without it: they share the connections of one run among processes then, which gives the same
-    result and does not pay yet, so nothing says so (decision 15).
-    """
-    check_cluster(separate, jobs)
     if jobs > 1 and not separate:
         raise click.UsageError(
             "-j reads several files at the same time, and needs --separate: each is a capture of its own."

@@ -39,7 +39,7 @@ from dissect.s7.tables import (
     USERDATA_TYPES,
     WRITE_VAR,
 )
-from dissect.s7.values import Value, decode_value, number_texts, spelled
+from dissect.s7.values import Value, decode_value, number_json, number_texts, spelled
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue
@@ -51,7 +51,7 @@ from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
-from dissect.wire.text import SHORT, Clock, decimal, hexadecimal, json_text
+from dissect.wire.text import SHORT, THREE, Clock, decimal, hexadecimal, json_text
 
 if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu
@@ -82,9 +82,12 @@ def octets_value(transport_size: i64, octets: bytes) -> str:
     size: i64 = len(octets)
     if transport_size == BIT and size == 1:
         return "true" if octets[0] & 1 else "false"
+    single = number_json(transport_size, octets)
+    if single:
+        return single
     texts = number_texts(transport_size, octets, True, size)
     if texts:
-        return texts[0] if len(texts) == 1 else f"[{','.join(texts)}]"
+        return f"[{','.join(texts)}]"
     return value_text(decode_value(transport_size, octets))
 
 
@@ -92,6 +95,7 @@ TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
+_ITEMS: Final = ',"items":['
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
 
@@ -101,9 +105,11 @@ _REFERENCE_END: Final = 6
 _SHORT: Final = 64
 
 
+#: The return code of an item of which all is well, and what stands in front of its octets.
+_GOOD: Final = f'{SUCCESS},"data":"'
+_CODE: Final = f',"return_code":{_GOOD}'
 _NO_ITEM: Final = (
-    '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
-    ',"return_code":'
+    '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null' + _CODE
 )
 
 
@@ -135,7 +141,7 @@ def userdata_text(head: UserdataHead) -> str:
 
 
 def item_text(item: Item) -> str:
-    """Return the beginning of an item's object, up to its return code."""
+    """Return the beginning of an item's object, up to its return code and, as it is nearly always, `_GOOD`."""
     if not item.fragment:
         if item.transport_size < 0:
             text = '"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
@@ -145,7 +151,7 @@ def item_text(item: Item) -> str:
                 f',"transport_size":{item.transport_size},"count":{item.count}'
             )
         syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
-        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text},"return_code":'
+        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text}{_CODE}'
     return item.fragment
 
 
@@ -161,6 +167,8 @@ class TransactionLines(Observer):
         self.lines: list[str] = []
         self._clock: Clock = Clock()
         self._ends: dict[int, str] = {}
+        self._latest: i64 = 0  # thousands of packets
+        self._latest_text: str = ""
         self._short: dict[bytes, str] = {}
 
     def transaction(self, transaction: Transaction) -> None:
@@ -182,27 +190,38 @@ class TransactionLines(Observer):
         if self.locate is not None:
             frames = self._places(asked, told, self.locate)
         elif asked and told:
-            frames = f'{decimal(asked)},"response_frame":{decimal(told)}'
+            frames = f'{self._thousands(asked)}{_below(asked)},"response_frame":{self._thousands(told)}{_below(told)}'
         else:
             frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
         # Where there is no request, nothing else tells when it was.
-        at = (
-            f'"{self._clock.iso(transaction.request_ns)}"'
-            if asked
-            else f'null,"response_time":"{self._clock.iso(transaction.response_ns)}"'
-        )
-        latency = decimal(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
-        reason = f'"{transaction.reason}"' if transaction.reason else "null"
+        time_ns: i64 = transaction.request_ns
+        at = '"'
+        if not asked:
+            time_ns = transaction.response_ns
+            at = 'null,"response_time":"'
+        rest: i64 = time_ns % 1_000_000_000
+        latency = "null"
+        if outcome == ANSWERED:
+            latency = decimal(transaction.response_ns - transaction.request_ns)
+        reason = "null"
+        if transaction.reason:
+            reason = f'"{transaction.reason}"'
+        opening = _ITEMS
+        closing = "]"
         facet = FACETS.get(transaction.rosctr)
         if facet is None:
             reference = decimal(transaction.pdu_ref)
             rosctr = SHORT[transaction.rosctr]
-            body = f'{self._setup(transaction)}{self._notes(transaction)},"items":[{self._items(transaction)}]'
+            notes = self._setup(transaction) + self._notes(transaction)
+            if notes:
+                opening = notes + _ITEMS
+            body = self._items(transaction)
             tail = scd_json(transaction, self.locate) if transaction.carried is not None else ""
             function = function_text(transaction.parameters)
         else:
             reference = facet.reference(transaction) or "null"
             rosctr = "null"
+            opening = closing = ""
             body = facet.body_json(transaction)
             tail = facet.tail_json(transaction, self.locate)
             function = transaction.parameters.fragment
@@ -212,10 +231,19 @@ class TransactionLines(Observer):
         return (
             f"{_HEAD}{decimal(transaction.number)}{self._connection(transaction.connection, transaction.asked_by)}"
             f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function}'
-            f',"request_frame":{frames},"request_time":{at},"latency_ns":{latency}'
-            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{body}'
+            f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
+            f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{opening}{body}{closing}'
             f',"errors":[{_errors(transaction) if transaction.has_errors else ""}]{tail}}}'
         )
+
+    def _thousands(self, frame: i64) -> str:
+        """Return the digits of a packet's number before those of `_below`: packets of requests and answers share them."""
+        thousands: i64 = frame // 1000
+        if thousands != self._latest:
+            self._latest = thousands
+            self._latest_text = str(thousands) if thousands else ""
+        return self._latest_text
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
         """Return the packets of request and answer (0 for none) by number and file."""
@@ -292,24 +320,36 @@ class TransactionLines(Observer):
         return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
 
 
+def _below(number: i64) -> str:
+    """Return the last three digits of a number, or all that it has."""
+    if number < 1000:
+        return SHORT[number]
+    return THREE[number % 1000]
+
+
 def _item(item: Item | None, code: i64, data: bytes | None) -> str:
     """Return one item of a transaction joined with its return code (-1 for none) and octets."""
     head = item_text(item) if item is not None else _NO_ITEM
-    told = SHORT[code] if code >= 0 else "null"
-    if data is None:
-        return f'{head}{told},"data":null,"value":null}}'
-    known: bool = item is not None and (item.size == len(data) or item.fits(len(data)))
-    value = octets_value(item.transport_size, data) if item is not None and known else "null"
-    text = _text_of(item, data) if known else ""
-    return f'{head}{told},"data":"{hexadecimal(data)}","value":{value}{text}}}'
+    if data is None or code != SUCCESS:
+        told = SHORT[code] if code >= 0 else "null"
+        head = f'{head[: -len(_GOOD)]}{told},"data":'
+        if data is None:
+            return f'{head}null,"value":null}}'
+        head += '"'
+    value = _value(item, data) if item is not None else "null"
+    return f'{head}{hexadecimal(data)}","value":{value}}}'
 
 
-def _text_of(item: Item | None, data: bytes) -> str:
-    """Return the key of the text that an array of bytes spells, empty where it spells none."""
-    if item is None or item.transport_size != BYTE:
-        return ""
-    text = spelled(data)
-    return f',"text":{json_text(text)}' if text else ""
+def _value(item: Item, data: bytes) -> str:
+    """Return the value of an item, and behind it what an array of bytes spells; null where octets do not fit the item."""
+    if item.size != len(data) and not item.fits(len(data)):
+        return "null"
+    value = octets_value(item.transport_size, data)
+    if item.transport_size == BYTE:
+        text = spelled(data)
+        if text:
+            return f'{value},"text":{json_text(text)}'
+    return value
 
 
 def _with_tags(item: str, known: list[NamedValue]) -> str:
@@ -409,7 +449,7 @@ def _body(pdu: Pdu) -> str:
     if parameters.setup is not None:
         text += f',"setup":{json.dumps(parameters.setup.as_dict(), separators=(",", ":"))}'
     if parameters.items:
-        items = ",".join([item_text(item)[: -len(',"return_code":')] + "}" for item in parameters.items])
+        items = ",".join([item_text(item)[: -len(_CODE)] + "}" for item in parameters.items])
         text += f',"items":[{items}]'
     data_items = pdu.data_items()
     if data_items:
@@ -459,8 +499,7 @@ def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
     )
     if index < len(pdu.parameters.items):
         item = pdu.parameters.items[index]
-        value = octets_value(item.transport_size, answer.data) if item.fits(len(answer.data)) else "null"
-        text += f',"value":{value}{_text_of(item, answer.data) if value != "null" else ""}'
+        text += f',"value":{_value(item, answer.data)}'
     return text + "}"
 
 

@@ -20,6 +20,7 @@ from dissect.s7.message import parse_pdu
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.transactions.transaction import HOLE
+from tests.cases import each
 from tests.playback.client.support import ALL, CAPTURES, HASTY, NAMES, changed, mixed, play, real_server, texts
 
 #: What cannot be played, and why; nothing of it is left out silently.
@@ -72,7 +73,7 @@ def round_trip(path: Path, name: str) -> None:
     assert outcome.served == SERVED.get(name, outcome.served)
 
 
-@pytest.mark.parametrize("name", PLAYED)
+@each("name", PLAYED)
 def test_a_capture_served_and_replayed_is_the_same(name: str) -> None:
     round_trip(CAPTURES / name, name)
 
@@ -295,7 +296,7 @@ def one_bit(path: Path) -> None:
 ENDS: Final = {"program-python.pcapng"}
 
 
-@pytest.mark.parametrize("name", [name for name in PLAYED if name not in MUTE | ENDS])
+@each("name", [name for name in PLAYED if name not in MUTE | ENDS])
 def test_one_bit_changed_in_a_served_capture_is_exactly_that_difference(name: str) -> None:
     one_bit(CAPTURES / name)
 
@@ -326,7 +327,7 @@ def other_request(path: Path) -> None:
     assert [each.transaction for each in outcome.differences()] == [changed_.number], texts(outcome)
 
 
-@pytest.mark.parametrize("name", sorted({*PLAYED} - MUTE - ONLY_CONNECTED - {*DEPENDS}))
+@each("name", sorted({*PLAYED} - MUTE - ONLY_CONNECTED - {*DEPENDS}))
 def test_another_request_is_told_by_the_server_and_as_exactly_that_difference(name: str) -> None:
     other_request(CAPTURES / name)
 

@@ -11,6 +11,7 @@ from dissect.golden.reading import read_session
 from dissect.playback.client.plan import make_plan
 from dissect.playback.client.recorded import ReplayError
 from dissect.playback.server import Server, ServerError, load_recording
+from tests.cases import each
 from tests.playback.server.support import Tpkts, messages, play
 
 FOLDER: Final = Path(__file__).resolve().parent.parent.parent.parent / "captures"
@@ -104,7 +105,7 @@ def expect_the_same(path: Path) -> None:
         assert not any("broken" in text for text in server.problems)
 
 
-@pytest.mark.parametrize("path", PATHS, ids=IDS)
+@each("path", PATHS)
 def test_the_fake_plc_says_what_the_recorded_one_said(path: Path) -> None:
     expect_played(path)
 
