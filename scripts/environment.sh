@@ -111,6 +111,8 @@ build_meta.build_wheel(sys.argv[1], {"--build-option": "--compression=stored"})'
 fi
 
 wait
+# An index may lack pip; what came with Python does then.
+"$venv/bin/python" -c 'import pip' 2>/dev/null || "$venv/bin/python" -m ensurepip </dev/null
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"
