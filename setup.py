@@ -21,6 +21,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
@@ -406,10 +407,12 @@ def man_pages() -> list[str]:
 class WithManual(build_py):
     """Packs the pages of docs/ into the package, where `s7dissect help` finds them, and adds the pages of `man`."""
 
+    pages: Callable[[], list[str]] = staticmethod(man_pages)
+
     def run(self) -> None:
         """Build the package, then add the pages."""
         super().run()
-        self.distribution.data_files = [("share/man/man1", man_pages())]
+        self.distribution.data_files = [("share/man/man1", self.pages())]
         if self.editable_mode:
             return  # the pages are found where they are
         folder = Path(self.build_lib, "dissect", "help")
@@ -425,7 +428,10 @@ def build() -> None:
         # setuptools packs whatever an earlier build left here, modules that are gone or no longer compiled included.
         for stale in Path("build").glob("lib*"):
             shutil.rmtree(stale)
-        setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing, "build_py": WithManual})
+        # The pages of `man` are made beside mypyc, which keeps one processor busy.
+        with ThreadPoolExecutor(1) as beside:
+            WithManual.pages = beside.submit(man_pages).result
+            setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing, "build_py": WithManual})
     else:
         setup(cmdclass={"build_py": WithManual})
 

@@ -38,15 +38,23 @@ print(seen.hexdigest())
 PROGRAM
 }
 
+pip=("$venv/bin/python" -m pip)
 if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
   python=$(find_python)
   echo "environment: making $venv with $("$python" --version)"
   rm -rf "$venv"
-  "$python" -m venv "$venv"
+  # To give it a pip of its own, and the bytecode of that, venv takes seconds in which nothing else can begin. Where the interpreter
+  # has a pip that installs for others (22.3), that one does, and the environment gets its own with what the package needs.
+  if "$python" -c 'import pip, sys; sys.exit([int(part) for part in pip.__version__.split(".")[:2]] < [22, 3])' 2>/dev/null; then
+    "$python" -m venv --without-pip "$venv"
+    pip=("$python" -m pip --python "$venv/bin/python")
+  else
+    "$python" -m venv "$venv"
+  fi
 fi
 # Without bytecode: Python keeps that of a module when it is first imported, and to make it of all modules, most of which nobody
 # imports, takes longer than to install them.
-install=("$venv/bin/python" -m pip --disable-pip-version-check --no-input -q install --no-compile)
+install=("${pip[@]}" --disable-pip-version-check --no-input -q install --no-compile)
 
 # What the named table of pyproject.toml requires: "build", or the package with an extra (none: "").
 requirements() {
@@ -83,11 +91,15 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   requirements build >"$wheels/build-requirements.txt"
   "${install[@]}" -r "$wheels/build-requirements.txt" </dev/null
   # What the package needs comes meanwhile: a good part of the build keeps one processor busy. What fails here fails again below.
-  requirements "$extra" >"$wheels/requirements.txt"
+  (requirements "$extra" && echo pip) >"$wheels/requirements.txt"
   "${install[@]}" -r "$wheels/requirements.txt" </dev/null >"$wheels/requirements.log" 2>&1 &
   fetched=yes
-  # What pip would call, in this environment: one of its own for the build would install the compiler a second time.
-  if ! "$venv/bin/python" -c 'import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])' "$wheels" \
+  # What pip would call, in this environment: one of its own for the build would install the compiler a second time. Not compressed:
+  # the wheel goes no further than this folder.
+  if ! "$venv/bin/python" -c '
+import sys
+from setuptools import build_meta
+build_meta.build_wheel(sys.argv[1], {"--build-option": "--compression=stored"})' "$wheels" \
     >"$wheels/build.log" 2>&1 </dev/null; then
     cat "$wheels/build.log" >&2
     exit 1
@@ -99,6 +111,8 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
 fi
 
 wait
+# An index may lack pip; what came with Python does then.
+"$venv/bin/python" -c 'import pip' 2>/dev/null || "$venv/bin/python" -m ensurepip </dev/null
 wheel=$(echo "$wheels"/*.whl)
 if [ ! -e "$wheels/installed-$extra" ]; then
   echo "environment: installing it${extra:+ with what the ${extra}s need}"

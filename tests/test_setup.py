@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from functools import partial
 from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
+from threading import Event
 from types import ModuleType, SimpleNamespace
 from typing import Any, Final
 
@@ -214,10 +215,33 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: Mo
     )
     assert sorted(asked) == [
         ("__native_s7dissect.c", ["-O1"]),
-        ("busiest_1.c", ["-O1"]),
+        ("busiest_1.c", ["-O1", "-finline-small-functions"]),
         ("busy_0.c", ["-O1", "-Og", "-Wno-maybe-uninitialized"]),
         ("plain_0.c", ["-O1", "-O0", "-U_FORTIFY_SOURCE"]),
     ]
+
+
+def test_the_pages_of_man_are_made_while_mypyc_runs(
+    setup: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    begun = Event()
+    packed: list[list[str]] = []
+
+    def man_pages() -> list[str]:
+        begun.set()
+        return ["s7dissect.1"]
+
+    def extensions() -> list[Extension]:
+        assert begun.wait(60)
+        return []
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["setup.py", "bdist_wheel"])
+    monkeypatch.setattr(setup, "man_pages", man_pages)
+    monkeypatch.setattr(setup, "extensions", extensions)
+    monkeypatch.setattr(setup, "setup", lambda **options: packed.append(options["cmdclass"]["build_py"].pages()))
+    setup.build()
+    assert packed == [["s7dissect.1"]]
 
 
 @pytest.fixture

@@ -552,15 +552,7 @@ class Dialogue:
         return transaction
 
     def push(
-        self,
-        side: Side,
-        pdu_ref: i64,
-        parameters: Parameters,
-        buf: bytes,
-        at: i64,
-        size: i64,
-        frame: i64,
-        time_ns: i64,
+        self, side: Side, pdu_ref: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
     ) -> Transaction:
         """An unsolicited indication: a transaction of its own, with an answering half only."""
         self.count += 1

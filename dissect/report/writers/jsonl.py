@@ -200,12 +200,8 @@ class TransactionLines(Observer):
             time_ns = transaction.response_ns
             at = 'null,"response_time":"'
         rest: i64 = time_ns % 1_000_000_000
-        latency = "null"
-        if outcome == ANSWERED:
-            latency = decimal(transaction.response_ns - transaction.request_ns)
-        reason = "null"
-        if transaction.reason:
-            reason = f'"{transaction.reason}"'
+        latency = decimal(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
+        reason = f'"{transaction.reason}"' if transaction.reason else "null"
         opening = _ITEMS
         closing = "]"
         facet = FACETS.get(transaction.rosctr)
