@@ -41,8 +41,6 @@ HOT: Final = (
     "dissect/anonymize/rules.py",
     "dissect/anonymize/track.py",
     "dissect/anonymize/usual_packet.py",
-    "dissect/golden/forms.py",
-    "dissect/golden/values.py",
     "dissect/wire/*.py",
     "dissect/source/packet.py",
     "dissect/source/pcap.py",
@@ -85,6 +83,7 @@ COLD: Final = (
     "dissect/*/tables.py",
     "dissect/*/*_tables.py",
     "dissect/iso/build.py",  # what no capture needs
+    "dissect/s7/build.py",
     "dissect/iso/layouts.py",  # ibh/layouts.py derives from a compiled class, which interpreted classes may not
     "dissect/s7/layouts.py",
     "dissect/s7plus/layouts.py",
