@@ -41,6 +41,7 @@ HOT: Final = (
     "dissect/anonymize/rules.py",
     "dissect/anonymize/track.py",
     "dissect/anonymize/usual_packet.py",
+    "dissect/bindings/pushes.py",
     "dissect/wire/*.py",
     "dissect/source/packet.py",
     "dissect/source/pcap.py",

@@ -17,11 +17,14 @@ from dissect.bindings.contents import decode
 from dissect.bindings.devices import Device, Devices
 from dissect.bindings.judging import ScdJudge
 from dissect.bindings.place import in_blocks
+from dissect.bindings.pushes import REFERENCE, BindingCount, KnownPdo, Pushes
 from dissect.bindings.streams import cut_stream, skip_hole
 from dissect.engine.exchange import PayloadDecoder
 from dissect.iso.upper import SCD as UPPER_SCD
 from dissect.iso.upper import UPPER_NAMES
 from dissect.s7.tables import GROUP_PBC, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.scd.messages import Head
+from dissect.scd.packing import TRAILING
 from dissect.transactions.multipart import Joiner
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.wire.text import encodable, printable
@@ -44,20 +47,8 @@ _NOT_BOUND: Final = -2
 MAX_JOINERS: Final = 1024
 #: Put into the reference of a request that is known by its index and sub-index, so that it is no transaction number.
 _BY_OBJECT: Final = 0x1000000
-#: A transaction number of an envelope may have 64 bits; pairing counts with what fits below its own marks.
-_REFERENCE: Final = (1 << 30) - 1
 #: An error of an envelope may have 64 bits without a sign; that of a transaction has one.
 _MAX_ERR: Final = (1 << 63) - 1
-
-
-class BindingCount:
-    """What a binding found: messages, those with an error, values; ``cut`` were not captured whole."""
-
-    def __init__(self) -> None:
-        self.messages = 0
-        self.errors = 0
-        self.values = 0
-        self.cut = 0
 
 
 class ScdCarrier(PayloadDecoder):
@@ -83,12 +74,15 @@ class ScdCarrier(PayloadDecoder):
         self._pdos: dict[str, Pdo] = {}
         self._exchange: Exchange
         self._judge: ScdJudge
+        self._pushes: list[Pushes]
 
     def attach(self, exchange: Exchange) -> None:
         """Remember where findings, observer and dialogue are."""
         self._exchange = exchange
         peers = frozenset(binding.name for binding in self.bindings.all if binding.device == "peer")
         self._judge = ScdJudge(exchange.reporter, self.devices, peers)
+        codec, judge, counts = self.devices.codec, self._judge, self.counts
+        self._pushes = [Pushes(one, codec, counts[one.name], exchange, judge) for one in self.bindings.all]
 
     # ---- where SCD travels ------------------------------------------------------------------------------------------
 
@@ -112,7 +106,7 @@ class ScdCarrier(PayloadDecoder):
         if missing:
             self.counts[binding.name].cut += 1
             return
-        self._unit(side, binding, octets, frame, time_ns)
+        self._unit(side, octets, frame, time_ns)
 
     def stream(self, side: Side, octets: bytes, frame: int, time_ns: int) -> None:
         """Take octets of a bound TCP connection."""
@@ -122,7 +116,7 @@ class ScdCarrier(PayloadDecoder):
             self.skipped += skipped
             self._judge.garbage(side, skipped, frame, time_ns)
         for unit in units:
-            self._unit(side, binding, unit, frame, time_ns)
+            self._unit(side, unit, frame, time_ns)
 
     def hole(self, side: Side, size: int, frame: int, time_ns: int) -> None:
         """Octets are missing: what was begun stays incomplete, and the next message has to be found."""
@@ -132,7 +126,7 @@ class ScdCarrier(PayloadDecoder):
         """Take a TSDU of a connection whose TSAPs are bound."""
         if not self.claims_tsdus(side.connection):
             return False
-        self._unit(side, self.bindings.all[side.connection.bound], octets, frame, time_ns)
+        self._unit(side, octets, frame, time_ns)
         return True
 
     def claims_tsdus(self, connection: Connection) -> bool:
@@ -158,20 +152,42 @@ class ScdCarrier(PayloadDecoder):
 
     # ---- from octets to transactions --------------------------------------------------------------------------------
 
-    def _unit(self, side: Side, binding: Binding, octets: bytes, frame: int, time_ns: int, place: str = "") -> None:
+    def _unit(self, side: Side, octets: bytes, frame: int, time_ns: int) -> None:
         connection = side.connection
+        number = connection.bound
+        binding = self.bindings.all[number]
+        device = self.devices.of(side, binding)
+        usual = device.codec is self.devices.codec
+        if usual and self._pushes[number].take(side, octets, frame, time_ns):
+            return
         observer = self._exchange.observer
-        for found in self._decode(self.devices.of(side, binding), binding, octets):
+        for found in self._decode(device, binding, octets):
             found.frame = frame
             found.time_ns = time_ns
             found.connection = connection.number
             found.side = side.index
-            found.place = place
             connection.pdus += 1
             if observer.wants_pdus:
                 observer.scd(frame, time_ns, side, found)
             self._judge.message(side, found)
             self._pair(side, found, frame, time_ns)
+            if usual and found.mapping is not None and len(found.octets) == len(octets):
+                self._learn(self._pushes[number], found)
+
+    def _learn(self, pushes: Pushes, found: ScdMessage) -> None:
+        """Remember a PDO that is all that its unit carries, for those like it."""
+        message = found.message
+        mapping = found.mapping
+        codec = self.devices.codec
+        envelope = codec.envelope
+        if mapping is None or message.err or TRAILING in message.flags or not (pushes.bare or envelope.told_by_head):
+            return
+        parameters = self._parameters(found)
+        parameters.settled = self._judge.is_common(message)
+        sizes = (0, 0) if pushes.bare else (envelope.head_size, envelope.tail_size)
+        head = Head(codec, message, *sizes)
+        quiet = codec.packing(message.pdo).quiet and not (codec.strict_pad or head.version)
+        pushes.learn(found.octets, KnownPdo(head, mapping, parameters, _reference(message), quiet))
 
     def _decode(self, device: Device, binding: Binding, octets: bytes, at: int = 0) -> Iterator[ScdMessage]:
         """Give the messages in ``octets``, which begin at offset ``at`` of what carries them, and count them."""
@@ -244,7 +260,9 @@ class ScdCarrier(PayloadDecoder):
     def transaction(self, transaction: Transaction) -> None:
         """Look into the items and blocks of an S7 transaction; judge an exchange of its own when it is over."""
         if transaction.rosctr == SCD:
-            self._judge.exchange(transaction)
+            parameters = transaction.parameters
+            if not (isinstance(parameters, ScdParameters) and parameters.settled):
+                self._judge.exchange(transaction)
         elif transaction.rosctr == JOB and self.bindings.s7:
             function = transaction.parameters.function
             if function in {READ_VAR, WRITE_VAR}:
@@ -369,7 +387,7 @@ class ScdCarrier(PayloadDecoder):
 def _reference(message: Message) -> int:
     """Return what request and answer have in common (profile, reference 3.3): tid, else the object, else nothing."""
     if "tid" in message.numbers:
-        return message.tid & _REFERENCE
+        return message.tid & REFERENCE
     if "index" in message.numbers:
-        return (_BY_OBJECT | message.index << 8 | message.sub) & _REFERENCE
+        return (_BY_OBJECT | message.index << 8 | message.sub) & REFERENCE
     return 0

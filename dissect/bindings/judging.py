@@ -15,6 +15,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.findings.reporter import Reporter
     from dissect.scd.layout import Key
+    from dissect.scd.messages import Message
     from dissect.scd.model import Pdo
     from dissect.scd.types import Value
     from dissect.transactions.payloads import ScdMessage
@@ -62,14 +63,16 @@ class ScdJudge:
         """Judge a message as it comes."""
         message = found.message
         if message.error is not None or message.flags:
-            self._oddities(found)
+            self.oddities(found)
         if message.service == "pdo":
-            self._count(side, found)
+            if message.pdo and "tid" in message.numbers:
+                self.count(found, message.pdo, message.tid)
             if message.err:
                 text = f"{message.err} {self._dictionary.error_text(message.err)}"
                 self._note("scd.pdo_error" if message.err < 0 else "scd.status", found, text)
 
-    def _oddities(self, found: ScdMessage) -> None:
+    def oddities(self, found: ScdMessage) -> None:
+        """Report what is wrong or odd about a message."""
         message = found.message
         error = message.error
         if error is not None:
@@ -98,22 +101,21 @@ class ScdJudge:
         limits = limits_text(variable.traits.low, variable.traits.high)
         return f"{address_text(key)} {printable(variable.label)} = {value_text(value)}, limits {limits}"
 
-    def _count(self, side: Side, found: ScdMessage) -> None:
+    def count(self, found: ScdMessage, pdo: str, tid: int) -> None:
         """Follow the counter of a PDO; one that stands still is not in use."""
-        message = found.message
-        if "tid" not in message.numbers or not message.pdo:
-            return
-        number = side.connection.number
-        counters = self._counters.setdefault(number, {})
-        key = (side.index, message.pdo)
+        number = found.connection
+        counters = self._counters.get(number)
+        if counters is None:
+            counters = self._counters[number] = {}
+        key = (found.side, pdo)
         last = counters.get(key)
         if last is None:
-            self._follow(number, key, message.tid)
+            self._follow(number, key, tid)
             return
-        counters[key] = message.tid
-        lost = (message.tid - last) % _COUNTER - 1
+        counters[key] = tid
+        lost = (tid - last) % _COUNTER - 1
         if lost > 0:
-            detail = f"{lost} before this one: the counter went from {last} to {message.tid}"
+            detail = f"{lost} before this one: the counter went from {last} to {tid}"
             self._note("scd.pdo_gap", found, detail)
 
     def _follow(self, number: int, key: tuple[int, str], counter: int) -> None:
@@ -145,7 +147,7 @@ class ScdJudge:
         pushed = transaction.outcome == PUSH
         for found in transaction.scd:
             message = found.message
-            if pushed and self._is_common(found):
+            if pushed and self.is_common(found.message):
                 continue  # nothing that would be compared with what its device said before
             device = self._device(transaction, found)
             if message.err < 0 and message.service != "pdo":
@@ -171,8 +173,8 @@ class ScdJudge:
         """Judge values that a device has, or took over if ``accepted``."""
         message = found.message
         if found.place and (message.error is not None or message.flags):
-            self._oddities(found)
-        if not accepted or self._is_common(found):
+            self.oddities(found)
+        if not accepted or self.is_common(message):
             return
         for key, value in message.values.items():
             if not isinstance(key, tuple):
@@ -186,9 +188,8 @@ class ScdJudge:
                     detail = f"{address_text(key)} was {value_text(old)}, is {value_text(value)}"
                     self._note("scd.constant_changed", found, detail)
 
-    def _is_common(self, found: ScdMessage) -> bool:
+    def is_common(self, message: Message) -> bool:
         """Whether a message has neither a constant nor a structure, as most have."""
-        message = found.message
         return message.sub != STRUCTURE_SUB and self._evidence.keys.isdisjoint(message.values)
 
     def _written(self, device: Device, found: ScdMessage) -> None:

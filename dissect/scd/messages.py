@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
@@ -16,7 +16,6 @@ from dissect.scd.types import Value
 if TYPE_CHECKING:
     from dissect.scd.codec import Codec
     from dissect.scd.model import Pdo
-    from dissect.scd.packing import Packing
 
 #: Headers of messages that are remembered with what they say; every device with mappings of its own has a codec of its own.
 MOST_HEADS: Final = 256
@@ -55,16 +54,44 @@ class Message(msgspec.Struct):
     content: str = ""
 
 
-class Head(NamedTuple):
-    """A header that sound messages had before, but for its transaction number: the ``message`` without its data, its ``size``.
+class Head:
+    """A header that sound messages had before, but for its transaction number.
 
-    Of a PDO also how its data are read, and whether its mapping is of a ``version`` that the dictionary does not have.
+    ``template`` is such a message without data, of ``size`` octets; its data are those from ``begin`` to ``end``. Of a PDO also
+    how its data are read (``packing``), and whether its mapping is of a ``version`` that the dictionary does not have.
+    ``numbered``: each message has a transaction number of its own. A bare PDO has no header, its data are all there is.
     """
 
-    message: Message
-    size: int
-    packing: Packing | None
-    version: bool
+    __slots__ = ("_strict_pad", "begin", "end", "numbered", "packing", "size", "template", "version")
+
+    def __init__(self, codec: Codec, message: Message, begin: int = 0, tail: int = 0) -> None:
+        self.template = template = copy(message)
+        template.values, template.flags, template.data, template.numbers = {}, {}, b"", message.numbers.copy()
+        self.size = message.size
+        self.begin = begin
+        self.end = message.size - tail
+        self.packing = codec.packing(message.pdo) if message.service == "pdo" else None
+        self.version = VERSION in message.flags
+        self.numbered = bool(message.numbers and codec.envelope.tid_mask)
+        self._strict_pad = codec.strict_pad
+
+    def message(self, whole: bytes, tid: int) -> Message:
+        """Return the message of ``size`` octets, with the values of a PDO."""
+        message: Message = self.template.__copy__()  # type: ignore[attr-defined]  # what `copy` calls
+        message.numbers = numbers = message.numbers.copy()
+        if self.numbered:
+            message.tid = numbers["tid"] = tid
+        message.data = data = whole[self.begin : self.end]
+        flags: Flags = {}
+        message.flags = flags
+        packing = self.packing
+        if packing is None:
+            message.values = {}
+        else:
+            message.values = dict(zip(packing.keys, packing.unpack(data, flags, self._strict_pad)))  # noqa: B905 - as many
+            if self.version:
+                flag(flags, VERSION)
+        return message
 
 
 def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
@@ -82,44 +109,23 @@ def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
     if message.error is None and message.numbers:
         if len(codec.heads) >= MOST_HEADS:
             codec.heads.clear()
-        codec.heads[key] = _head(codec, message)
+        codec.heads[key] = Head(codec, message, envelope.head_size, envelope.tail_size)
     return message
-
-
-def _head(codec: Codec, message: Message) -> Head:
-    """Return what the header of a sound message says, whatever its data are."""
-    bare = copy(message)
-    bare.values, bare.flags, bare.data, bare.numbers = {}, {}, b"", message.numbers.copy()
-    packing = codec.packing(message.pdo) if message.service == "pdo" else None
-    return Head(bare, message.size, packing, VERSION in message.flags)
 
 
 def _again(codec: Codec, known: Head, octets: Octets, at: int, tid: int) -> Message | None:
     """Return a message whose header is known; None when it is not whole and sound, which is looked at more closely."""
     envelope = codec.envelope
     whole = bytes(octets[at : at + known.size])
-    tail_at = known.size - envelope.tail_size
-    if len(whole) != known.size or envelope.checked(whole, tail_at) is not None:
+    if len(whole) != known.size or envelope.checked(whole, known.end) is not None:
         return None
-    message = copy(known.message)
-    message.numbers = numbers = message.numbers.copy()
-    if envelope.tid_mask:
-        message.tid = numbers["tid"] = tid
-    message.data = data = whole[envelope.head_size : tail_at]
-    flags: Flags = {}
-    message.flags = flags
     packing = known.packing
-    if packing is None:
-        message.values = {}
-        try:
-            _decode(codec, message)
-        except Error:
-            return None
-    elif len(data) == packing.size:
-        message.values = dict(zip(packing.keys, packing.unpack(data, flags, codec.strict_pad)))  # noqa: B905 - as many
-        if known.version:
-            flag(flags, VERSION)
-    else:
+    if packing is not None:
+        return known.message(whole, tid) if known.end - known.begin == packing.size else None
+    message = known.message(whole, tid)
+    try:
+        _decode(codec, message)
+    except Error:
         return None
     return message
 

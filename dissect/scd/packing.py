@@ -131,7 +131,9 @@ class Packing:
         ]
         self._enforce = enforce
         self._plan = self._planned()
-        self._plain = self.aligned and not (self._timed or self._reals or self._finish or self._texts or self._limits)
+        #: Whether no octets make `unpack` notice anything, but for what ``strict_pad`` asks.
+        self.quiet: Final = not (self._timed or self._reals or self._texts or self._limits)
+        self._plain = self.aligned and self.quiet and not self._finish
 
     def unpack(self, octets: bytes, flags: Flags, strict_pad: bool = False) -> Sequence[Value]:
         """Return the values in the first ``size`` of ``octets``, which must be there; what is noticed goes into ``flags``.

@@ -13,6 +13,8 @@ from dissect.s7.parameters import Parameters
 from dissect.transactions.protocol import Kept
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
     from dissect.scd.model import Pdo
@@ -35,6 +37,9 @@ def is_scd_key(key: int) -> bool:
 class ScdMessage:
     """A piece of SCD found in traffic: ``message`` is what was decoded, ``binding`` the name of the rule that found it.
 
+    Where nothing in the values can be odd they are decoded when somebody asks for them: ``later`` makes the message from
+    ``octets`` and its transaction number ``tid``.
+
     ``frame`` and ``time_ns`` are those of the packet that completed it (nanoseconds since 1970), ``connection`` the number of
     the connection and ``side`` the side that sent it. ``place`` names the S7 item or block it stood in, empty for a message of
     its own; ``offset`` counts octets within item, block, datagram or TSDU. ``octets`` is the message as it was on the wire.
@@ -42,12 +47,14 @@ class ScdMessage:
     """
 
     __slots__ = (
+        "_later",
+        "_message",
+        "_tid",
         "binding",
         "connection",
         "dictionary",
         "frame",
         "mapping",
-        "message",
         "octets",
         "offset",
         "place",
@@ -55,8 +62,18 @@ class ScdMessage:
         "time_ns",
     )
 
-    def __init__(self, message: Message, dictionary: Dictionary, binding: str, octets: bytes) -> None:
-        self.message: Message = message
+    def __init__(
+        self,
+        message: Message | None,
+        dictionary: Dictionary,
+        binding: str,
+        octets: bytes,
+        later: Callable[[bytes, int], Message] | None = None,
+        tid: int = 0,
+    ) -> None:
+        self._message: Message | None = message
+        self._later: Callable[[bytes, int], Message] | None = later
+        self._tid: int = tid
         self.dictionary: Dictionary = dictionary
         self.binding: str = binding
         self.octets: bytes = octets
@@ -67,6 +84,16 @@ class ScdMessage:
         self.side: i64 = 0
         self.offset: i64 = 0
         self.place: str = ""
+
+    @property
+    def message(self) -> Message:
+        """What was decoded."""
+        made = self._message
+        if made is None:
+            later = self._later
+            assert later is not None
+            made = self._message = later(self.octets, self._tid)
+        return made
 
     @property
     def subject(self) -> str:
@@ -90,10 +117,10 @@ class ScdParameters(Parameters):
     """The function of an SCD message: ``key`` is its row of statistics, ``name`` its name without the protocol.
 
     ``index`` and ``sub`` are the object it addresses (-1 for none), ``err`` its ``scd_err_t``; ``refused`` tells that it is an
-    abort or carries an error.
+    abort or carries an error; ``settled`` that nothing is left to judge when its transaction is over.
     """
 
-    __slots__ = ("err", "index", "name", "refused", "scd", "sub")
+    __slots__ = ("err", "index", "name", "refused", "scd", "settled", "sub")
 
     def __init__(self, key: i64, name: str, scd: ScdMessage) -> None:
         super().__init__(b"", SCD)
@@ -104,6 +131,7 @@ class ScdParameters(Parameters):
         self.sub: int = -1
         self.err: int = 0
         self.refused: bool = False
+        self.settled: bool = False
 
     @property
     def function_name(self) -> str:
