@@ -15,6 +15,7 @@ from dissect.wire.text import encodable, printable
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
 
+_ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[SCD]
 
@@ -134,7 +135,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
     ``asked_by`` is the side whose messages are requests (-1: not told), ``place`` file and packet where there are several
     files.
     """
-    from dissect.scd.wording import row_json
+    from dissect.scd.wording import known_text, row_json
 
     message = found.message
     has = message.numbers
@@ -143,7 +144,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
     if asked_by >= 0:
         values["half"] = "request" if found.side == asked_by else "response"
     values |= {
-        "binding": encodable(found.binding),
+        "binding": known_text(found.binding),
         "place": found.place or None,
         "offset": found.offset,
         "frame": found.frame if place is None else place[1],
@@ -155,7 +156,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
         "index": message.index if "index" in has else None,
         "sub": message.sub if "sub" in has else None,
         "pdo": message.pdo or None,
-        "content": encodable(message.content) or None,
+        "content": known_text(message.content) or None,
     }
     if place is not None:
         values["file"] = encodable(place[0])
@@ -199,4 +200,4 @@ def scd_line_json(found: ScdMessage, time: str, connection: Connection, place: t
 
 def _json(values: object) -> str:
     """Return JSON in ASCII; DEL, which JSON would leave as it is, is escaped like every other control."""
-    return json.dumps(values, separators=(",", ":")).replace("\x7f", "\\u007f")
+    return _ENCODER.encode(values).replace("\x7f", "\\u007f")

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from hashlib import sha256
 from types import MappingProxyType
-from typing import Final, overload
+from typing import TYPE_CHECKING, Final, overload
 
 from dissect.scd import ranges
 from dissect.scd.assembly import assemble_object, assemble_struct, assemble_types, readout_object
@@ -23,6 +23,9 @@ from dissect.scd.model import DEFTYPE, NULL, Object, Pdo, StructType, Variable
 from dissect.scd.records import Body, EnvelopeRecord
 from dissect.scd.types import STANDARD_NAMES, UINT64, SimpleType
 from dissect.wire.saving import save
+
+if TYPE_CHECKING:
+    from dissect.scd.wording import Told
 
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}|0[xX][0-9a-fA-F]{1,2}))?")
 _PDO: Final = re.compile(r"([RTrt])(?:PDO\s*)?([0-9]{1,4})")
@@ -65,6 +68,8 @@ class Dictionary:
         )
         self.rpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("R"))
         self.tpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("T"))
+        #: What rows of values say of each variable, once somebody has asked (`dissect.scd.wording`).
+        self.told: Final[dict[tuple[int, int], Told]] = {}
 
     def _pdos(self, direction: str) -> dict[int, Pdo]:
         first = ranges.PDO_BASES[direction, "map"]

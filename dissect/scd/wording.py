@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from dissect.scd.dictionary import Dictionary
@@ -38,20 +39,47 @@ class Row(NamedTuple):
     flags: tuple[str, ...]
 
 
+class Told(NamedTuple):
+    """What every row of a variable says: see `Row`. ``plain``: a value has no text, and its physical value is the raw one."""
+
+    address: str
+    name: str
+    unit: str
+    plain: bool
+    variable: Variable
+
+
 def rows(dictionary: Dictionary, message: Message) -> list[Row]:
     """Return the values of a message in its order."""
     found = []
+    known = dictionary.told
     for key, value in message.values.items():
-        variable = _variable(dictionary, message, key)
-        flags = tuple(flag for flag, keys in message.flags.items() if key in keys)
-        address = address_text(key) if isinstance(key, tuple) else f"{message.content}.{key}"
-        if variable is None:
-            found.append(Row(address, "", value, value, "", "", flags))
+        flags = tuple([flag for flag, keys in message.flags.items() if key in keys]) if message.flags else ()
+        told = known.get(key)
+        if told is None:
+            variable = _variable(dictionary, message, key)
+            if variable is None:
+                address = address_text(key) if isinstance(key, tuple) else f"{message.content}.{key}"
+                found.append(Row(address, "", value, value, "", "", flags))
+                continue
+            told = _told(variable, message, key)
+            if isinstance(key, tuple):
+                known[key] = told
+        variable = told.variable
+        if told.plain:
+            found.append(Row(told.address, told.name, value, value, told.unit, "", flags))
         else:
-            name = variable.label if isinstance(key, tuple) else variable.name
             text = variable.desc(value) or _mapped(variable, value)
-            found.append(Row(address, name, value, variable.phys(value), variable.unit, text, flags))
+            found.append(Row(told.address, told.name, value, variable.phys(value), told.unit, text, flags))
     return found
+
+
+def _told(variable: Variable, message: Message, key: Key) -> Told:
+    traits = variable.traits
+    plain = traits.scale == 1 and not traits.shift and not traits.texts and not is_mapping(variable.index)
+    if isinstance(key, tuple):
+        return Told(address_text(key), variable.label, variable.unit, plain, variable)
+    return Told(f"{message.content}.{key}", variable.name, variable.unit, plain, variable)
 
 
 def _mapped(variable: Variable, value: Value) -> str:
@@ -141,16 +169,22 @@ def json_value(value: Value) -> object:
     return str(value)
 
 
+#: `encodable` of what a dictionary says, which is the same again and again.
+known_text: Final = lru_cache(maxsize=4096)(encodable)
+
+
 def row_json(row: Row) -> dict[str, object]:
     """Return a row as JSON has it."""
+    address, name, value, physical, unit, text, flags = row
+    shown = json_value(value)
     return {
-        "address": encodable(row.address),
-        "name": encodable(row.name),
-        "value": json_value(row.value),
-        "physical": json_value(row.physical),
-        "unit": encodable(row.unit) or None,
-        "text": encodable(row.text) or None,
-        "flags": list(row.flags),
+        "address": known_text(address),
+        "name": known_text(name),
+        "value": shown,
+        "physical": shown if physical is value else json_value(physical),
+        "unit": known_text(unit) or None,
+        "text": encodable(text) or None,
+        "flags": list(flags),
     }
 
 
