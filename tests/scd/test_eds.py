@@ -498,7 +498,7 @@ def test_a_large_file_is_read_in_portions(tmp_path: Path, monkeypatch: pytest.Mo
     path.write_text(f"[ManufacturerObjects]\nSupportedObjects={len(objects)}\n{listed}\n{sections}", encoding="ascii")
     peaks, names = [], []
     rarely = gc.get_threshold()
-    gc.set_threshold(2000)  # its objects refer to each other; with the one of all tests it would depend on those before this
+    gc.set_threshold(2000)  # its objects refer to each other; else it would depend on the tests before this one
     for portion in (10**9, 50):
         monkeypatch.setattr(eds, "_PORTION", portion)
         gc.collect()
