@@ -75,6 +75,7 @@ class Learner(Observer):
         self._pairs: dict[Pair, _Learned] = {}
         self._names = Pairs()
         self._subjects = Subjects()
+        self._asked: set[int] = set()  # connections that are open and carried a transaction
         self._entries = 0
         self._begin_ns = -1
         self._end_ns = -1
@@ -86,9 +87,13 @@ class Learner(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Learn from a transaction, whatever became of it."""
-        learned = self._learned(transaction.connection)
+        connection = transaction.connection
+        learned = self._learned(connection)
         if learned is None:
             return
+        if int(connection.number) not in self._asked:
+            self._asked.add(int(connection.number))
+            self._learn_tsaps(learned, connection)  # as they are known when alerts judge them; they may become others
         subject = self._subjects.of(transaction)
         self._keep(learned.functions, (subject.function,))
         self._keep(learned.reads, subject.reads)
@@ -102,6 +107,7 @@ class Learner(Observer):
 
     def connection_closed(self, connection: Connection) -> None:
         """Learn the port and the TSAPs of a connection."""
+        self._asked.discard(int(connection.number))
         learned = self._learned(connection)
         if learned is None:
             return
@@ -110,9 +116,7 @@ class Learner(Observer):
         if port not in learned.ports:
             if self._fits(len(learned.ports)):
                 learned.ports.add(port)
-        named = tsaps(connection)
-        if named:
-            self._keep(learned.tsaps, (named,))
+        self._learn_tsaps(learned, connection)
 
     def baseline(self, captures: tuple[str, ...] = ()) -> Baseline:
         """Return what was learned so far."""
@@ -123,6 +127,11 @@ class Learner(Observer):
             baseline.end = clock.iso(self._end_ns)
         baseline.left_out = self.left_out
         return baseline
+
+    def _learn_tsaps(self, learned: _Learned, connection: Connection) -> None:
+        named = tsaps(connection)
+        if named:
+            self._keep(learned.tsaps, (named,))
 
     def _learned(self, connection: Connection) -> _Learned | None:
         pair = self._names.of(connection)

@@ -25,6 +25,9 @@ _MAX_CACHED: Final = 4096
 _MAX_CONNECTIONS: Final = 16384
 #: Characters of a TSAP: real ones have a few octets, the wire allows 254.
 _MAX_TSAP: Final = 64
+#: How `tsaps` begins or ends when one of the two was not captured.
+NOT_CAPTURED_CALLING: Final = "? > "
+NOT_CAPTURED_CALLED: Final = " > ?"
 _DB: Final = re.compile(r"DB[0-9]+(?=\.)")
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Final
 
 from dissect.baseline.norms import Baseline, PairNorm
-from dissect.baseline.subjects import Pair, Subject, Subjects, tsaps
+from dissect.baseline.subjects import NOT_CAPTURED_CALLED, NOT_CAPTURED_CALLING, Pair, Subject, Subjects, tsaps
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 
@@ -77,7 +78,7 @@ class BaselineWatch:
         if norm is not None and norm.server_ports is not None and port not in norm.server_ports:
             found.append(Deviation(PORT, pair, str(port), f"first use of port {port} on {server} by {client}"))
         named = tsaps(connection)
-        if norm is not None and norm.tsaps is not None and named and named not in norm.tsaps:
+        if norm is not None and norm.tsaps is not None and named and not _is_known(named, norm.tsaps):
             found.append(Deviation(TSAP, pair, named, f"first connection with TSAP {named} to {server} by {client}"))
         return found
 
@@ -103,3 +104,12 @@ class BaselineWatch:
 
 #: What a pair that is not in the baseline may do.
 _NOTHING: Final = PairNorm("", "", functions=frozenset(), reads=frozenset(), writes=frozenset())
+
+
+def _is_known(named: str, known: Collection[str]) -> bool:
+    """Return whether TSAPs are among those that are known; one that was not captured (``?``) may be any."""
+    if named in known:
+        return True
+    if named.endswith(NOT_CAPTURED_CALLED):
+        return any(one.startswith(named[:-1]) for one in known)
+    return named.startswith(NOT_CAPTURED_CALLING) and any(one.endswith(named[1:]) for one in known)

@@ -100,6 +100,18 @@ class Foreign(Protocol):
         if on_102(side):
             self._note(connection, name, identity, frame, time_ns)
 
+    def inside(self, side: Side, upper: i64, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Name a decrypted message of protocol ``upper``, as `tsdu` does what came in clear."""
+        if upper == TLS:
+            upper = UNKNOWN
+        connection = side.connection
+        key: i64 = connection.number * len(UPPER_NAMES) + upper
+        if side.holes or key in self._named or not on_102(side):
+            return
+        self._named.add(key)
+        identity = identify(upper, octets, 0, len(octets))
+        self._note(connection, f"{UPPER_NAMES[upper]} in TLS", identity, frame, time_ns)
+
     def _version(self, side: Side, buf: bytes, at: i64, end: i64) -> None:
         """Take the version that a ServerHello of TLS chooses for the session."""
         connection = side.connection

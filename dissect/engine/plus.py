@@ -62,9 +62,7 @@ class S7Plus(Protocol):
                 assembler.begun_ns = time_ns
             return
         if assembler.left_out and assembler.parts is None and whole is not tsdu:
-            who = side.tcp.ends[side.index]
-            detail = f"{len(whole)} bytes from {who} kept, {assembler.left_out} left out"
-            self._exchange.reporter.note("s7.plus_too_long", side.connection.number, [frame], time_ns, detail)
+            self._note_too_long(side, len(whole), frame, time_ns)
             self._pdu(side, whole, True, frame, time_ns)
         else:
             self._pdu(side, whole, False, frame, time_ns)
@@ -77,7 +75,16 @@ class S7Plus(Protocol):
         """Take what there is of an unfinished PDU: no more of it will come."""
         assembler = side.plus
         if assembler is not None and assembler.parts is not None:
-            self._pdu(side, assembler.finish(), True, frame, time_ns)
+            octets = assembler.finish()
+            if assembler.left_out:
+                self._note_too_long(side, len(octets), frame, time_ns)
+            self._pdu(side, octets, True, frame, time_ns)
+
+    def _note_too_long(self, side: Side, kept: i64, frame: i64, time_ns: i64) -> None:
+        """Report what was not kept of the PDU that the assembler just gave."""
+        left_out: i64 = side.plus.left_out if side.plus is not None else 0
+        detail = f"{kept} bytes from {side.tcp.ends[side.index]} kept, {left_out} left out"
+        self._exchange.reporter.note("s7.plus_too_long", side.connection.number, [frame], time_ns, detail)
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Take what the capture kept of a frame: the PDU ends with it."""

@@ -103,6 +103,7 @@ class Tls(Protocol):
             (self._plus if upper == S7COMM_PLUS else self._s7).feed(side, message, 0, len(message), frame, time_ns)
         else:
             self.other += 1
+            self._foreign.inside(side, upper, message, frame, time_ns)
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
         """Octets are missing: a record, and the frame in it, have no end."""

@@ -53,7 +53,11 @@ def _alone(one: Link | None, other: Link | None, options: DiffOptions) -> Iterat
 def _who(link: Link) -> str:
     calling = Tsap(link.calling) if link.calling is not None else None
     called = Tsap(link.called) if link.called is not None else None
-    return words.tsaps(calling, called, True) if calling or called else printable(link.protocol or "no TSAPs")
+    return (
+        words.tsaps(calling, called, True)
+        if calling or called
+        else (words.PROTOCOLS.get(link.protocol) or printable(link.protocol or "no TSAPs"))
+    )
 
 
 def _link(one: Link, other: Link, options: DiffOptions) -> Iterator[Difference]:

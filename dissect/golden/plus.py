@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.golden.phrases import short
+from dissect.golden.phrases import octets_change, short
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import shown_contents
@@ -51,7 +51,8 @@ def plus_differences(was: bytes, is_: bytes) -> list[tuple[str, str]]:
         if note != note_now:
             found.append((f"{name} {short(note)}", f"{name} {short(note_now)}"))
         elif octets != octets_now:
-            found.append((f"{name} {short(octets.hex(' '))}", f"{name} {short(octets_now.hex(' '))}"))
+            before, after = octets_change(octets, octets_now)
+            found.append((f"{name} {before}", f"{name} {after}"))
     return found
 
 

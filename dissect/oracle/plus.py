@@ -57,7 +57,7 @@ class PlusProof:
             self.cut += 1
             return
         found = parse_contents(pdu, shown=False)
-        facts = [*pdu.malformed, *found.malformed]
+        facts = [*pdu.malformed, *[fact.at(pdu.place(fact.offset)) for fact in found.malformed]]
         if not facts and not is_known(pdu):
             self.unknown += 1
             return

@@ -154,6 +154,8 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
         for name, count in sections["tsdus"].items()
         if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
     ]
+    if pipeline.tls.other:
+        others.append(f"{pipeline.tls.other} decrypted")
     passed = [words.count(number, kind) for protocol in pipeline.protocols for number, kind in protocol.counted()]
     said = f"  {', '.join(passed)}"
     yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)

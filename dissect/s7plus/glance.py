@@ -51,7 +51,7 @@ OUTPUTS: Final = frozenset((81,))
 
 
 class Glance:
-    """One half of a plain transaction. ``plain`` is False when it must be read; then nothing else of it counts."""
+    """One half of a plain transaction. ``plain`` is False when it must be read; then nothing else of it is looked at."""
 
     __slots__ = ("_end", "_octets", "_skipper", "data", "plain", "version")
 
@@ -69,6 +69,8 @@ class Glance:
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
+        if not self.plain:
+            return -1
         value = self._skipper.number()
         if value < 0:
             self.plain = False
@@ -76,7 +78,7 @@ class Glance:
 
     def numbers(self, count: i64) -> bool:
         """Pass over so many numbers of at most 32 bits without sign."""
-        if not self._skipper.numbers(count):
+        if not self.plain or not self._skipper.numbers(count):
             self.plain = False
         return self.plain
 
@@ -90,7 +92,7 @@ class Glance:
     def four(self) -> i64:
         """Read a number of four octets."""
         at: i64 = self._skipper.at
-        if at + 4 > self._end:
+        if not self.plain or at + 4 > self._end:
             self.plain = False
             return -1
         self._skipper.at = at + 4
@@ -100,7 +102,7 @@ class Glance:
         """Pass over octets that must be these."""
         at: i64 = self._skipper.at
         behind: i64 = at + len(octets)
-        if behind > self._end or self._octets[at:behind] != octets:
+        if not self.plain or behind > self._end or self._octets[at:behind] != octets:
             self.plain = False
             return False
         self._skipper.at = behind
@@ -109,7 +111,7 @@ class Glance:
     def zero(self) -> bool:
         """Pass over an octet that must be 0."""
         at: i64 = self._skipper.at
-        if at >= self._end or self._octets[at]:
+        if not self.plain or at >= self._end or self._octets[at]:
             self.plain = False
             return False
         self._skipper.at = at + 1
@@ -124,7 +126,7 @@ class Glance:
 
     def value(self) -> bool:
         """Pass over a value."""
-        if not self._skipper.value(0):
+        if not self.plain or not self._skipper.value(0):
             self.plain = False
         return self.plain
 
@@ -132,7 +134,7 @@ class Glance:
         """Read the operating state, which CPUs send as DInt; -1 for a value of another type, which must be read."""
         at: i64 = self._skipper.at
         octets = self._octets
-        if at + 3 > self._end or octets[at] or octets[at + 1] != DINT:
+        if not self.plain or at + 3 > self._end or octets[at] or octets[at + 1] != DINT:
             self.plain = False
             return -1
         value, behind = read_varint(octets, at + 2, self._end, SIGNED)
@@ -146,7 +148,7 @@ class Glance:
         """Read the octets of a blob; empty where it is none, and then it must be read."""
         at: i64 = self._skipper.at
         octets = self._octets
-        if at + 4 > self._end or octets[at] or octets[at + 1] != BLOB or octets[at + 2] > 1:
+        if not self.plain or at + 4 > self._end or octets[at] or octets[at + 1] != BLOB or octets[at + 2] > 1:
             self.plain = False
             return b""
         self._skipper.at = at + 3
@@ -158,11 +160,13 @@ class Glance:
 
     def ends(self) -> i64:
         """Read the end of a PDU: its integrity id, -1 for none. Not plain when something else stands there."""
+        if not self.plain:
+            return -1
         if self._zeros(self._skipper.at) or (self.version == V2 and self._is_digest(self._skipper.at)):
             return -1
         id_ = self.number()
         at: i64 = self._skipper.at
-        if not self.plain or self.version == V1 or not (self._zeros(at) or self._is_digest(at)):
+        if id_ < 0 or self.version == V1 or not (self._zeros(at) or self._is_digest(at)):
             self.plain = False
             return -1
         return id_

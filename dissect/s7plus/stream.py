@@ -11,6 +11,7 @@ from dissect.s7plus.tables import PROTOCOL_ID, V3
 from dissect.wire.octets import u16
 
 _HEADER: Final = 4
+_FIRST: Final = bytes((PROTOCOL_ID,))
 
 
 class FrameStream:
@@ -32,7 +33,7 @@ class FrameStream:
     def push(self, octets: bytes) -> list[bytes]:
         """Take the next octets; return the frames they complete, and what is none as it came.
 
-        A whole frame in ``octets`` ends what was unfinished before it: its length lied.
+        A whole frame in ``octets`` ends what was unfinished before it: its length lied. One behind what is none is found.
         """
         found: list[bytes] = []
         rest = self._rest
@@ -44,9 +45,10 @@ class FrameStream:
         size: i64 = len(octets)
         while at < size:
             if octets[at] != PROTOCOL_ID:
-                found.append(octets[at:])
-                at = size
-                break
+                next_: i64 = _next(octets, at, size)
+                found.append(octets[at:next_])
+                at = next_
+                continue
             end: i64 = _end(octets, at, size)
             if end < 0:
                 break
@@ -65,6 +67,19 @@ class FrameStream:
 def _is_open(octets: bytes) -> bool:
     """Tell whether a frame lacks octets by its own length."""
     return len(octets) < _HEADER or len(octets) < _HEADER + u16(octets, 2)
+
+
+def _next(octets: bytes, at: i64, size: i64) -> i64:
+    """Return where behind ``at``, which begins none, the next whole frame with a trailer begins, ``size`` for nowhere."""
+    if is_sound(octets, at, size):
+        return size  # S7comm, whose contents are its own
+    place: i64 = octets.find(_FIRST, at + 1)
+    while place >= 0 and size - place > 2 * _HEADER:
+        whole: i64 = place + 2 * _HEADER + u16(octets, place + 2)
+        if octets[place + 1] <= V3 and _end(octets, place, size) == whole and is_sound(octets, place, whole):
+            return place
+        place = octets.find(_FIRST, place + 1)
+    return size
 
 
 def _end(octets: bytes, at: i64, size: i64) -> i64:

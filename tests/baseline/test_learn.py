@@ -6,6 +6,7 @@ import pytest
 
 from dissect.baseline import Learner, baseline_toml, learn
 from tests.baseline.wire import Client, Wire, learned
+from tests.properties import messages
 
 
 def test_a_pair_is_learned() -> None:
@@ -34,6 +35,18 @@ def test_a_pair_is_learned() -> None:
     assert (norm.highest_1s, norm.highest_10s) == (2, 8)
     assert norm.median_ms == pytest.approx(2.0, rel=1 / 100)
     assert norm.longest_ms == pytest.approx(200.0)
+
+
+def test_tsaps_are_learned_as_alerts_see_them_first_and_as_they_become() -> None:
+    learner = Learner()
+    wire = Wire(learner)
+    client = Client(wire)
+    client.read(1.0)
+    client.talk.send(0, messages.connect(0xE0, called=b"\x01\x05"))
+    client.pass_on(2.0)
+    wire.finish()
+    norm = learner.baseline().pairs["10.0.0.1", "10.0.0.2"]
+    assert norm.tsaps == frozenset(("01.00 > 01.02", "01.00 > 01.05"))
 
 
 def test_what_is_complete_does_not_say_otherwise() -> None:

@@ -23,8 +23,9 @@ BLOCK = Item(0x04, 1, 12, 0x84, 0)
 
 
 class Seen(Observer):
-    def __init__(self, baseline: Baseline) -> None:
+    def __init__(self, baseline: Baseline, unknown: str = "") -> None:
         super().__init__()
+        self.unknown = unknown
         self.watch = BaselineWatch(baseline)
         self.pairs = Pairs()
         self.told: list[tuple[str, str]] = []
@@ -34,15 +35,20 @@ class Seen(Observer):
         self.told += [(one.kind, one.what) for one in self.watch.transaction(pair, transaction)]
 
     def connection_closed(self, connection: Connection) -> None:
+        if self.unknown:
+            setattr(connection, self.unknown, None)
         self.told += [(one.kind, one.what) for one in self.watch.connection(self.pairs.of(connection), connection)]
 
 
-def seen(changed: dict[str, frozenset[str] | frozenset[int] | None], client: str = "10.0.0.1") -> list[tuple[str, str]]:
+def seen(
+    changed: dict[str, frozenset[str] | frozenset[int] | None], client: str = "10.0.0.1", unknown: str = ""
+) -> list[tuple[str, str]]:
     norm = PairNorm("10.0.0.1", "10.0.0.2")
     for key, value in {**NORMAL, **changed}.items():
         setattr(norm, key, value)
     observer = Seen(
-        Baseline({("10.0.0.1", "10.0.0.2"): norm, ("10.0.0.9", "10.0.0.8"): PairNorm("10.0.0.9", "10.0.0.8")})
+        Baseline({("10.0.0.1", "10.0.0.2"): norm, ("10.0.0.9", "10.0.0.8"): PairNorm("10.0.0.9", "10.0.0.8")}),
+        unknown,
     )
     wire = Wire(observer)
     one = Client(wire, 0.0, client)
@@ -68,6 +74,21 @@ def test_what_a_known_pair_does(
     changed: dict[str, frozenset[str] | frozenset[int] | None], told: list[tuple[str, str]]
 ) -> None:
     assert seen(changed) == told
+
+
+@pytest.mark.parametrize(
+    ("unknown", "known", "told"),
+    [
+        ("tsap_called", "01.00 > 01.02", []),
+        ("tsap_calling", "01.00 > 01.02", []),
+        ("tsap_called", "02.00 > 01.02", [("tsap", "01.00 > ?")]),
+        ("tsap_calling", "01.00 > 01.03", [("tsap", "? > 01.02")]),
+    ],
+)
+def test_a_tsap_that_was_not_captured_may_be_the_usual_one(
+    unknown: str, known: str, told: list[tuple[str, str]]
+) -> None:
+    assert seen({"tsaps": frozenset((known,))}, unknown=unknown) == told
 
 
 @pytest.mark.parametrize(

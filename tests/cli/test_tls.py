@@ -157,6 +157,17 @@ def test_the_report(capfdbinary: Capture, trace: Path, keys: Path) -> None:
     assert "session.tls_closed" not in without["findings"]
 
 
+def test_decrypted_bytes_that_are_no_s7_are_counted_and_named(capfdbinary: Capture, tmp_path: Path) -> None:
+    spoken = wire([(0, QUESTION), (1, b"\x00\x1b[2J" * 9), (1, ANSWER), (0, b"GET / HTTP/1.1")])
+    trace = filmed(tmp_path / "trace.pcapng", spoken)
+    (tmp_path / "keys.log").write_bytes(spoken.key_log)
+    said = run(capfdbinary, "analyze", "--tls-keys", tmp_path / "keys.log", trace).out
+    assert " TLS, 2 decrypted\n" in said
+    assert "unknown in TLS: begins with 00 1b 5b 32 4a 00 1b 5b\n" in said
+    assert said.count("unknown in TLS") == 1
+    assert "decrypted\n" not in run(capfdbinary, "analyze", trace).out.partition("Connections")[0]
+
+
 def test_several_key_logs_and_lines_of_another_form(
     capfdbinary: Capture, trace: Path, keys: Path, tmp_path: Path
 ) -> None:

@@ -218,6 +218,20 @@ def test_a_pdu_that_is_too_long_is_paired_all_the_same() -> None:
     assert talk.pipeline.plus.cut_pdus == 1
 
 
+def test_what_was_left_out_is_reported_of_a_pdu_without_end_too() -> None:
+    """Frames that never stop: another request, or the end of the connection, is the end of what there is."""
+    talk = begun()
+    for sequence in (1, 2):
+        talk.ask(framed(asked(sequence), trailer=False))
+        for _ in range(MAX_PDU // 60_000 + 2):
+            talk.ask(framed(b"\xab" * 60_000, trailer=False))
+    talk.close()
+    details = [one.detail for one in talk.findings if one.slug == "s7.plus_too_long"]
+    kept = 18 + 139 * 60_004
+    assert MAX_PDU - 60_004 < kept <= MAX_PDU
+    assert details == [f"{kept} bytes from 10.0.0.1:50000 kept, {2 * 60_004} left out"] * 2
+
+
 def test_a_hole_inside_a_pdu_leaves_its_head() -> None:
     talk = begun()
     talk.ask(framed(asked(1)))

@@ -128,6 +128,25 @@ def test_what_is_neither_is_counted() -> None:
     talk.close()
     assert talk.transactions == []
     assert talk.pipeline.tls.other == 2
+    assert [one.detail for one in talk.findings if one.slug == "session.foreign_on_102"] == [
+        "unknown in TLS: begins with 47 45 54 20 2f 20 48 54"  # once for a protocol
+    ]
+
+
+def test_what_is_neither_between_sound_pdus_is_reported() -> None:
+    talk = Talk()
+    pair = Pair()
+    talk.unlock(pair.keys())
+    begun(talk)
+    client, server = pair.ends
+    said = [*pair.begun, (0, client.seal(ASK)), (0, client.seal(bytes(range(256)))), (1, server.seal(bytes(500)))]
+    for side, octets in [*said, (1, server.seal(TELL))]:
+        talk.packet(side, dt(octets))
+    talk.close()
+    assert facts(talk) == [("answered", "S7comm-plus GetMultiVariables")]
+    assert [one.detail for one in talk.findings if one.slug == "session.foreign_on_102"] == [
+        "unknown in TLS: begins with 00 01 02 03 04 05 06 07"
+    ]
 
 
 # ---- records and TSDUs have nothing to do with each other -----------------------------------------------------------

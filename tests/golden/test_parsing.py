@@ -77,6 +77,15 @@ def test_a_golden_reads_back_to_the_session_of_its_capture(path: Path) -> None:
     ]
 
 
+def test_answer_times_of_a_clock_that_jumps_read_back() -> None:
+    session = read_session(ROOT / "captures" / "nodes7-poll-missing.pcapng")
+    times = [2**63 - 1, 1 - 2**63, 10**18]
+    for transaction, time_ns in zip(session.transactions, times, strict=True):
+        transaction.latency_ns = time_ns
+    kept = parse_golden(golden_text(session, EXTRAS))
+    assert [each.latency_ns for each in kept.transactions] == times
+
+
 def test_scd_reads_back_too() -> None:
     from dissect.bindings import load_carrier
 

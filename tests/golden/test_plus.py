@@ -15,7 +15,7 @@ from dissect.s7plus.value_tables import BLOB, DINT, INT, UDINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Value
 from tests.golden import support
 from tests.properties.messages import dt
-from tests.properties.packets import Talk
+from tests.properties.packets import Flow, Talk
 from tests.report.support import begun
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -76,6 +76,33 @@ def test_a_value_that_differs_is_told_with_both() -> None:
 def test_another_variable_is_told_by_its_address() -> None:
     said = differences(session(), session(wanted=(LEVEL, Address(0, 82, 3736, [3, 104, 2]))))
     assert any("MW102" in text and "MW104" in text for text in said), said
+
+
+def test_a_long_list_shows_where_it_begins_to_differ() -> None:
+    """The lists of two subscriptions are the same up to a variable that no short form of them shows."""
+
+    def listed(last: int) -> Talk:
+        talk = begun()
+        value = Value(0x10, UDINT, [*range(60), last])
+        send(talk, 0, asked(1, SET_VARIABLE, body=bodies.set_variable(0x386, [1048], value)), 3)
+        send(talk, 1, told(1, SET_VARIABLE, b"\0\0" + bodies.end(10)), 3)
+        return talk.close()
+
+    (said,) = differences(listed(61), listed(62))
+    was, is_ = said.split("was ")[1].split(", is ")
+    assert was != is_
+    assert ("3d at byte" in was, "3e at byte" in is_) == (True, True), said
+
+
+def test_a_connection_without_tsaps_is_called_as_people_call_its_protocol() -> None:
+    """Its beginning was not captured."""
+    late = Talk(Flow(ports=(50001, 102)))
+    for number in (7, 8, 9):
+        send(late, 0, asked(number, GET_MULTI_VARIABLES, body=bodies.get_multi(LEVEL)), 3)
+    one = session()
+    both = support.session(one.packets() + late.packets())
+    said = support.told(both, support.session(one.packets()))
+    assert any("is missing: S7comm-plus, 3 transactions" in text for text in said), said
 
 
 def test_secrets_are_not_kept() -> None:

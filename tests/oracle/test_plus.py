@@ -11,7 +11,9 @@ from dissect.oracle.compare import Comparison
 from dissect.oracle.ours import Witness
 from dissect.oracle.plus import PlusProof
 from dissect.oracle.verification import Verification
+from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address
+from dissect.s7plus.message import parse_plus
 from dissect.s7plus.value_tables import INT
 from dissect.s7plus.values import Value
 from tests.s7plus.bodies import get_multi, multi_got
@@ -61,6 +63,14 @@ def test_what_does_not_hold_is_named(pdus: list[tuple[bytes, int]], said: str) -
     found = proof(*pdus)
     assert not found.holds
     assert found.faults[0].startswith(said)
+
+
+def test_a_fault_stands_where_findings_and_show_see_it() -> None:
+    """Counted from 0x72; the digest of version 3 stands before the data."""
+    request = framed(asked(7, body=get_multi(WORD) + b"\1"), 3)
+    (fault,) = proof((request, 0)).faults
+    found = parse_contents(parse_plus(request)).malformed[0]
+    assert f"at byte {4 + 33 + found.offset}" in fault
 
 
 def test_a_pair_is_of_one_connection_and_direction() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from pathlib import Path
 from typing import Final
 
@@ -12,10 +13,11 @@ import dissect
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.events import GLANCED
-from dissect.s7plus.glance import Seen, glance
+from dissect.s7plus.glance import Glance, Seen, glance
 from dissect.s7plus.message import parse_plus
+from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, IDENTIFICATION, OPERATING_STATE, SESSION_KEY
-from dissect.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES
+from dissect.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, REQUEST, SET_MULTI_VARIABLES
 from dissect.s7plus.value_tables import BLOB, DINT, INT
 from dissect.s7plus.values import Blob, Value, build_value
 from dissect.transactions.transaction import Transaction
@@ -212,3 +214,19 @@ def test_captures(corpus: Path) -> None:
                 looked_at += 1
                 told_of += check(one.function, one.request_octets, one.response_octets) is not None
     assert told_of > looked_at / 2 > 0, f"{told_of} of {looked_at}"
+
+
+def test_nothing_is_looked_at_behind_what_is_not_plain() -> None:
+    """A number without an end leaves no place to go on from; what a glance passes over next must not be looked for there."""
+    request = framed(asked(1, GET_MULTI_VARIABLES, body=b"\0\0\0\0" + b"\xff" * 5))
+    for steps in permutations(("four", "zero", "value", "state", "blob", "ends", "number", "count"), 3):
+        half = Glance(request, REQUEST, GET_MULTI_VARIABLES, REQUEST_SIZE)
+        assert half.plain
+        assert half.four() == 0
+        assert half.number() == -1
+        assert not half.expect(_OK)
+        assert not half.skip(4)
+        assert not half.numbers(2)
+        for step in steps:
+            getattr(half, step)()
+        assert not half.plain

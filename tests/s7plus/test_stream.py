@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7plus.stream import FrameStream
+from tests import build
 from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, notified, told
 
 WHOLE = [framed(asked(1)), KEEP_ALIVE, framed(told(1), 3), event(7), framed(notified(), 1)]
@@ -36,6 +37,16 @@ def test_what_is_none_is_given_as_it_came() -> None:
     assert stream.push(b"\x32\x01hello") == [b"\x32\x01hello"]
     assert stream.push(framed(asked(1)) + b"other") == [framed(asked(1)), b"other"]
     assert stream.push(framed(asked(2))) == [framed(asked(2))]
+
+
+def test_what_is_none_hides_no_frame_behind_it() -> None:
+    """In the same record; what only looks like the beginning of a frame is not taken for one."""
+    question, answer = framed(asked(1)), framed(told(1), 3)
+    for lie in (b"\xde\xad", b"\x00\x72\x02\x00\x04ab", b"\x00\x72\x02\x00\x00", b"\x00" + b"\x72" * 70):
+        assert FrameStream().push(lie + question + answer) == [lie, question, answer], lie
+    assert FrameStream().push(b"\x00" + question[:-1]) == [b"\x00" + question[:-1]]
+    s7comm = build.pdu(build.JOB, 1, question)
+    assert FrameStream().push(s7comm) == [s7comm]
 
 
 def test_a_length_that_lies_hides_no_frame() -> None:
