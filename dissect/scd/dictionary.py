@@ -25,6 +25,7 @@ from dissect.scd.types import STANDARD_NAMES, UINT64, SimpleType
 from dissect.wire.saving import save
 
 if TYPE_CHECKING:
+    from dissect.scd.layout import Key
     from dissect.scd.wording import Told
 
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}|0[xX][0-9a-fA-F]{1,2}))?")
@@ -69,7 +70,7 @@ class Dictionary:
         self.rpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("R"))
         self.tpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("T"))
         #: What rows of values say of each variable, once somebody has asked (`dissect.scd.wording`).
-        self.told: Final[dict[tuple[int, int], Told]] = {}
+        self.told: Final[dict[Key, Told]] = {}
 
     def _pdos(self, direction: str) -> dict[int, Pdo]:
         first = ranges.PDO_BASES[direction, "map"]
