@@ -113,9 +113,14 @@ def web_server(folder: Path, root: Path) -> Iterator[int]:
 
 @contextmanager
 def object_store(folder: Path, **environment: str) -> Iterator[int]:
-    """Run moto's S3 server; its contents go with it."""
+    """Run moto's S3 server; its contents go with it, and so do clients of it that fsspec keeps for the next who asks."""
     pytest.importorskip("moto.server", reason="no moto: pip install 's7dissect[test]'")
+    s3fs = pytest.importorskip("s3fs", reason="no s3fs: pip install 's7dissect[test]'")
     port = free_port()
     command = [sys.executable, "-m", "moto.server", "-H", LOOPBACK, "-p", str(port)]
     with running(command, port, folder / "moto.log", {**os.environ, **environment}):
-        yield port
+        s3fs.S3FileSystem.clear_instance_cache()
+        try:
+            yield port
+        finally:
+            s3fs.S3FileSystem.clear_instance_cache()
