@@ -13,7 +13,6 @@ from importlib.metadata import distribution
 from pathlib import Path
 from typing import Final
 
-import pip as pip_package
 import pytest
 
 import dissect
@@ -46,8 +45,9 @@ def without_path() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in chosen}
 
 
-#: What `pip --python` has another interpreter run; to have it run at once spares the first pip.
-PIP: Final = Path(pip_package.__file__).parent / "__pip-runner__.py"
+#: What `pip --python` has another interpreter run; to have it run at once spares the first pip. Found without importing pip, after
+#: which setuptools would take the distutils of Python for its own in this process.
+PIP: Final = Path(str(distribution("pip").locate_file("pip/__pip-runner__.py")))
 
 
 def pip(*arguments: str | Path, python: Path | str = sys.executable, **environment: str) -> str:
