@@ -45,8 +45,8 @@ def without_path() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in chosen}
 
 
-#: What `pip --python` has another interpreter run; to have it run at once spares the first pip. Found without importing pip, after
-#: which setuptools would take the distutils of Python for its own in this process.
+#: What `pip --python` has another interpreter run; to have it run at once spares the first pip. Found without importing pip,
+#: after which setuptools would take the distutils of Python for its own in this process.
 PIP: Final = Path(str(distribution("pip").locate_file("pip/__pip-runner__.py")))
 
 
