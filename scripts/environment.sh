@@ -97,9 +97,11 @@ if [ "$(cat "$wheels/built" 2>/dev/null)" != "$print" ]; then
   # What pip would call, in this environment: one of its own for the build would install the compiler a second time. Not compressed:
   # the wheel goes no further than this folder.
   if ! "$venv/bin/python" -c '
-import sys
+import os, sys
 from setuptools import build_meta
-build_meta.build_wheel(sys.argv[1], {"--build-option": "--compression=stored"})' "$wheels" \
+build_meta.build_wheel(sys.argv[1], {"--build-option": "--compression=stored"})
+sys.stdout.flush(), sys.stderr.flush()
+os._exit(0)  # to take apart all that mypy made of the sources, object by object, takes seconds' "$wheels" \
     >"$wheels/build.log" 2>&1 </dev/null; then
     cat "$wheels/build.log" >&2
     exit 1
