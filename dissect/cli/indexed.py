@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def may_match(files: tuple[str, ...], chosen: Chosen) -> tuple[str, ...]:
     """Return the files in which something can be selected, all of them without the option; stderr says how many are not opened.
 
-    Where none is left the first one stays, for an output in which nothing is. Raises ClickException when there is no index.
+    If no file is left, the first one stays, so that the output is written, with nothing in it. Raises ClickException without an
+    index.
     """
     if not indexed_meant():
         return files

@@ -15,6 +15,7 @@ from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object
+from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.program import TYPE_INFO
 from dissect.s7plus.program_tables import LANGUAGES, OPERATING_STATES, STATE_REQUESTS
 from dissect.s7plus.session import (
@@ -115,7 +116,6 @@ _COUNTED: Final = frozenset((
 ))  # fmt: skip
 #: Those of which a glance tells what matters, when they are plain.
 GLANCED: Final = frozenset((GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES, DELETE_OBJECT))
-_REQUEST_SIZE: Final = 14
 _HEADER: Final = 4
 _INTEGRITY: Final = 33
 
@@ -253,7 +253,7 @@ def _may_matter(session: PlusSession, function: int, octets: bytes, response: by
         return octets.find(_STATE_MARK) >= 0 or octets.find(_IDENTIFICATION_MARK) >= 0  # `in` takes five times as long
     if function not in {SET_VARIABLE, SET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES}:
         return False
-    at = _HEADER + _REQUEST_SIZE + (_INTEGRITY if octets[1] == V3 else 0)
+    at = _HEADER + REQUEST_SIZE + (_INTEGRITY if octets[1] == V3 else 0)
     if at + 6 > len(octets):
         return True
     object_id = u32(octets, at)

@@ -26,9 +26,26 @@ from dissect.wire.varint import VLQ64, read_varint
 _REFERENCE: Final = 5
 _LONGEST_END: Final = 5
 
-#: One of each for all PDUs: making them for each would take as long as what they are for.
-_HEAD: Final = Head()
-_SKIPPER: Final = Skipper(b"", 0, 0)
+
+class _Reader:
+    """What reads a PDU in place: its head, and what passes over its values."""
+
+    __slots__ = ("head", "skipper")
+
+    def __init__(self) -> None:
+        self.head: Head = Head()
+        self.skipper: Skipper = Skipper(b"", 0, 0)
+
+
+#: Those that nobody uses at the moment: making one for each PDU would take as long as what it is for. Threads do not share one.
+_FREE: Final[list[_Reader]] = []
+
+
+def _reader() -> _Reader:
+    try:
+        return _FREE.pop()
+    except IndexError:
+        return _Reader()
 
 
 def answered(octets: bytes) -> tuple[int, bool]:
@@ -36,18 +53,21 @@ def answered(octets: bytes) -> tuple[int, bool]:
 
     Never raises.
     """
-    if not _HEAD.read(octets):
+    reader = _reader()
+    head = reader.head
+    plain: bool = head.read(octets)
+    code: i64 = 0
+    if plain:
+        code = head.return_code(octets)
+    several: bool = plain and (head.function == GET_MULTI_VARIABLES or head.function == SET_MULTI_VARIABLES)
+    none: bool = several and not refuses(code) and _surely_none(reader, octets)
+    _FREE.append(reader)
+    if not plain:
         pdu = parsed(octets)
         return pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu)
-    code: i64 = _HEAD.return_code(octets)
-    function: i64 = _HEAD.function
     if refuses(code):
         return int(code), True
-    if function != GET_MULTI_VARIABLES and function != SET_MULTI_VARIABLES:
-        return int(code), False
-    if _surely_none(octets, function):
-        return int(code), False
-    return int(code), refuses_items(parsed(octets))
+    return int(code), several and not none and refuses_items(parsed(octets))
 
 
 def refuses_items(pdu: PlusPdu) -> bool:
@@ -58,12 +78,12 @@ def refuses_items(pdu: PlusPdu) -> bool:
     return pdu.function == GET_MULTI_VARIABLES and bool(parse_contents(pdu, False, MAX_WORK).refusals)
 
 
-def _surely_none(octets: bytes, function: i64) -> bool:
-    """Pass over the values of the response that was read last; True where the list of refusals behind them is empty."""
-    skipper = _SKIPPER
-    end: i64 = _HEAD.end
-    skipper.begin(octets, _HEAD.at + RESPONSE_SIZE, end)
-    none: bool = skipper.wide() and (function == SET_MULTI_VARIABLES or _pass_values(skipper))
+def _surely_none(reader: _Reader, octets: bytes) -> bool:
+    """Pass over the values of the response whose head was read; True where the list of refusals behind them is empty."""
+    head, skipper = reader.head, reader.skipper
+    end: i64 = head.end
+    skipper.begin(octets, head.at + RESPONSE_SIZE, end)
+    none: bool = skipper.wide() and (head.function == SET_MULTI_VARIABLES or _pass_values(skipper))
     at: i64 = skipper.at
     none = none and skipper.spent <= MAX_WORK and at < end and octets[at] == 0
     skipper.begin(b"", 0, 0)  # the octets are let go
@@ -82,7 +102,11 @@ def _pass_values(skipper: Skipper) -> bool:
 
 def notifies_refusal(octets: bytes) -> bool:
     """Tell whether a notification refuses items of its subscription. Never raises."""
-    if _HEAD.read(octets) and (_HEAD.opcode != NOTIFICATION or _surely_notified(octets)):
+    reader = _reader()
+    head = reader.head
+    surely: bool = head.read(octets) and (head.opcode != NOTIFICATION or _surely_notified(reader, octets))
+    _FREE.append(reader)
+    if surely:
         return False
     pdu = parsed(octets)
     if pdu.opcode != NOTIFICATION or (REFUSED_ITEM not in pdu.body and REFUSED_ITEM_3 not in pdu.body):
@@ -90,18 +114,18 @@ def notifies_refusal(octets: bytes) -> bool:
     return bool(parse_contents(pdu, False, MAX_WORK).refusals)
 
 
-def _surely_notified(octets: bytes) -> bool:
-    """Pass over the values of the notification that was read last; True where nothing but values stands there, and the end."""
-    skipper = _SKIPPER
-    end: i64 = _HEAD.end
-    skipper.begin(octets, _HEAD.at + NOTIFICATION_SIZE, end)
-    sure: bool = _pass_notified(skipper, octets, end)
-    skipper.begin(b"", 0, 0)
+def _surely_notified(reader: _Reader, octets: bytes) -> bool:
+    """Pass over the values of the notification whose head was read; True where there is nothing but values, and the end."""
+    head, skipper = reader.head, reader.skipper
+    end: i64 = head.end
+    skipper.begin(octets, head.at + NOTIFICATION_SIZE, end)
+    sure: bool = _pass_notified(skipper, octets, end, head.subscription_id >= SHORT_HEADS)
+    skipper.begin(b"", 0, 0)  # the octets are let go
     return sure
 
 
-def _pass_notified(skipper: Skipper, octets: bytes, end: i64) -> bool:
-    if _HEAD.subscription_id >= SHORT_HEADS and (skipper.number() < 0 or skipper.at >= end or octets[skipper.at] == 0):
+def _pass_notified(skipper: Skipper, octets: bytes, end: i64, long: bool) -> bool:
+    if long and (skipper.number() < 0 or skipper.at >= end or octets[skipper.at] == 0):
         return False  # damaged, or with a time
     skipper.at += 1  # the count of changes
     while skipper.at < end:

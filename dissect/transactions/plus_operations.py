@@ -139,7 +139,7 @@ class PlusOperations:
     def _list(self, event: Event, transaction: Transaction) -> None:
         """Name what a subscription asks for since its list was written."""
         operation = self._open.get((int(transaction.connection.number), event.object_id))
-        if operation is not None and not operation.result and event.text not in operation.subject:
+        if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
             operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
     def notified(self, subscription: int, transaction: Transaction) -> None:
