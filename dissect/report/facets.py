@@ -161,6 +161,16 @@ def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> s
     return ", ".join(names[: words.NAMED]) + more
 
 
+def _unconfirmed(transaction: Transaction) -> str:
+    """Return the items of which the answer does not say what became of them, empty for none or when it refuses some."""
+    results = transaction.results() if transaction.flags & UNCONFIRMED else []
+    unsure = [result for result in results if result.return_code < 0]
+    if not unsure or any([result.refused for result in results]):
+        return ""
+    total = f"{len(unsure)} of {words.count(len(results), 'item')} without a return code: "
+    return total + items_in_short(unsure, transaction.connection.naming)
+
+
 def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
     """Return the address of an item, and the tags that it covers: ``Tank.Level (DB1.DBD0)``, ``DB1.DBB0 x10 (3 tags)``."""
     if result.item is None:
@@ -331,7 +341,8 @@ def gist(transaction: Transaction) -> str:
     """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
     facet = facet_of(transaction)
     return (
-        items_in_short(transaction.results(), transaction.connection.naming)
+        _unconfirmed(transaction)
+        or items_in_short(transaction.results(), transaction.connection.naming)
         or facet.setup(transaction)
         or facet.notes(transaction)
     )

@@ -184,6 +184,20 @@ def test_the_gist_names_what_failed_and_never_everything() -> None:
     assert facets.gist(last) == "DB10.DBW4"
 
 
+def test_the_gist_of_a_write_says_of_how_much_the_answer_says_nothing() -> None:
+    """Some devices answer a write of several items with one code."""
+    many = [Item(0x02, 1, 1, 0x84, 8 * number) for number in range(6)]
+    talk = begun()
+    for number, codes in enumerate(([0xFF], [5], [0xFF] * 6), 1):
+        talk.send(0, dt(messages.write_job(number, many, [b"\x01"] * 6))).send(
+            1, dt(messages.write_answer(number, codes))
+        )
+    _, unsure, refused, good = transactions(talk.packets())
+    assert facets.gist(unsure) == "5 of 6 items without a return code: DB1.DBB1, DB1.DBB2, DB1.DBB3 and 2 more"
+    assert facets.gist(refused) == "1 of 6 items refused: DB1.DBB0 = 1: Invalid address"
+    assert facets.gist(good) == "DB1.DBB0, DB1.DBB1, DB1.DBB2 and 3 more"
+
+
 def test_outcomes() -> None:
     talk = begun()
     read(talk, 1)
