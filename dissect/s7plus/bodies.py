@@ -85,7 +85,7 @@ def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Want
         walk.rest(found.malformed)
     except FormatError as fault:
         found.exhausted = fault.reason == EXHAUSTED
-        walk.rest(found.malformed, None if _blank(pdu, size) else fault, "snaplen" if pdu.cut else "tsdu")
+        walk.rest(found.malformed, None if _blank(pdu, size) else fault, "snaplen" if pdu.cut else "pdu")
     found.parts = walk.parts
     found.blobs = walk.blobs
     return found
