@@ -11,11 +11,19 @@ from typing import Final
 
 from dissect.golden.exchange import PLUS, Exchange
 from dissect.golden.model import Link, Transaction
+from dissect.golden.plus import Names
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.events import take
-from dissect.s7plus.layouts import ADDRESS, EXPLORE_HEAD, INVOKE_HEAD, ITEM_COUNTS, LINK_REQUEST, OBJECT_ID, OBJECT_ID_VLQ
-from dissect.s7plus.layouts import NOTIFICATION as NOTIFICATION_HEAD
-from dissect.s7plus.layouts import SECOND_PART
+from dissect.s7plus.layouts import (
+    ADDRESS,
+    EXPLORE_HEAD,
+    INVOKE_HEAD,
+    ITEM_COUNTS,
+    LINK_REQUEST,
+    OBJECT_ID,
+    OBJECT_ID_VLQ,
+    SECOND_PART,
+)
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
@@ -36,18 +44,12 @@ _FIELDS: Final = {
         (SECOND_PART, "object_id"),
     )
 }
-_SUBSCRIPTION: Final = next(field for field in NOTIFICATION_HEAD.fields if field.name == "subscription_id")
-#: Where the subscription stands in a notification, behind its opcode.
-_SUBSCRIPTION_AT: Final = 1
 #: Stable numbers: as many octets as those of devices take, of either size, so that nothing changes its place.
 _STABLE: Final = 0x7FFE0000
 _STABLE_SMALL: Final = 0x3000
 _SMALL: Final = 0x4000
 #: Objects of a connection that are followed.
 MAX_OBJECTS: Final = 4096
-
-#: By reference, what a subscription asks for.
-Names = Mapping[int, str]
 
 
 def made(exchange: Exchange) -> list[int]:
@@ -97,6 +99,29 @@ class Objects:
             found = _subscribed(link)
             self._names[link] = found
         return found.get(transaction.number, {})
+
+
+class Named:
+    """A pair of transactions, of which is known what the references in their notifications stand for."""
+
+    def __init__(self, objects: Objects, a: Transaction, b: Transaction) -> None:
+        self._objects = objects
+        self._pair = a, b
+
+    def both(self) -> tuple[Names, Names]:
+        """Return what the references of either stand for, empty where its subscription is not known."""
+        return self._objects.names(self._pair[0]), self._objects.names(self._pair[1])
+
+
+def with_objects(transaction: Transaction, numbers: Mapping[int, int]) -> Transaction:
+    """Return a transaction with other numbers of objects; itself where it names none of them."""
+    exchange = renumbered(transaction.exchange, numbers)
+    if exchange is transaction.exchange:
+        return transaction
+    found = Transaction(transaction.connection, transaction.asked_by, exchange, transaction.outcome, transaction.reason)
+    found.number = transaction.number
+    found.latency_ns = transaction.latency_ns
+    return found
 
 
 def _all_made(transactions: Iterable[Transaction]) -> list[int]:
@@ -156,20 +181,21 @@ def _renumbered(octets: bytes, numbers: Mapping[int, int]) -> bytes:
     pdu = parse_plus(octets)
     changed = bytearray(octets)
     if pdu.opcode == NOTIFICATION and pdu.version != V1:
-        at = pdu.data_offset + _SUBSCRIPTION_AT
-        number = numbers.get(pdu.subscription_id, pdu.subscription_id)
-        changed[at : at + _SUBSCRIPTION.size] = number.to_bytes(_SUBSCRIPTION.size, "big")
+        number = numbers.get(pdu.subscription_id, -1)
+        if number >= 0:
+            _put(changed, pdu, 1, 5, number.to_bytes(4, "big"))  # behind its opcode
     for part in parse_contents(pdu).parts:
         name = _FIELDS.get(id(part.layout))
         field = part.find(name) if name is not None else None
         number = numbers.get(field.value, -1) if field is not None else -1
         if field is not None and number >= 0:
-            _put(changed, pdu, field.offset, field.end, number, field.field.size == VLQ)
+            octets = build_varint(number, VLQ) if field.field.size == VLQ else number.to_bytes(4, "big")
+            _put(changed, pdu, field.offset, field.end, octets)
     return bytes(changed)
 
 
-def _put(changed: bytearray, pdu: PlusPdu, begin: int, end: int, number: int, variable: bool) -> None:
-    octets = build_varint(number, VLQ) if variable else number.to_bytes(end - begin, "big")
+def _put(changed: bytearray, pdu: PlusPdu, begin: int, end: int, octets: bytes) -> None:
+    """Put octets into a PDU, where they are as many as those that stand there; places count within its data."""
     if len(octets) == end - begin:
         for at in range(begin, end):
             changed[pdu.place(at)] = octets[at - begin]

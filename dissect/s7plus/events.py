@@ -103,9 +103,11 @@ _WANTED: Final = table(_ASKED)
 #: Blocks that are named.
 _NAMED: Final = 5
 
-# What tells cheaply that a PDU may matter.
-_STATE_MARK: Final = build_varint(OPERATING_STATE, VLQ)
-_IDENTIFICATION_MARK: Final = build_varint(IDENTIFICATION, VLQ)
+# What tells cheaply that a PDU may matter: the two octets of the ids of the operating state and the identification record.
+_STATE: Final = OPERATING_STATE >> 7 | 0x80
+_STATE_END: Final = OPERATING_STATE & 0x7F
+_RECORD: Final = IDENTIFICATION >> 7 | 0x80
+_RECORD_END: Final = IDENTIFICATION & 0x7F
 #: What a write of several holds that is more than variables.
 _WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
@@ -274,8 +276,20 @@ def _judge_id(session: PlusSession, facts: Facts, function: int, session_id: int
 
 
 def _asks_what_matters(octets: bytes) -> bool:
-    """Return False for a read that surely asks for neither the operating state nor the identification record."""
-    return octets.find(_STATE_MARK) >= 0 or octets.find(_IDENTIFICATION_MARK) >= 0  # `in` takes five times as long
+    """Return False for a read that surely asks for neither the operating state nor the identification record.
+
+    To search for their ids with `bytes.find` takes four times as long.
+    """
+    before: i64 = 0
+    at: i64 = _HEADER + REQUEST_SIZE
+    size: i64 = len(octets)
+    while at < size:
+        octet: i64 = octets[at]
+        if (before == _STATE and octet == _STATE_END) or (before == _RECORD and octet == _RECORD_END):
+            return True
+        before = octet
+        at += 1
+    return False
 
 
 def _may_matter(session: PlusSession, function: int, octets: bytes, skimmed: i64) -> bool:

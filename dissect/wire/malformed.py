@@ -41,8 +41,9 @@ _DEPTH: Final = "depth of "
 class Malformed:
     """One fact: in ``layer`` at ``offset`` (absolute within the TPDU or TSDU) something does not fit.
 
-    ``needed`` and ``available`` are sizes in octets (or counts, for ``count_mismatch``; of a count that is beyond, ``needed`` is
-    one). ``limit`` names the length field that set the bound (one of `LIMITS`). What was read before the fault is kept by the parser that reports it.
+    ``needed`` and ``available`` are sizes in octets (or counts, for ``count_mismatch``; ``needed`` is one where a count is
+    beyond). ``limit`` names the length field that set the bound (one of `LIMITS`). What was read before the fault is kept by
+    the parser that reports it.
     """
 
     __slots__ = ("available", "field", "layer", "limit", "needed", "offset", "reason")
