@@ -142,8 +142,6 @@ BUSIEST: Final = (
     "dissect/transactions/transaction.py",
     "dissect/report/writers/jsonl.py",
     "dissect/s7plus/message.py",
-    "dissect/s7plus/skimming.py",
-    "dissect/s7plus/skipping.py",
     "dissect/s7plus/walk.py",
 )
 
@@ -183,6 +181,8 @@ BUSY: Final = (
     "dissect/s7plus/program.py",
     "dissect/s7plus/refusals.py",
     "dissect/s7plus/session.py",
+    "dissect/s7plus/skimming.py",
+    "dissect/s7plus/skipping.py",
     "dissect/s7plus/summary.py",
     "dissect/s7plus/value_reading.py",
     "dissect/s7plus/values.py",

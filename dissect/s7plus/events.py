@@ -113,6 +113,11 @@ _WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
 #: What of objects is asked for, when their places are noted.
 _OUTLINED: Final = marks(frozenset(), frozenset(), _ASKED)
+#: Of a write of one attribute: the last id that may be an area or the execution unit, the first kind of blocks, and by id
+#: whether an attribute of any other object matters.
+_LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
+_FIRST_KIND: Final = min(BLOCK_KINDS)
+_WRITTEN_ATTRIBUTES: Final = bytes([id_ in PASSWORDS or id_ == REFERENCE_LIST for id_ in range(2048)])
 #: Functions that clients count on their own, for the integrity id.
 _COUNTED: Final = frozenset((
     CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
@@ -309,12 +314,13 @@ def _may_matter(session: PlusSession, function: int, octets: bytes, skimmed: i64
         if object_id or not (session.outputs_told and session.elsewhere_told):
             return True
         return any([octets.find(mark) >= 0 for mark in _WRITTEN_MARKS])
-    if function == SET_VAR_SUBSTREAMED or object_id == CPU_EXEC_UNIT or object_id in AREAS:
+    if function == SET_VAR_SUBSTREAMED or (object_id <= _LAST_AREA and (object_id == CPU_EXEC_UNIT or object_id in AREAS)):
         return True
-    if (object_id >> 16) in BLOCK_KINDS:
+    kind: i64 = object_id >> 16
+    if kind >= _FIRST_KIND and kind in BLOCK_KINDS:
         return True
     first, _ = read_varint(octets, at + 5, len(octets), VLQ)
-    return first in PASSWORDS or first == REFERENCE_LIST
+    return 0 <= first < len(_WRITTEN_ATTRIBUTES) and _WRITTEN_ATTRIBUTES[first] != 0
 
 
 def _judge(
