@@ -28,24 +28,6 @@ from dissect.wire.build import COMPILED  # noqa: E402
 
 pytest_plugins: Final = ("dissect.testing.plugin", "tests.skips")
 
-#: Files with few tests that take long. They begin first, so that none of them is left for one worker while the others rest.
-LONG: Final = (
-    "tests/benchmarks/test_profiles.py",
-    "tests/test_contributing.py",
-    "tests/test_package.py",
-    "tests/test_setup.py",
-    "tests/test_site.py",
-    "tests/oracle/test_captures.py",
-    "tests/oracle/test_generated.py",
-    "tests/oracle/test_known.py",
-    "tests/oracle/test_compare.py",
-    "tests/cli/test_drive.py",
-    "tests/cli/test_examples.py",
-    "tests/cli/test_monitor.py",
-    "tests/properties/test_captures.py",
-    "tests/scd/test_hostile.py",
-)
-
 LOCATION: Final = Path(dissect.__file__).resolve().parent
 MODE: Final = "compiled" if COMPILED else "interpreted"
 
@@ -109,17 +91,6 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
         gc.freeze()
         gc.set_threshold(20_000, 20, 100)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files that take long first; files and their tests keep their order otherwise."""
-    gone = [name for name in LONG if not (ROOT / name).is_file()]
-    if gone:
-        message = f"tests/conftest.py names files that take long and are not there: {', '.join(gone)}"
-        raise pytest.UsageError(message)
-    last = len(LONG)
-    places = {ROOT / name: place for place, name in enumerate(LONG)}
-    items.sort(key=lambda item: places.get(item.path, last))
 
 
 def pytest_report_header(config: pytest.Config) -> str:
