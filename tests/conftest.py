@@ -150,15 +150,12 @@ class Command:
     def process(
         self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
     ) -> subprocess.CompletedProcess[bytes]:
-        """Run it as a process of its own, the way a person runs it."""
-        return subprocess.run(
-            [sys.executable, "-m", "dissect", *map(str, arguments)],
-            input=stdin,
-            stdout=subprocess.PIPE if stdout is None else stdout,
-            stderr=subprocess.PIPE,
-            check=False,
-            timeout=300,
-        )
+        """Run it as a process of its own."""
+        from tests.forked import Forked
+
+        with Forked(list(map(str, arguments)), stdout=subprocess.PIPE if stdout is None else stdout) as process:
+            out, err = process.communicate(stdin)
+            return subprocess.CompletedProcess(arguments, process.wait(), out if stdout is None else None, err)
 
 
 @pytest.fixture(scope="session")
