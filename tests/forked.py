@@ -92,7 +92,11 @@ class Forked:
                 self.stdout = os.fdopen(reading, "rb")
             else:
                 self.stderr = os.fdopen(reading, "rb")
-        told: dict[str, object] = {"call": list(call), "folder": str(Path.cwd()), "environment": dict(environment or os.environ)}
+        told: dict[str, object] = {
+            "call": list(call),
+            "folder": str(Path.cwd()),
+            "environment": dict(environment or os.environ),
+        }
         self.pid = _ask(told, theirs)
         for one in lent:
             os.close(one)
