@@ -314,7 +314,9 @@ def _may_matter(session: PlusSession, function: int, octets: bytes, skimmed: i64
         if object_id or not (session.outputs_told and session.elsewhere_told):
             return True
         return any([octets.find(mark) >= 0 for mark in _WRITTEN_MARKS])
-    if function == SET_VAR_SUBSTREAMED or (object_id <= _LAST_AREA and (object_id == CPU_EXEC_UNIT or object_id in AREAS)):
+    if function == SET_VAR_SUBSTREAMED or (
+        object_id <= _LAST_AREA and (object_id == CPU_EXEC_UNIT or object_id in AREAS)
+    ):
         return True
     kind: i64 = object_id >> 16
     if kind >= _FIRST_KIND and kind in BLOCK_KINDS:
