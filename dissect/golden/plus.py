@@ -83,7 +83,7 @@ def _notified_differences(
 
 
 def _item(name: str, said: tuple[str, bytes] | None) -> str:
-    return f"without {short(name)}" if said is None else f"{short(name)} {said[0]}".rstrip()
+    return f"without {short(name)}" if said is None else f"{short(name)} {said[0]}"
 
 
 def _notified(pdu: PlusPdu, found: Contents, names: Names) -> dict[str, tuple[str, bytes]]:
@@ -94,8 +94,8 @@ def _notified(pdu: PlusPdu, found: Contents, names: Names) -> dict[str, tuple[st
         items[names.get(reference) or f"item {reference}"] = (f"= {short(value_text(value))}", octets)
     for reference, kind in found.refusals:
         items[names.get(reference) or f"item {reference}"] = ("refused", bytes((kind,)))
-    for one in found.objects:
-        items[object_text(one)] = ("", pdu.data[one.offset : one.end])
+    for number, one in enumerate(found.objects, 1):
+        items[f"object {number}"] = (f"= {short(object_text(one))}", pdu.data[one.offset : one.end])
     if found.value is not None:
         items["value"] = (f"= {short(value_text(found.value))}", pdu.data[found.value.offset : found.value.end])
     return items

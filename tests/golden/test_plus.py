@@ -9,7 +9,7 @@ import pytest
 from dissect.golden import diff_sessions, golden_text, parse_golden, read_session
 from dissect.golden.masking import mask_plus
 from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import Attribute, PlusObject
+from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.s7plus.value_tables import BLOB, DINT, INT, UDINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Value, build_value
@@ -196,6 +196,24 @@ def test_items_without_their_subscription_are_told_by_their_reference() -> None:
     assert differences(notified(5), notified(9)) == [
         "transaction 2, S7comm-plus Notification: answer: was item 7 = Int 5, is item 7 = Int 9"
     ]
+
+
+def test_objects_of_notifications_are_compared_one_by_one() -> None:
+    def notified(*names: str) -> Talk:
+        talk = begun()
+        objects = [PlusObject(7, 8, 0, 0, 0, [Attribute(233, Value(0, WSTRING, name))]) for name in names]
+        item = b"\x81" + b"".join([build_object(one) for one in objects])
+        send(talk, 1, b"\x33" + bodies.rid(0x70000E51) + b"\4\0\0\0\0\0\1\1\1" + item + b"\0" + bytes(4), 3)
+        return talk.close()
+
+    one = notified("pump", "tank")
+    assert differences(one, one) == []
+    (said,) = differences(one, notified("pump", "valve"))
+    assert ("'pump'" in said, "was object 2 = " in said, "'tank', is object 2 = " in said, "'valve'" in said) == (
+        False, True, True, True
+    )  # fmt: skip
+    (said,) = differences(one, notified("pump"))
+    assert said.endswith("'tank', is without object 2")
 
 
 def test_a_shared_capture_differs_by_what_the_plant_did(corpus: Path) -> None:
