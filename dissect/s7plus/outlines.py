@@ -69,7 +69,7 @@ def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outlin
     found.object_id = int(body.object_id) if request else -1
     found.integrity_id = int(body.integrity_id)
     found.ids = body.ids
-    seen = body.result(sound, 0)
+    seen = body.result(sound, -1)
     if seen & SOUND == 0:
         return None
     found.objects = objects_at(data, noted, end)

@@ -37,7 +37,7 @@ def answered(octets: bytes, skimmed: i64) -> tuple[int, bool]:
     ``skimmed`` is what `glimpse` says of it. Never raises.
     """
     if skimmed & SOUND:
-        code: int = skimmed >> WORDS
+        code: int = (skimmed >> WORDS) - 1
         return code, refuses(code) or skimmed & REFUSES != 0
     pdu = parsed(octets)
     return pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu)

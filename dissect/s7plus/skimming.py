@@ -52,9 +52,10 @@ from dissect.wire.varint import VLQ64, read_varint
 SOUND: Final = 8
 UNSOUND: Final = 16
 REFUSES: Final = 4
-#: How many bits such words take; the lower 16 bits of the return value of a response stand above them.
+#: How many bits such words take. Above them stand the lower 16 bits of the return value of a response, plus 1; 0 for none.
 WORDS: Final = 8
 _CODE: Final = 0xFFFF
+_NO_CODE: Final = -1
 
 _BIT_7: Final = 0x80
 _DETAILS: Final = 62
@@ -73,7 +74,7 @@ def skim(octets: bytes, marks: bytes) -> i64:
     """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
 
     Else `SOUND`, with `REFUSES` and what ``marks`` says of the objects in it (`Skipper.seen`), and above `WORDS` bits the
-    return code; 0 for contents that nobody judges: of what is no whole PDU, or of a function whose body is not known.
+    return code plus 1; 0 for contents that nobody judges: of what is no whole PDU, or of a function whose body is not known.
     """
     at, end = one_frame(octets)
     if at >= 0:
@@ -94,7 +95,7 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
             return 0
         body = free_body()
         body.begin(octets, at + NOTIFICATION_SIZE, end, version, marks)
-        return body.result(body.notification(u32(octets, at + 1)), 0)
+        return body.result(body.notification(u32(octets, at + 1)), _NO_CODE)
     request = opcode == REQUEST
     size: i64 = REQUEST_SIZE if request else RESPONSE_SIZE
     if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
@@ -105,7 +106,7 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
     body = free_body()
     body.begin(octets, at + size, end, version, marks)
     if request:
-        return body.result(body.request(function) and (not body.known or body.ends(FILL)), 0)
+        return body.result(body.request(function) and (not body.known or body.ends(FILL)), _NO_CODE)
     code: i64 = octets[at + size] if at + size < end else 0
     details = False
     if code >= _BIT_7:
@@ -113,7 +114,7 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
         details = function == DELETE_OBJECT and value >> _DETAILS & 1 != 0
         code = value & _CODE
     if not body.skipper.wide():
-        return body.result(False, 0)
+        return body.result(False, _NO_CODE)
     fill: i64 = _RESPONSE2_FILL if opcode == RESPONSE2 else FILL
     return body.result(body.response(function, details) and (not body.known or body.ends(fill)), code)
 
@@ -171,7 +172,7 @@ class Body:
         if sound and skipper.spent <= MAX_WORK:
             result = 0
             if self.known:
-                result = SOUND | skipper.seen | self._refused | code << WORDS
+                result = SOUND | skipper.seen | self._refused | code + 1 << WORDS
         self._octets = b""
         skipper.begin(b"", 0, 0)
         _FREE.append(self)

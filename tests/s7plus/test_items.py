@@ -217,6 +217,11 @@ def test_refusals_are_found_without_reading_it_all(
     assert answered(pdu, glimpse(pdu)) == (0, bool(refusals))
 
 
+def test_a_request_says_nothing_of_an_answer() -> None:
+    octets = framed(asked(1, EXPLORE, body=bodies.rid(3) + b"\0\1\1\0" + b"\0\0" + bodies.end(4)), 3)
+    assert answered(octets, glimpse(octets)) == (-1, False)
+
+
 def test_refusals_of_a_write() -> None:
     good = framed(told(1, SET_MULTI_VARIABLES, b"\0\0" + bodies.end(3)), 3)
     bad = framed(told(1, SET_MULTI_VARIABLES, b"\0\1\5\0" + bodies.end(3)), 3)
