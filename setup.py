@@ -38,7 +38,9 @@ from distutils.sysconfig import customize_compiler, get_python_inc  # isort: ski
 HOT: Final = (
     "dissect/anonymize/messages.py",
     "dissect/anonymize/rewrite_plan.py",
+    "dissect/anonymize/rewriter.py",
     "dissect/anonymize/rules.py",
+    "dissect/anonymize/survey.py",
     "dissect/anonymize/track.py",
     "dissect/anonymize/usual_packet.py",
     "dissect/bindings/pushes.py",
@@ -149,7 +151,11 @@ BUSIEST: Final = (
 
 #: What else a packet or a transaction of any protocol passes through.
 BUSY: Final = (
+    "dissect/anonymize/messages.py",
+    "dissect/anonymize/rewrite_plan.py",
+    "dissect/anonymize/rewriter.py",
     "dissect/anonymize/rules.py",
+    "dissect/anonymize/survey.py",
     "dissect/anonymize/track.py",
     "dissect/anonymize/usual_packet.py",
     "dissect/golden/usual.py",
