@@ -184,6 +184,7 @@ BUSY: Final = (
     "dissect/s7plus/items.py",
     "dissect/s7plus/notifications.py",
     "dissect/s7plus/objects.py",
+    "dissect/s7plus/outlines.py",
     "dissect/s7plus/parameters.py",
     "dissect/s7plus/plain.py",
     "dissect/s7plus/pieces.py",
