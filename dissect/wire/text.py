@@ -33,8 +33,9 @@ _NUMBER: Final = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 SHORT: Final[list[str]] = [str(number) for number in range(1000)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
 _TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
+_POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
 #: Bytes as two hexadecimal digits.
-_HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
+HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
 
 
 def decimal(number: i64) -> str:
@@ -50,13 +51,18 @@ def decimal(number: i64) -> str:
 
 def fraction(whole: i64, rest: i64, digits: i64) -> str:
     """Return ``whole``, a point, and ``rest`` as one to six ``digits``; neither is negative."""
-    if digits > 3:
-        power: i64 = 10 if digits == 4 else 100 if digits == 5 else 1000
-        last = rest % power
-        end = SHORT[last] if digits == 4 else _TWO[last] if digits == 5 else THREE[last]
-        return f"{decimal(whole)}.{THREE[rest // power]}{end}"
-    end = SHORT[rest] if digits == 1 else _TWO[rest] if digits == 2 else THREE[rest]
-    return f"{decimal(whole)}.{end}"
+    begin = _POINT[whole] if whole < 1000 else decimal(whole) + "."
+    if digits == 1:
+        return begin + SHORT[rest]
+    if digits == 2:
+        return begin + _TWO[rest]
+    if digits == 3:
+        return begin + THREE[rest]
+    if digits == 4:
+        return f"{begin}{THREE[rest // 10]}{SHORT[rest % 10]}"
+    if digits == 5:
+        return f"{begin}{THREE[rest // 100]}{_TWO[rest % 100]}"
+    return f"{begin}{THREE[rest // 1000]}{THREE[rest % 1000]}"
 
 
 def hexadecimal(octets: bytes) -> str:
@@ -64,12 +70,20 @@ def hexadecimal(octets: bytes) -> str:
     if COMPILED:
         size: i64 = len(octets)
         if size == 1:
-            return _HEX[octets[0]]
+            return HEX[octets[0]]
         if size == 2:
-            return _HEX[octets[0]] + _HEX[octets[1]]
+            return HEX[octets[0]] + HEX[octets[1]]
         if size == 4:
-            return f"{_HEX[octets[0]]}{_HEX[octets[1]]}{_HEX[octets[2]]}{_HEX[octets[3]]}"
+            return f"{HEX[octets[0]]}{HEX[octets[1]]}{HEX[octets[2]]}{HEX[octets[3]]}"
     return octets.hex()
+
+
+def colons(address: bytes) -> str:
+    """Return an Ethernet address as text: ``address.hex(":")``."""
+    if COMPILED and len(address) == 6:
+        first, second, third = HEX[address[0]], HEX[address[1]], HEX[address[2]]
+        return f"{first}:{second}:{third}:{HEX[address[3]]}:{HEX[address[4]]}:{HEX[address[5]]}"
+    return address.hex(":")
 
 
 def printable(text: str) -> str:
