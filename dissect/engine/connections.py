@@ -238,10 +238,12 @@ class Connections:
         exchange = self._exchange
         peer = side.peer
         assert peer is not None
-        for end in (side, peer):
-            end.protocol.finish(end, frame, now_ns)
-        first, second = (side, peer) if side.index == 0 else (peer, side)
-        ending = Ending(side.connection, [second.hole_frame, first.hole_frame], frame, now_ns)
+        side.protocol.finish(side, frame, now_ns)
+        peer.protocol.finish(peer, frame, now_ns)
+        holes = [int(peer.hole_frame), int(side.hole_frame)]
+        if side.index == 1:
+            holes.reverse()
+        ending = Ending(side.connection, holes, frame, now_ns)
         side.connection.ending = ending
         judge_end(exchange.reporter, side, frame, now_ns)
         judge_cut(exchange.reporter, side, ending)

@@ -11,7 +11,7 @@ from dissect.stations.facts import FIRMWARE, KEYS, LASTING, MAC, ORDER_NUMBER, S
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
-from dissect.wire.text import colons, printable
+from dissect.wire.text import printable
 
 #: The finding when a fact contradicts the one before it.
 _SLUGS: Final[dict[str, str]] = {
@@ -44,7 +44,7 @@ class StationWatch:
                 host = tcp.ends[side].host
                 # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
-                found.append(Fact(host, "", MAC, colons(mac), "Ethernet", number, [frame], time_ns))
+                found.append(Fact(host, "", MAC, mac.hex(":"), "Ethernet", number, [frame], time_ns))
         return self._noted(found)
 
     def take(self, transaction: Transaction) -> list[Fact]:

@@ -21,7 +21,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.wire.octets import u16
-from dissect.wire.text import SHORT, decimal
+from dissect.wire.text import POINT, SHORT, decimal
 
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000
@@ -340,7 +340,7 @@ _NO_MAC: Final = bytes(6)
 def address_text(address: bytes) -> str:
     """Return an IPv4 or IPv6 address (4 or 16 octets) as text; IPv6 in the RFC 5952 form."""
     if len(address) == 4:
-        return f"{SHORT[address[0]]}.{SHORT[address[1]]}.{SHORT[address[2]]}.{SHORT[address[3]]}"
+        return f"{POINT[address[0]]}{POINT[address[1]]}{POINT[address[2]]}{SHORT[address[3]]}"
     groups = [u16(address, i * 2) for i in range(8)]
     best_at: i64 = -1
     best_size: i64 = 1

@@ -32,8 +32,9 @@ _NUMBER: Final = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 #: several times as long as looking them up.
 SHORT: Final[list[str]] = [str(number) for number in range(1000)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
+#: The same with a point behind.
+POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
 _TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
-_POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
 #: Bytes as two hexadecimal digits.
 HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
 
@@ -51,7 +52,7 @@ def decimal(number: i64) -> str:
 
 def fraction(whole: i64, rest: i64, digits: i64) -> str:
     """Return ``whole``, a point, and ``rest`` as one to six ``digits``; neither is negative."""
-    begin = _POINT[whole] if whole < 1000 else decimal(whole) + "."
+    begin = POINT[whole] if whole < 1000 else decimal(whole) + "."
     if digits == 1:
         return begin + SHORT[rest]
     if digits == 2:
@@ -76,14 +77,6 @@ def hexadecimal(octets: bytes) -> str:
         if size == 4:
             return f"{HEX[octets[0]]}{HEX[octets[1]]}{HEX[octets[2]]}{HEX[octets[3]]}"
     return octets.hex()
-
-
-def colons(address: bytes) -> str:
-    """Return an Ethernet address as text: ``address.hex(":")``."""
-    if COMPILED and len(address) == 6:
-        first, second, third = HEX[address[0]], HEX[address[1]], HEX[address[2]]
-        return f"{first}:{second}:{third}:{HEX[address[3]]}:{HEX[address[4]]}:{HEX[address[5]]}"
-    return address.hex(":")
 
 
 def printable(text: str) -> str:
