@@ -169,7 +169,7 @@ class Packing:
         return raw
 
     def odd(self, octets: bytes, strict_pad: bool = False) -> bool:
-        """Return whether `unpack` notices anything in ``octets``: nearly always it does not, and nobody needs the values yet."""
+        """Return whether `unpack` notices anything in ``octets``, for who needs the values later or not at all."""
         if strict_pad or self._timed or self._texts:
             flags: Flags = {}
             self.unpack(octets, flags, strict_pad)
@@ -179,13 +179,10 @@ class Packing:
         if len(octets) != self.size:
             octets = octets[: self.size]
         raw: Sequence[Any] = self._unpack(octets) if self.aligned else self._unpack(octets[::-1])[::-1]
-        for at in self._reals:
-            if isinf(raw[at]):
-                return True
         for at, low, high in self._limits:
             if raw[at] < low or raw[at] > high:
                 return True
-        return False
+        return any([isinf(raw[at]) for at in self._reals])
 
     def pack_known(self, given: Mapping[Any, Any]) -> bytes | None:
         """Return the octets of numbers that fit, by their keys; None for anything that `pack` has to look at more closely.
