@@ -9,8 +9,8 @@
 
 VENV ?= .venv
 DEMO ?= captures/nodes7-poll-missing.pcapng
-# Processes that run tests side by side.
-JOBS ?= auto
+# Processes side by side: tests also wait for others and for time that has to pass.
+JOBS ?= $(shell echo $$(($$(nproc 2>/dev/null || echo 2) + 1)))
 # In CI nothing falls back to interpreted.
 COMPILED := $(if $(CI),S7DISSECT_COMPILED=1)
 # Seconds for each fuzz target.
@@ -30,9 +30,27 @@ ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/
 # What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
 ONCE := $(wildcard tests/source/test_live_*.py tests/source/test_growing.py tests/source/test_pcapng_writer.py tests/source/test_remote.py)
 
-# A file goes to one worker as a whole, in the order of tests/conftest.py: those that take long come first. One process needs
-# nobody who hands out the files.
-WORKERS := $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile --no-loadscope-reorder,-n 0)
+# What the tests of each part share (imports, asserts rewritten, captures) is made once for each process, and a worker of xdist
+# collects every test there is. So these parts, about equally long, take a process each, and make keeps JOBS of them running.
+# What none of the others names is in the last.
+INSTALLED := oracle cli scd captures layers program rest
+installed-oracle := tests/oracle tests/golden tests/tls
+installed-cli := tests/cli
+installed-scd := tests/scd tests/properties tests/anonymize
+installed-captures := tests/captures tests/playback tests/source
+installed-layers := tests/layers tests/page tests/promises tests/cluster tests/jobs
+installed-program := tests/benchmarks $(wildcard tests/test_*.py)
+installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
+
+INTERPRETED := source rest
+interpreted-source := $(filter tests/source tests/properties,$(ENGINE))
+interpreted-rest := $(filter-out $(interpreted-source),$(ENGINE))
+
+# They write no list of what failed last: all would write the same file.
+UNKEPT := -p no:cacheprovider
+
+# For what runs alone: a file goes to one worker as a whole.
+WORKERS := $(if $(filter-out 1,$(JOBS)),-n $(JOBS) --dist loadfile,-n 0)
 
 export PYTHONSAFEPATH := 1
 export VENV
@@ -41,21 +59,21 @@ export VENV
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test checks docs wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
+# Only what `checks` starts goes side by side.
+ifndef BESIDE
 .NOTPARALLEL:
+endif
 
 demo: environment
 	$(BIN)/s7dissect analyze $(DEMO)
 
 test: test-environment lint checks
 
-# Types, the steps of the container and the tests on the source take one process each: done beside the tests of the wheel, they
-# fill the pauses of these. What they say comes at the end.
+# Side by side; what each has to say comes when it is done. They ask tshark for the same, which is done once.
 checks:
-	@said=$$(mktemp); trap 'rm -f "$$said"' EXIT; failed=0; \
-	$(MAKE) --no-print-directory --keep-going JOBS=1 types container-steps test-interpreted >"$$said" 2>&1 & beside=$$!; \
-	$(MAKE) --no-print-directory test-installed || failed=1; \
-	wait $$beside || failed=1; \
-	cat "$$said"; exit $$failed
+	@answers=$$(mktemp -d); trap 'rm -rf "$$answers"' EXIT; \
+	S7DISSECT_TSHARK_ANSWERS=$$answers $(MAKE) --no-print-directory --keep-going --output-sync=target -j $(JOBS) BESIDE=yes \
+		types test-installed test-interpreted container-steps
 
 wheels:
 	scripts/wheels.sh
@@ -82,18 +100,22 @@ types:
 	$(BIN)/mypy
 
 # The installed wheel. Without a C compiler it is interpreted, which a person may want to test and CI must not let pass.
-test-installed:
+test-installed: $(INSTALLED:%=installed-%)
+
+installed-%:
 	@build=$$($(BIN)/s7dissect --version | sed 's/.*(\(.*\))/\1/'); \
 	if [ "$$build" != compiled ] && [ -n "$$CI" ]; then \
 		echo "make test: the wheel is not compiled; $(VENV)/s7dissect-wheel/build.log says why" >&2; exit 1; \
 	fi; \
 	export S7DISSECT_EXPECT=$$build S7DISSECT_WHEEL="$$(echo $(abspath $(VENV))/s7dissect-wheel/*.whl)"; \
 	set -x; \
-	$(PYTEST) $(WORKERS)
+	$(PYTEST) $(UNKEPT) $($@)
 
 # The property tests try hard on the wheel; fewer examples show here that the source reads alike without the compiler.
-test-interpreted:
-	S7DISSECT_EXAMPLES=$${S7DISSECT_EXAMPLES:-25} S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) $(WORKERS) -m "not measured" $(ENGINE) $(ONCE:%=--ignore=%)
+test-interpreted: $(INTERPRETED:%=interpreted-%)
+
+interpreted-%:
+	S7DISSECT_EXAMPLES=$${S7DISSECT_EXAMPLES:-25} S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) $(UNKEPT) -m "not measured" $($@) $(ONCE:%=--ignore=%)
 
 # What docs/probe/Containerfile says, done in a temporary folder.
 container-steps: environment

@@ -42,18 +42,77 @@ COMMANDS: Final = {"analyze": ["analyze"], "transactions": ["transactions", "-T"
 PLUS: Final = Path(__file__).parents[1] / "captures/crafted/plus-plant.pcapng"
 PLUS_COPIES: Final = 25
 
+_COUNTING: Final = ("--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null")
 _COUNTED: Final = re.compile(rb"I\s+refs:\s+([\d,]+)")
 _COMPILER: Final = re.compile(rb"GCC: \([^)]*\) (\d+)")
 
 
+#: One process that imports and reads once, and copies of it, each of which reads one capture: most instructions of a command
+#: are those of its start, and valgrind is slow with what runs once. A copy is counted from the beginning of the process it is
+#: made of. Says "NAME PROCESS" of each that ended well; given are the calls of the copies by name.
+_MOTHER: Final = """
+import json, os, sys
+said, calls = os.fdopen(os.dup(1), "w", buffering=1), json.loads(sys.argv[1])
+os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+def run(call):
+    from dissect.cli.main import main
+    sys.argv[1:] = call
+    try:
+        main()
+    except SystemExit as end:
+        sys.stdout.flush()
+        return end.code
+def copy(name, call):
+    process = os.fork()
+    if not process:
+        os._exit(run(call) if call else 0)
+    if os.waitpid(process, 0)[1] == 0:
+        print(name, process, file=said)
+copy("python", [])
+run(calls["analyze once"])
+copy("start", [])
+run(calls["transactions once"])
+for name, call in calls.items():
+    copy(name, call)
+"""
+
+
 def instructions(arguments: Sequence[str | Path]) -> int:
     """Return the instructions of a process of this Python. Raises RuntimeError when it fails or cannot be counted."""
-    command = ["valgrind", "--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null", sys.executable]
-    done = _ran([*command, *map(str, arguments)])
+    command = ["valgrind", *_COUNTING, sys.executable, *map(str, arguments)]
+    done = _ran(command)
     found = _COUNTED.search(done.stderr)
     if done.returncode or found is None:
         message = f"{arguments[0]} … ended with code {done.returncode}: {done.stderr[-500:].decode(errors='replace')}"
         raise RuntimeError(message)
+    return _number(found)
+
+
+def copies(calls: dict[str, list[str]], folder: Path) -> dict[str, int]:
+    """Return the instructions of each copy of `_MOTHER`. Raises RuntimeError when one fails or cannot be counted."""
+    command = [
+        "valgrind",
+        *_COUNTING,
+        f"--log-file={folder}/counted.%p",
+        sys.executable,
+        "-c",
+        _MOTHER,
+        json.dumps(calls),
+    ]
+    done = _ran(command)
+    processes = dict(line.rsplit(" ", 1) for line in done.stdout.decode().splitlines())
+    counted = {}
+    for name in ("python", "start", *calls):
+        process = processes.get(name)
+        found = _COUNTED.search((folder / f"counted.{process}").read_bytes()) if process else None
+        if found is None:
+            message = f"{name}: not counted: {done.stderr[-500:].decode(errors='replace')}"
+            raise RuntimeError(message)
+        counted[name] = _number(found)
+    return counted
+
+
+def _number(found: re.Match[bytes]) -> int:
     return int(found[1].replace(b",", b""))
 
 
@@ -87,23 +146,20 @@ def measure(folder: Path) -> dict[str, int]:
     belongs to the start: it is what the same capture takes once, and a packet what its copies take, between other hosts.
     ``s7plus`` is ``analyze`` for a packet of S7comm-plus.
     """
-    made, once, often = (folder / f"{name}.pcap" for name in ("made", "once", "often"))
-    generate(made, PACKETS)
-    multiply(made, 1, once)
-    multiply(made, COPIES, often)
-    told: dict[str, int] = {}
-    begun: dict[str, int] = {}
+    made, once, often, less, more = (str(folder / f"{name}.pcap") for name in ("made", "once", "often", "less", "more"))
+    generate(Path(made), PACKETS)
+    multiply(Path(made), 1, Path(once))
+    multiply(Path(made), COPIES, Path(often))
+    plus = [multiply(PLUS, count, Path(path)) for count, path in ((PLUS_COPIES, less), (COPIES * PLUS_COPIES, more))]
+    packets = {**dict.fromkeys(COMMANDS, (COPIES - 1) * PACKETS), "s7plus": plus[1] - plus[0]}
+    calls: dict[str, list[str]] = {}
     for name, arguments in COMMANDS.items():
-        _ran([sys.executable, "-m", "dissect", *arguments, str(once)])  # so that the bytecode of all modules is there
-        begun[name] = instructions(["-m", "dissect", *arguments, once])
-        whole = instructions(["-m", "dissect", *arguments, often])
-        told[name] = (whole - begun[name]) // ((COPIES - 1) * PACKETS)
-    fewer, more = (
-        multiply(PLUS, copies, path) for copies, path in ((PLUS_COPIES, once), (COPIES * PLUS_COPIES, often))
-    )
-    less, whole = (instructions(["-m", "dissect", "analyze", path]) for path in (once, often))
-    told["s7plus"] = (whole - less) // (more - fewer)
-    return {**told, "start": begun["analyze"] - instructions(["-c", "pass"])}
+        calls |= {f"{name} once": [*arguments, once], f"{name} often": [*arguments, often]}
+        _ran([sys.executable, "-m", "dissect", *arguments, once])  # so that the bytecode of all modules is there
+    calls |= {"s7plus once": ["analyze", less], "s7plus often": ["analyze", more]}
+    counted = copies(calls, folder)
+    told = {name: (counted[f"{name} often"] - counted[f"{name} once"]) // count for name, count in packets.items()}
+    return {**told, "start": counted["start"] - counted["python"]}
 
 
 def recorded() -> dict[str, int]:

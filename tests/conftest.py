@@ -28,24 +28,6 @@ from dissect.wire.build import COMPILED  # noqa: E402
 
 pytest_plugins: Final = ("dissect.testing.plugin", "tests.skips")
 
-#: Files with few tests that take long. They begin first, so that none of them is left for one worker while the others rest.
-LONG: Final = (
-    "tests/benchmarks/test_profiles.py",
-    "tests/test_contributing.py",
-    "tests/test_package.py",
-    "tests/test_setup.py",
-    "tests/test_site.py",
-    "tests/oracle/test_captures.py",
-    "tests/oracle/test_generated.py",
-    "tests/oracle/test_known.py",
-    "tests/oracle/test_compare.py",
-    "tests/cli/test_drive.py",
-    "tests/cli/test_examples.py",
-    "tests/cli/test_monitor.py",
-    "tests/properties/test_captures.py",
-    "tests/scd/test_hostile.py",
-)
-
 LOCATION: Final = Path(dissect.__file__).resolve().parent
 MODE: Final = "compiled" if COMPILED else "interpreted"
 
@@ -111,17 +93,6 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.set_threshold(20_000, 20, 100)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files that take long first; files and their tests keep their order otherwise."""
-    gone = [name for name in LONG if not (ROOT / name).is_file()]
-    if gone:
-        message = f"tests/conftest.py names files that take long and are not there: {', '.join(gone)}"
-        raise pytest.UsageError(message)
-    last = len(LONG)
-    places = {ROOT / name: place for place, name in enumerate(LONG)}
-    items.sort(key=lambda item: places.get(item.path, last))
-
-
 def pytest_report_header(config: pytest.Config) -> str:
     """Say what is tested."""
     return f"s7dissect {dissect.__version__} ({MODE}) from {LOCATION}"
@@ -179,15 +150,12 @@ class Command:
     def process(
         self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
     ) -> subprocess.CompletedProcess[bytes]:
-        """Run it as a process of its own, the way a person runs it."""
-        return subprocess.run(
-            [sys.executable, "-m", "dissect", *map(str, arguments)],
-            input=stdin,
-            stdout=subprocess.PIPE if stdout is None else stdout,
-            stderr=subprocess.PIPE,
-            check=False,
-            timeout=300,
-        )
+        """Run it as a process of its own."""
+        from tests.forked import Forked
+
+        with Forked(list(map(str, arguments)), stdout=subprocess.PIPE if stdout is None else stdout) as process:
+            out, err = process.communicate(stdin)
+            return subprocess.CompletedProcess(arguments, process.wait(), out if stdout is None else None, err)
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from scapy.packet import Raw
 from captures.craft import container
 from captures.craft.case import Case, crafts
 from captures.craft.pdus import READ, WRITE, dt, pattern, read_bytes, values, write, written
-from captures.craft.talk import CLIENT, MACS, SERVER, Link, Talk, ethernet
+from captures.craft.talk import CLIENT, MACS, SERVER, Link, Talk, ethernet, octets_of
 
 V6 = ("2001:db8::10", "2001:db8::20")
 TCP = 6
@@ -33,7 +33,7 @@ def tagged(*tags: Layer) -> Link:
         frame = Ether(src=MACS[side], dst=MACS[1 - side])
         for tag in tags:
             frame /= tag.copy()
-        return bytes(frame / packet)
+        return octets_of(frame / packet)
 
     return link
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from scapy.layers.inet import IP, TCP
 from scapy.layers.inet6 import IPv6
 from scapy.layers.l2 import Ether
+from scapy.packet import NoPayload, Raw
 from scapy.packet import Packet as Layer
-from scapy.packet import Raw
 
 from captures.craft import pdus
 
@@ -25,7 +25,16 @@ Link = Callable[[int, Layer], bytes]
 
 def ethernet(side: int, packet: Layer) -> bytes:
     """An Ethernet frame."""
-    return bytes(Ether(src=MACS[side], dst=MACS[1 - side]) / packet)
+    return octets_of(Ether(src=MACS[side], dst=MACS[1 - side]) / packet)
+
+
+def octets_of(packet: Layer) -> bytes:
+    """The octets of a packet each field of which has one value: Scapy copies every layer to try others, unless told so."""
+    layer = packet
+    while not isinstance(layer, NoPayload):
+        layer.explicit = 1
+        layer = layer.payload
+    return bytes(packet)
 
 
 class Talk:

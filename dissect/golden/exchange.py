@@ -111,13 +111,13 @@ class Exchange:
     ) -> None:
         mask = mask_s7 if kind == S7 else mask_plus if kind == PLUS else bytes
         self.kind = kind
-        self.subscribed = mask(subscribed)
+        self.subscribed = mask(subscribed) if subscribed else b""
         self.request = mask(request)
         self.response = mask(response)
         self.request_seen = bool(request) or seen[0]
         self.response_seen = bool(response) or seen[1]
         self.scd = scd
-        self.fragment: tuple[str, ...] = ()  # the writer's cached lines
+        self.fragment = ""  # the writer's cached lines
         self.form: str | None = None  # and the head that it gives them, empty where they have none of its own
         self._request: Pdu | None = None
         self._response: Pdu | None = None
@@ -128,8 +128,14 @@ class Exchange:
         """The S7comm request, None when there is none."""
         if self._request is None and self.kind == S7 and self.request:
             self._keep()
-            self._request = _parsed(self.request) if len(self.request) <= SMALL else parse_pdu(self.request)
+            self._request = self.glance()
         return self._request
+
+    def glance(self) -> Pdu | None:
+        """Return what `asked` is, for who looks once: it is not kept for this exchange."""
+        if self.kind != S7 or not self.request:
+            return None
+        return _parsed(self.request) if len(self.request) <= SMALL else parse_pdu(self.request)
 
     @property
     def told(self) -> Pdu | None:

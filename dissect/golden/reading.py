@@ -40,9 +40,9 @@ class _Entry:
     __slots__ = ("asked_by", "has_request", "place", "transaction")
 
     def __init__(self, seen: Seen, transaction: Transaction) -> None:
-        self.asked_by = int(seen.asked_by)
+        self.asked_by: int = seen.asked_by
         self.has_request = bool(seen.request_frame)
-        self.place = (int(seen.request_frame or seen.response_frame), int(seen.number))
+        self.place: tuple[int, int] = (seen.request_frame or seen.response_frame, seen.number)
         self.transaction = transaction
 
 
@@ -96,7 +96,7 @@ class SessionReader(Observer):
         self._farewells: dict[tuple[int, int], bytes] = {}  # by connection and side
 
     def _link(self, connection: Connection) -> Link:
-        number = int(connection.number)
+        number = connection.number
         link = self._links.get(number)
         if link is None:
             link = Link()
@@ -136,13 +136,14 @@ class SessionReader(Observer):
         except GoldenError as error:
             self.too_long = error
             return
-        kept.time_ns = int(transaction.request_ns if transaction.request_frame else transaction.response_ns)
+        asked_at, told_at = transaction.request_frame, transaction.response_frame
+        kept.time_ns = transaction.request_ns if asked_at else transaction.response_ns
         kept.latency_ns = transaction.latency_ns
-        kept.frame = int(transaction.request_frame or transaction.response_frame)
-        kept.last_frame = int(transaction.response_frame or transaction.request_frame)
+        kept.frame = asked_at or told_at
+        kept.last_frame = told_at or asked_at
         if exchange.kind != SCD:
-            kept.pdu_ref = int(transaction.pdu_ref)
-        self._entries[int(connection.number)].append(_Entry(transaction, kept))
+            kept.pdu_ref = transaction.pdu_ref
+        self._entries[connection.number].append(_Entry(transaction, kept))
 
     def connection_closed(self, connection: Connection) -> None:
         """Put the transactions in order and keep what is known of the connection, now that all is."""

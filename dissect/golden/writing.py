@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Final
 
-from dissect.golden import forms
+from dissect.golden import forms, usual
 from dissect.golden.blocks import cut_blocks
 from dissect.golden.exchange import PARSED, PLUS, S7, SCD, SMALL, Exchange
 from dissect.golden.forms import ItemLine, build_request, form_lines
@@ -36,7 +36,7 @@ FORMS: Final = {READ_VAR: "READ", WRITE_VAR: "WRITE", SETUP_COMMUNICATION: "SETU
 #: Who speaks where nobody asked.
 OTHER_ROLE: Final = {"client": "server", "server": "client"}
 #: What begins a line of a message that answers nothing, but stands where an answer would.
-_PUSHED: Final = re.compile(r'^(  (?:scd ")?)answer ')
+_PUSHED: Final = re.compile(r'^(  (?:scd ")?)answer ', re.MULTILINE)
 
 _WIDTH: Final = 116
 _CONTINUED: Final = " " * 8
@@ -52,9 +52,10 @@ def golden_text(session: Session, extras: Iterable[str] = ()) -> str:
 
 
 def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | None = None) -> Iterator[str]:
-    """Yield the lines of `golden_text`; with ``naming`` remarks name what stands in the items."""
+    """Yield `golden_text` line by line, or several lines at once; with ``naming`` remarks name what stands in the items."""
     wanted = frozenset(extras)
     clock = Clock()
+    plain = not wanted and naming is None
     yield FORMAT
     for link in session.links:
         jobs: dict[bytes, int] = {}
@@ -62,6 +63,13 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
         yield f"connection {link.number}"
         yield from _link_lines(link, "addresses" in wanted)
         for transaction in link.transactions:
+            if plain and transaction.outcome == "answered":
+                exchange = transaction.exchange
+                form = _form(exchange)
+                if form and not exchange.subscribed:
+                    said = exchange.fragment or _fragment(exchange)
+                    yield f"\n{transaction.number} {transaction.asked_by} {form}\n{said}"
+                    continue
             yield ""
             yield f"{transaction.number} {_head(transaction)}"
             if transaction.outcome != "answered":
@@ -70,7 +78,8 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
                 yield from _job(transaction, transaction.number, jobs)
             if wanted:
                 yield from _extra_lines(transaction, wanted, clock)
-            yield from _said(transaction)
+            if said := _said(transaction):
+                yield said
             if naming is not None:
                 yield from _named(transaction, naming)
 
@@ -89,7 +98,8 @@ def link_lines(link: Link) -> Iterator[str]:
         yield _head(transaction)
         yield from _outcome(transaction)
         yield from _job(transaction, place, jobs)
-        yield from _said(transaction)
+        if said := _said(transaction):
+            yield from said.split("\n")
 
 
 def _head(transaction: Transaction) -> str:
@@ -99,15 +109,34 @@ def _head(transaction: Transaction) -> str:
     return f"{who} {_form(exchange) or printable(exchange.function_name)}"
 
 
-def _said(transaction: Transaction) -> Iterable[str]:
+def _said(transaction: Transaction) -> str:
     """Return the lines of what was asked and told, made once for all transactions that say the same."""
     exchange = transaction.exchange
-    if not exchange.fragment:
-        lines = _exchange_lines(exchange)
-        exchange.fragment = tuple(
-            [piece for line in lines for piece in ((line,) if len(line) <= _WIDTH else _wrapped(line))]
-        )
-    return [_PUSHED.sub(r"\1says ", line) for line in exchange.fragment] if pushed(transaction) else exchange.fragment
+    fragment = exchange.fragment or _fragment(exchange)
+    return _PUSHED.sub(r"\1says ", fragment) if pushed(transaction) else fragment
+
+
+def _fragment(exchange: Exchange) -> str:
+    """Return the lines of what is asked and told in an exchange, made for the first time."""
+    lines = _usual_lines(exchange) or list(_exchange_lines(exchange))
+    if max(map(len, lines), default=0) > _WIDTH:
+        lines = [piece for line in lines for piece in ((line,) if len(line) <= _WIDTH else _wrapped(line))]
+    exchange.fragment = "\n".join(lines)
+    return exchange.fragment
+
+
+def _usual_lines(exchange: Exchange) -> list[str] | None:
+    """Return a read or write and its answer as lines where both are usual, None for any other."""
+    asked = exchange.glance() if _form(exchange) else None
+    if asked is None or exchange.scd:
+        return None
+    if asked.function == READ_VAR:
+        return usual.read_lines(asked.parameters.items, exchange.response)
+    if asked.function != WRITE_VAR:
+        return None
+    written = asked.data_items()
+    data, kinds = [item.data for item in written], [int(item.transport_size) for item in written]
+    return usual.write_lines(asked.parameters.items, data, kinds, exchange.response)
 
 
 def pushed(transaction: Transaction) -> bool:
@@ -269,7 +298,7 @@ def _note(note: str) -> str:
 def _form(exchange: Exchange) -> str:
     """Return the head of a transaction whose request a form says to the octet, empty for any other."""
     if exchange.form is None:
-        asked = exchange.asked
+        asked = exchange.glance()
         if asked is None:
             exchange.form = ""
         else:

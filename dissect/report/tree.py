@@ -11,6 +11,7 @@ from dissect.iso import layouts as iso
 from dissect.iso.cotp import Parameter, parse_tpdu
 from dissect.report import words
 from dissect.report.plus_blobs import blob_lines
+from dissect.report.tree_fields import field_line, fields_text, line_head, line_of, meaning, span
 from dissect.s7 import layouts as s7
 from dissect.s7.bodies import parse_body
 from dissect.s7.data_parts import CONTENT, RETURN_CODE
@@ -24,13 +25,12 @@ from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.message import PlusPdu, fixed_part
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.wire.hexdump import hexdump
-from dissect.wire.layout import REST, FieldValue, Layout
+from dissect.wire.layout import FieldValue, Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import FILL, OCTETS, Part
 from dissect.wire.text import printable, shortened
 
-#: Characters of what a field means, and of what a part is about.
-_MEANING: Final = 100
+#: Characters of what a part is about.
 _NOTE: Final = 120
 _TPKT_SIZE: Final = 4
 #: The head of a TPKT and of the everyday DT in it.
@@ -75,7 +75,7 @@ def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
     texts = [top, _header(pdu, base)]
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
-        texts.append(_field("", "error", f"0x{code:04x} {ERROR_CODES.name(code)}. {ERROR_CODES.text(code)}".rstrip()))
+        texts.append(line_of("", "error", f"0x{code:04x} {ERROR_CODES.name(code)}. {ERROR_CODES.text(code)}".rstrip()))
     hidden = secret_spans(octets)
     body = _body_text(pdu, base, hidden)
     if body:
@@ -93,7 +93,7 @@ def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
     hidden = secret_spans_within(packet)
     if data:
         said = "not shown" if hidden else words.octets(data)
-        yield _field(_range(len(packet) - len(data), len(packet)), "user data", said)
+        yield line_of(span(len(packet) - len(data), len(packet)), "user data", said)
     yield from _octets(packet, hidden)
 
 
@@ -104,10 +104,10 @@ def netlink_tree_lines(octets: bytes) -> Iterator[str]:
     hidden = secret_spans_within(octets)
     if packet.data:
         said = "not shown" if hidden else words.octets(packet.data)
-        yield _field(_range(packet.data_at, packet.data_at + len(packet.data)), "user data", said)
+        yield line_of(span(packet.data_at, packet.data_at + len(packet.data)), "user data", said)
     elif len(octets) > _headers(packet):
         said = "not shown" if hidden else words.octets(octets[_headers(packet) :])
-        yield _field(_range(_headers(packet), len(octets)), "octets", said)
+        yield line_of(span(_headers(packet), len(octets)), "octets", said)
     yield from _octets(octets, hidden)
 
 
@@ -132,7 +132,7 @@ def plus_tree_lines(
     at += s7plus.HEADER.size
     if pdu.integrity:
         yield from _layout(s7plus.INTEGRITY, whole, at)
-        yield _field(_range(at + 1, at + 1 + len(pdu.integrity)), "digest", words.octets(pdu.integrity))
+        yield line_of(span(at + 1, at + 1 + len(pdu.integrity)), "digest", words.octets(pdu.integrity))
     layout = fixed_part(pdu)
     at = base + pdu.data_offset
     end = at + len(pdu.data)
@@ -141,11 +141,11 @@ def plus_tree_lines(
         at += layout.size
     found, hidden = contents if contents is not None else shown_contents(pdu)
     if pdu.frames > 1:
-        yield _field("", "data", f"{words.count(len(pdu.data), 'byte')} in {pdu.frames} frames")
+        yield line_of("", "data", f"{words.count(len(pdu.data), 'byte')} in {pdu.frames} frames")
     if found.parts:
         yield from _plus_parts(pdu, found, base, hidden)
     elif at < end:
-        yield _field(_range(at, end), "octets", words.octets(whole[at:end]))
+        yield line_of(span(at, end), "octets", words.octets(whole[at:end]))
     yield from _malformed([fact.at(pdu.place(fact.offset)) for fact in found.malformed], base)
     if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
         yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
@@ -162,10 +162,10 @@ def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple
         for value in part.values:
             begin = pdu.place(int(value.offset))
             stop = pdu.place(max(int(value.offset), int(value.end) - 1)) + 1
-            where = _range(begin + base, stop + base)
+            where = span(begin + base, stop + base)
             secret = value.octets is not None and any([low <= begin < high for low, high in hidden])
-            said = HIDDEN if secret else _meaning(value)
-            yield f"{indent}{_field(where, value.field.label, said)}"
+            said = HIDDEN if secret else meaning(value)
+            yield f"{indent}{line_of(where, value.field.label, said)}"
         while blobs and blobs[-1][1] <= part.end:
             begin, stop = blobs.pop()
             for line in blob_lines(pdu.data[begin:stop]):
@@ -214,7 +214,7 @@ def _tpkt(packet: bytes) -> Iterator[str]:
     tpdu = parse_tpdu(_tpdu(packet))
     yield f"    COTP {tpdu.name}"
     for value in tpdu.fields:
-        yield _line(value, _TPKT_SIZE, "")
+        yield field_line(value, _TPKT_SIZE)
     for parameter in tpdu.parameters:
         yield _parameter(parameter)
     yield from _malformed(tpdu.malformed, _TPKT_SIZE)
@@ -226,42 +226,11 @@ def _parameter(parameter: Parameter) -> str:
     if parameter.code in {0xC1, 0xC2} and parameter.value.isascii():
         said += f"  {printable(parameter.value.decode('ascii'))!r}" if len(parameter.value) > 2 else ""
     # The name of 0xC1 goes on to say what it is in an ER.
-    return _field(_range(start, start + 2 + len(parameter.value)), parameter.name.partition(" (CR")[0], said)
+    return line_of(span(start, start + 2 + len(parameter.value)), parameter.name.partition(" (CR")[0], said)
 
 
 def _layout(layout: Layout, octets: bytes, at: int, title: str = "") -> list[str]:
-    return [f"    {title or layout.name}", *[_line(value, 0, "") for value in layout.read(octets, at)]]
-
-
-def _line(value: FieldValue, shift: int, name: str) -> str:
-    """Return the line of a field, its offsets moved by ``shift``; what its value is called may be known as ``name``."""
-    said = f"{_meaning(value)} {name}" if name else _meaning(value)
-    return _field(_range(value.offset + shift, value.end + shift), value.field.label, said.rstrip())
-
-
-def _field(where: str, name: str, said: str) -> str:
-    return f"      {where.rjust(9)}  {name.ljust(16)} {said}"
-
-
-def _range(start: int, end: int) -> str:
-    return str(start) if end == start + 1 else f"{start}-{end - 1}"
-
-
-def _meaning(value: FieldValue) -> str:
-    field = value.field
-    if value.octets is not None:
-        meaning = value.meaning if field.means is not None else ""
-        said = words.octets(value.octets)
-        return f"{said}  {shortened(meaning, _MEANING)}" if meaning else said
-    if field.size < REST:  # of variable size: its octets say nothing of how large it may be
-        return f"{value.value} {value.meaning}".rstrip()
-    mask, shift = field.bits if field.bits is not None else ((1 << 8 * field.size) - 1, 0)
-    number = f"0x{value.value:0{max(1, ((mask >> shift).bit_length() + 3) // 4)}x}"
-    if field.says is not None:
-        return f"{number} {value.meaning}".rstrip()
-    if field.codes is not None:
-        return f"{number} {value.meaning or '(not in the tables)'}"
-    return str(value.value) if field.decimal else number
+    return [f"    {title or layout.name}", *[field_line(value, 0) for value in layout.read(octets, at)]]
 
 
 def _header(pdu: Pdu, base: int) -> str:
@@ -275,9 +244,9 @@ def _header(pdu: Pdu, base: int) -> str:
     if around is None:
         lines = _header_lines(octets, size, base)
         at = 1 + _REF_NUMBER
-        around = _kept(_headers_kept, key, ("\n".join(lines[:at]), "\n".join(lines[at + 1 :])))
-    reference = _line(FieldValue(_REF, _REF_AT, _REF_END, pdu.pdu_ref), base, "")
-    return f"{around[0]}\n{reference}\n{around[1]}"
+        reference = line_head(span(_REF_AT + base, _REF_END + base), _REF.label)
+        around = _kept(_headers_kept, key, ("\n".join([*lines[:at], reference]), "\n".join(lines[at + 1 :])))
+    return f"{around[0]}{meaning(FieldValue(_REF, _REF_AT, _REF_END, pdu.pdu_ref))}\n{around[1]}"
 
 
 def _header_lines(octets: bytes, size: int, base: int) -> list[str]:
@@ -317,7 +286,7 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
             if number == 1:
                 lines.append("    return codes")
             (code,) = part.values
-            lines.append(_field(str(code.offset + base), f"item {number}", _meaning(code)))
+            lines.append(line_of(str(code.offset + base), f"item {number}", meaning(code)))
             continue
         if layout not in _WITHOUT_HEADING:
             number = numbers.get(layout, 0) + 1
@@ -334,10 +303,10 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
         for value in part.values:
             said = head.subfunction_name if head is not None and value.field.name == "subfunction" else ""
             if hidden and _overlap(value.offset, value.end, hidden):
-                where = _range(value.offset + base, value.end + base)
-                lines.append(_field(where, value.field.label, "not shown"))
+                where = span(value.offset + base, value.end + base)
+                lines.append(line_of(where, value.field.label, "not shown"))
             else:
-                lines.append(_line(value, base, said))
+                lines.append(field_line(value, base, said))
     lines += _malformed(body.malformed, base)
     lines += _malformed(pdu.malformed, base)
     return lines
@@ -346,11 +315,11 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
 def _part_text(part: Part, octets: bytes, base: int) -> str:
     """Return the lines of the fields of a part; those of one of fixed size are kept for the next that says the same there."""
     if part.layout.open:
-        return "\n".join([_line(value, base, "") for value in part.values])
+        return fields_text(part.layout, octets, part.offset, part.end, base)
     key = (part.layout, part.offset + base, octets[part.offset : part.end])
     text = _parts.get(key)
     if text is None:
-        text = _kept(_parts, key, "\n".join([_line(value, base, "") for value in part.values]))
+        text = _kept(_parts, key, fields_text(part.layout, octets, part.offset, part.end, base))
     return text
 
 

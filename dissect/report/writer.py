@@ -18,7 +18,7 @@ from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify
 from dissect.report.styled import Line
 from dissect.report.words import Places, carried, message_name
 from dissect.transactions.connection import Connection
@@ -31,6 +31,10 @@ from dissect.wire.text import Clock
 #: Lines of transactions, and characters of them, that wait for what completed before them and is still held back.
 KEPT_LINES: Final = 4096
 KEPT_CHARACTERS: Final = 16 * 1024 * 1024
+
+#: Octets of a TPKT before the data of a DT without parameters, and the type of that, which follows its length, 2.
+_DT_HEAD: Final = 7
+_PLAIN_DT: Final = 0xF0
 
 #: What messages are called that carry none of the protocols of `UPPER_NAMES`: TPDUs, packets of IBH-NetLink.
 COTP: Final = "cotp"
@@ -217,6 +221,10 @@ class PduFeed(Observer):
         self._writer.packet(octets)
         if not self._wanted(frame):
             return
+        if len(octets) > _DT_HEAD and octets[4] == 2 and octets[5] == _PLAIN_DT:
+            upper = classify(octets, _DT_HEAD, len(octets))
+            if upper in (S7COMM, S7COMM_PLUS):
+                return  # nearly every one
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type in {DT, ED}:
             begins = side.assembler.clear

@@ -7,6 +7,8 @@ from typing import Final
 
 #: What each octet prints as.
 _PRINTED: Final = bytes([octet if 0x20 <= octet < 0x7F else ord(".") for octet in range(256)])
+#: What stands before an offset with so many digits.
+_BLANKS: Final[list[str]] = [" " * (5 - digits) for digits in range(5)]
 
 
 def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = (), indent: str = "") -> list[str]:
@@ -16,17 +18,25 @@ def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = (
     of octets that show as stars.
     """
     lines: list[str] = []
+    size = len(octets)
     printed = octets.translate(_PRINTED).decode("ascii")
     pairs = octets.hex(" ")
-    for at in range(0, len(octets), 16):
+    for at in range(0, size, 16):
         place = 3 * at
+        number = str(start + at)
+        if len(number) < 5:
+            number = _BLANKS[len(number)] + number
+        if at + 16 <= size and not hidden:
+            right = pairs[place + 24 : place + 47]
+            lines.append(f"{indent}{number}  {pairs[place : place + 23]}  {right}  {printed[at : at + 16]}")
+            continue
         left = pairs[place : place + 23]
         right = pairs[place + 24 : place + 47]
         text = printed[at : at + 16]
         if hidden:
             for begin, end in hidden:
                 left, right, text = _starred(left, right, text, max(begin - at, 0), min(end - at, 16))
-        lines.append(f"{indent}{str(start + at).rjust(5)}  {left.ljust(23)}  {right.ljust(23)}  {text}")
+        lines.append(f"{indent}{number}  {left.ljust(23)}  {right.ljust(23)}  {text}")
     return lines
 
 

@@ -79,6 +79,17 @@ def hexadecimal(octets: bytes) -> str:
     return octets.hex()
 
 
+def hex_number(number: i64, digits: i64) -> str:
+    """Return a number that is not negative with ``0x`` before it, in at least so many ``digits``."""
+    if digits == 1 and number < 16:
+        return f"0x{_HEX[number][1:]}"
+    if digits == 2 and number < 0x100:
+        return f"0x{_HEX[number]}"
+    if digits == 4 and number < 0x10000:
+        return f"0x{_HEX[number // 256]}{_HEX[number % 256]}"
+    return f"0x{f'{number:x}'.rjust(digits, '0')}"
+
+
 def printable(text: str) -> str:
     r"""Return ``text`` on one line with everything that does not simply print escaped (``\x1b``, ``\u202e`` …)."""
     if text.isprintable():  # to Python, characters of no hidden category

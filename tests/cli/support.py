@@ -17,6 +17,7 @@ from typing import NamedTuple
 import pytest
 
 from dissect.cli.main import main
+from tests.forked import Forked
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Packet
@@ -48,13 +49,16 @@ def on_terminal(
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     cleared = {key: value for key, value in os.environ.items() if key not in {"NO_COLOR", "COLUMNS", "LINES"}}
-    with subprocess.Popen(
-        [sys.executable, "-m", "dissect", *map(str, arguments)],
-        stdin=subprocess.DEVNULL,
-        stdout=theirs if stdout else subprocess.PIPE,
-        stderr=theirs,
-        env={**cleared, "TERM": "xterm-256color", **(environment or {})},
-    ) as process:
+    with (
+        Path(os.devnull).open("rb") as nothing,
+        Forked(
+            list(map(str, arguments)),
+            stdin=nothing.fileno(),
+            stdout=theirs if stdout else subprocess.PIPE,
+            stderr=theirs,
+            environment={**cleared, "TERM": "xterm-256color", **(environment or {})},
+        ) as process,
+    ):
         os.close(theirs)
         seen = _drain(ours)
         piped = process.stdout.read() if process.stdout is not None else b""
@@ -99,14 +103,9 @@ def large(path: Path, octets: int) -> Path:
 
 
 @contextlib.contextmanager
-def started(*arguments: str | Path) -> Iterator[subprocess.Popen[bytes]]:
+def started(*arguments: str | Path) -> Iterator[Forked]:
     """Start a command that is given its input bit by bit, and make sure that it ends."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "dissect", *map(str, arguments)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
+    with Forked(list(map(str, arguments))) as process:
         try:
             yield process
         finally:

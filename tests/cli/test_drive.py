@@ -28,6 +28,7 @@ from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK,
 from dissect.report.styled import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
 from tests.cli.test_outputs import commands
+from tests.forked import Forked
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Packet, Talk
@@ -182,7 +183,7 @@ def test_130_when_interrupted_with_the_results_until_then(
         assert told.count("\n") == (4 if arguments == ("transactions",) else 10)
 
 
-def _reads_all(process: subprocess.Popen[bytes]) -> bytes:
+def _reads_all(process: Forked) -> bytes:
     """Wait until a process sleeps because its input has nothing more."""
     stat = Path(f"/proc/{process.pid}/stat")
     for _ in range(2400):
@@ -192,7 +193,7 @@ def _reads_all(process: subprocess.Popen[bytes]) -> bytes:
     raise AssertionError("the process never came to rest")
 
 
-def _is_empty(process: subprocess.Popen[bytes]) -> bool:
+def _is_empty(process: Forked) -> bool:
     assert process.stdin is not None
     (left,) = struct.unpack("i", fcntl.ioctl(process.stdin.fileno(), termios.FIONREAD, bytes(4)))
     return bool(left == 0)

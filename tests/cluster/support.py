@@ -14,6 +14,13 @@ from typing import Final
 
 from tests.source.servers import LOOPBACK, free_port, running
 
+#: What programs of Dask do beside their work, many times a second: sample their own stacks, look whether their loop is late,
+#: and measure the machine. Nothing here asks for it, and it takes most of their time.
+QUIET: Final = {
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "5s",
+    "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "30s",
+}
 #: Seconds that a test waits for what has to happen, and a cluster has to come up.
 PATIENCE_S: Final = 120
 
@@ -70,6 +77,7 @@ class Cluster:
 @contextmanager
 def cluster(folder: Path, scheme: str = "tcp", **environment: str) -> Iterator[Cluster]:
     """Run a scheduler until the block is over, and end the workers that were started then."""
+    environment = QUIET | environment
     port = free_port()
     place = ["--protocol", scheme, "--host", LOOPBACK, "--port", str(port)]
     command = [*_dask("scheduler"), *place, "--no-dashboard", "--no-show"]

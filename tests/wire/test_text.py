@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.wire.text import cell, duration_text, encodable, printable, shortened, titled
+from dissect.wire.text import cell, duration_text, encodable, hex_number, printable, shortened, titled
 
 ANY = st.text(st.characters())  # surrogates included
 
@@ -136,3 +136,9 @@ def test_durations_are_rounded_as_format_does(ns: int) -> None:
     else:
         expected = f"{ns / 1e9:.2f} s"
     assert duration_text(ns) == expected
+
+
+def test_a_number_in_hexadecimal_has_at_least_so_many_digits() -> None:
+    for digits in range(1, 9):
+        for number in (0, 1, 9, 10, 15, 16, 255, 256, 4095, 4096, 65535, 65536, 0xFFFFFFFF):
+            assert hex_number(number, digits) == f"0x{number:0{digits}x}"

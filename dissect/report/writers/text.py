@@ -32,7 +32,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
-from dissect.wire.text import Clock, decimal, shortened
+from dissect.wire.text import Clock, decimal, hex_number, shortened
 
 #: Characters of a packet comment that are shown.
 _COMMENT: Final = 1000
@@ -85,9 +85,9 @@ def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> 
     if pdu.malformed:
         said += f"  MALFORMED {pdu.malformed[0]}"
     kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
-    reference = f"0x{pdu.pdu_ref:04x}" if pdu.pdu_ref >= 0 else "?"
+    reference = hex_number(pdu.pdu_ref, 4) if pdu.pdu_ref >= 0 else "?"
     head = _head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)
-    return f"{head}  {kind:<8}  ref {reference}{function}{said}"
+    return f"{head}  {kind.ljust(8)}  ref {reference}{function}{said}"
 
 
 def scd_line(found: ScdMessage, connection: Connection, clock: Clock, places: Places) -> str:
@@ -118,7 +118,8 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
 
 def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Clock, places: Places) -> str:
     ends = connection.tcp.ends
-    return f"{places.mark(frame):>6}  {clock.moment(time_ns)}  {places.end(ends[side])} → {places.end(ends[1 - side])}"
+    moment = clock.moment(time_ns)
+    return f"{places.mark(frame).rjust(6)}  {moment}  {places.end(ends[side])} → {places.end(ends[1 - side])}"
 
 
 def _body(pdu: Pdu, naming: Naming | None) -> str:
@@ -208,7 +209,7 @@ def netlink_line(
 
 def comment_line(frame: int, text: str, places: Places) -> str:
     """Return a comment the capture holds about a packet."""
-    return f"{places.mark(frame):>6}  comment: {shortened(text, _COMMENT)}"
+    return f"{places.mark(frame).rjust(6)}  comment: {shortened(text, _COMMENT)}"
 
 
 class TextWriter(Writer):

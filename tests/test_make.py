@@ -1,0 +1,66 @@
+"""What `make test` runs: every test once with the wheel, those of the engine once more on the sources."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+from collections import Counter
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+#: Files that hold tests.
+FILES: Final = frozenset((ROOT / "tests").rglob("test_*.py"))
+
+
+def commands(target: str) -> list[list[str]]:
+    """Return what make starts pytest with for a target, without doing it."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+    told = subprocess.run(
+        ["make", "-n", "--no-print-directory", target],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    return [shlex.split(line.partition("/bin/pytest ")[2]) for line in told.splitlines() if "/bin/pytest " in line]
+
+
+def chosen(words: list[str]) -> set[Path]:
+    """Return the files of tests that a command chooses."""
+
+    def below(names: list[str]) -> set[Path]:
+        paths = [ROOT / name for name in names]
+        assert [str(path) for path in paths if not path.exists()] == []
+        return {file for file in FILES if any(file.is_relative_to(path) for path in paths)}
+
+    return below([word for word in words if word.startswith("tests")]) - below(
+        [word.partition("=")[2] for word in words if word.startswith("--ignore=")]
+    )
+
+
+@pytest.mark.parametrize("target", ["test-installed", "test-interpreted"])
+def test_no_file_is_in_two_parts_and_no_part_is_empty(target: str) -> None:
+    parts = [chosen(words) for words in commands(target)]
+    assert len(parts) > 1
+    assert all(parts)
+    assert [file for file, count in Counter(file for part in parts for file in part).items() if count > 1] == []
+
+
+def test_every_file_is_tested_with_the_wheel() -> None:
+    assert set().union(*map(chosen, commands("test-installed"))) == FILES
+
+
+def test_the_engine_is_tested_on_its_sources_too() -> None:
+    files = set().union(*map(chosen, commands("test-interpreted")))
+    rooms = {file.relative_to(ROOT / "tests").parts[0] for file in files}
+    assert rooms == {
+        *("wire", "source", "tcp", "iso", "s7", "transactions", "findings", "engine", "report", "properties"),
+        "test_session.py",
+    }
+    left = {file.name for file in FILES - files if file.relative_to(ROOT / "tests").parts[0] in rooms}
+    assert all(name.startswith(("test_live_", "test_growing", "test_pcapng_writer", "test_remote")) for name in left)
