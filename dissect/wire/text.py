@@ -82,11 +82,11 @@ def hexadecimal(octets: bytes) -> str:
 def hex_number(number: i64, digits: i64) -> str:
     """Return a number that is not negative with ``0x`` before it, in at least so many ``digits``."""
     if digits == 1 and number < 16:
-        return f"0x{_HEX[number][1:]}"
+        return f"0x{HEX[number][1:]}"
     if digits == 2 and number < 0x100:
-        return f"0x{_HEX[number]}"
+        return f"0x{HEX[number]}"
     if digits == 4 and number < 0x10000:
-        return f"0x{_HEX[number // 256]}{_HEX[number % 256]}"
+        return f"0x{HEX[number // 256]}{HEX[number % 256]}"
     return f"0x{f'{number:x}'.rjust(digits, '0')}"
 
 
