@@ -38,7 +38,9 @@ from distutils.sysconfig import customize_compiler, get_python_inc  # isort: ski
 HOT: Final = (
     "dissect/anonymize/messages.py",
     "dissect/anonymize/rewrite_plan.py",
+    "dissect/anonymize/rewriter.py",
     "dissect/anonymize/rules.py",
+    "dissect/anonymize/survey.py",
     "dissect/anonymize/track.py",
     "dissect/anonymize/usual_packet.py",
     "dissect/bindings/pushes.py",
@@ -150,7 +152,11 @@ BUSIEST: Final = (
 
 #: What else a packet or a transaction of any protocol passes through.
 BUSY: Final = (
+    "dissect/anonymize/messages.py",
+    "dissect/anonymize/rewrite_plan.py",
+    "dissect/anonymize/rewriter.py",
     "dissect/anonymize/rules.py",
+    "dissect/anonymize/survey.py",
     "dissect/anonymize/track.py",
     "dissect/anonymize/usual_packet.py",
     "dissect/golden/usual.py",
@@ -179,6 +185,7 @@ BUSY: Final = (
     "dissect/s7plus/items.py",
     "dissect/s7plus/notifications.py",
     "dissect/s7plus/objects.py",
+    "dissect/s7plus/outlines.py",
     "dissect/s7plus/parameters.py",
     "dissect/s7plus/plain.py",
     "dissect/s7plus/pieces.py",

@@ -21,7 +21,7 @@ from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
-from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.tcp.stream import TcpConnection
 from dissect.transactions.connection import Connection
@@ -77,9 +77,9 @@ class _Message:
 
     __slots__ = ("assembler", "claimed", "dropping", "frames", "holes", "missing", "parts", "plus", "size", "told")
 
-    def __init__(self) -> None:
+    def __init__(self, largest: i64) -> None:
         self.parts: list[_Part] = []
-        self.assembler = PlusAssembler()
+        self.assembler = PlusAssembler(largest)
         self.frames: list[_Frame] = []  # of an S7comm-plus PDU whose last one is to come
         self.size = 0
         self.holes = 0
@@ -96,10 +96,19 @@ class _Message:
 
 
 class Survey(Observer):
-    """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet, of those in ``tracks``."""
+    """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet, of those in ``tracks``.
+
+    ``largest``: octets of an S7comm-plus PDU; the contents of a larger one become zeros.
+    """
 
     def __init__(
-        self, key: Key, rules: Rules, plus: PlusRules, told: Account, carrier: ScdCarrier | None = None
+        self,
+        key: Key,
+        rules: Rules,
+        plus: PlusRules,
+        told: Account,
+        carrier: ScdCarrier | None = None,
+        largest: i64 = MAX_PDU,
     ) -> None:
         super().__init__()
         self.wants_tpdus = True
@@ -109,6 +118,7 @@ class Survey(Observer):
         self._plus = plus
         self._account = told
         self._room = Room()
+        self._largest: i64 = largest
         self.tracks: dict[bytes, list[Track]] = {}
         self._count = 0
         # By direction; the oldest leave when there are too many.
@@ -148,8 +158,9 @@ class Survey(Observer):
         track, message = self._direction(side)
         if track is None:
             return
-        start = int(side.framer.passed) + int(side.missing) - len(octets)
-        self._judge_hole(track, message, side)
+        start = int(side.framer.passed + side.missing) - len(octets)
+        if message.holes != side.holes:
+            self._judge_hole(track, message, side)
         track.expect(message.told, start)
         message.told = start + len(octets)
         message.claimed = self._carrier is not None and self._carrier.claims_tsdus(side.connection)
@@ -209,10 +220,10 @@ class Survey(Observer):
             if track.stream is side.stream:
                 if len(self._messages) >= MAX_TRACKS:
                     self._flush(*self._messages.popitem(last=False)[1])
-                fresh = (track, _Message())
+                fresh = (track, _Message(self._largest))
                 self._messages[side.key] = fresh
                 return fresh
-        return None, _Message()
+        return None, _Message(self._largest)
 
     def _judge_hole(self, track: Track, message: _Message, side: Side) -> None:
         """A hole ends the message it falls into."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
-from dissect.cluster.connect import ANSWER_S, Patience, brief
+from dissect.cluster.connect import ANSWER_S, Patience, bounded, brief
 from dissect.cluster.onworker import ANSWERED, answer
 from dissect.cluster.reader import DEFECT, FOUND, Order
 from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
@@ -25,6 +25,10 @@ from dissect.source.remote import is_remote, shown
 
 #: Files in a row that a worker cannot read, and others can, after which it gets no more.
 _BLIND: Final = 3
+#: Seconds between two questions whether the scheduler is still there.
+_ASK_S: Final = 5
+#: Seconds without an answer after which it is given up. Longer than when a run begins: other people's work may keep it busy.
+SILENCE_S: Final = 30
 
 
 class WorkerLost(BrokenExecutor):
@@ -99,6 +103,8 @@ class Cluster(Executor):
         self._alone_since = 0.0
         self._deserted = False
         self._gone = ""
+        self._heard = time.monotonic()
+        self._ask_at = self._heard + _ASK_S
         self._closed = False
         #: Whether a worker could not be used that should have been.
         self.troubled = False
@@ -128,10 +134,13 @@ class Cluster(Executor):
         return task.future
 
     def look(self) -> None:
-        """Look after the workers: take in who joined; give up when nobody is left, and nobody comes, for some seconds.
+        """Look after the cluster, and give up where nothing is to be hoped for: a scheduler that is silent, no worker left.
 
-        To be called now and then, by who waits for results.
+        Workers that joined are taken in. To be called now and then, by who waits for results.
         """
+        if time.monotonic() > self._ask_at:
+            self._ask_at = float("inf")  # until it has answered
+            threading.Thread(target=self._ask, daemon=True).start()
         with self._lock:
             joining, self._joining = self._joining, set()
         if joining:
@@ -212,7 +221,7 @@ class Cluster(Executor):
             if task in hand.tasks:
                 hand.tasks.remove(task)
             if begun.status == "cancelled":
-                self._scheduler_lost(task)
+                self._give_all_up(f"the connection to the scheduler {self._address()} was lost", task)
             elif error is not None:
                 task.settle(None, FileError(brief(error), hand.worker.label))
             elif how == ANSWERED:
@@ -252,9 +261,10 @@ class Cluster(Executor):
             hand.retired = True
             self._say(None, f"{hand.worker.label}: gets no more files, because others can read what it cannot")
 
-    def _scheduler_lost(self, task: _Task) -> None:
-        self._gone = f"the connection to the scheduler {self._address()} was lost"
-        left = [task, *self._take_waiting()]
+    def _give_all_up(self, why: str, *besides: _Task) -> None:
+        """End every task that is not done, and ``besides``; none begins any more."""
+        self._gone = why
+        left = [*besides, *self._take_waiting()]
         for hand in self._hands.values():
             left += hand.tasks
             hand.tasks.clear()
@@ -263,6 +273,21 @@ class Cluster(Executor):
 
     def _address(self) -> str:
         return shown(str(self._client.scheduler.address)) if self._client.scheduler is not None else "of the cluster"
+
+    def _ask(self) -> None:
+        """Find out whether the scheduler still answers; that a connection ended is noticed without asking."""
+        try:
+            bounded(lambda: self._client.sync(self._client.scheduler.identity), SILENCE_S)
+            heard = True
+        except Exception:  # noqa: BLE001 - what an answer is not: no time, or an error of the transport
+            heard = False
+        now = time.monotonic()
+        with self._lock:
+            if heard:
+                self._heard = now
+            elif now - self._heard > SILENCE_S and not (self._closed or self._gone):
+                self._give_all_up(f"the scheduler {self._address()} has not answered for {SILENCE_S} seconds")
+            self._ask_at = now + _ASK_S
 
     # ---- who comes and goes --------------------------------------------------------------------------------------------
 

@@ -92,12 +92,13 @@ class PlusWatch:
         session = connection.plus
         if session is None:
             session = self._begin(connection)
-        if transaction.function < 0 and (session.subscriptions or connection.mid_stream):
+        function: int = transaction.function
+        if function < 0 and (session.subscriptions or connection.mid_stream):
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
         self._sessions.take(session, transaction)
-        if transaction.function == GET_MULTI_VARIABLES and transaction.outcome == ANSWERED:
+        if function == GET_MULTI_VARIABLES and transaction.outcome == ANSWERED:
             self._operations.polled(session, transaction)
-        facts = take(session, transaction.function, transaction.request_octets, transaction.response_octets)
+        facts = take(session, function, transaction.request_octets, transaction.response_octets, transaction.skimmed)
         if facts is not None:
             for event in facts.events:
                 code = _code_of(event, transaction)

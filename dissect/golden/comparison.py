@@ -6,10 +6,12 @@ from collections.abc import Iterator
 
 from dissect.golden.content import answer_changes, request_changes
 from dissect.golden.difference import Difference, DiffOptions
+from dissect.golden.exchange import PLUS
 from dissect.golden.keys import Keys, subject
 from dissect.golden.model import Link, Session, Transaction
 from dissect.golden.pairing import Match, pair_links, pair_transactions
 from dissect.golden.phrases import Change, outcome
+from dissect.golden.plus_objects import Named, Objects, same_objects, with_objects
 from dissect.iso.tsap import Tsap
 from dissect.report import words
 from dissect.wire.text import printable
@@ -27,8 +29,10 @@ def differences(a: Session, b: Session, options: DiffOptions | None = None) -> I
     for one, other in pair_links(a, b, keys):
         if one is not None and other is not None:
             yield from _link(one, other, chosen)
-            for match in pair_transactions(one.transactions, other.transactions, keys):
-                yield from _match(match, one, other, chosen)
+            matches = pair_transactions(one.transactions, other.transactions, keys)
+            numbers = same_objects([(match.a, match.b) for match in matches if match.a and match.b])
+            for match in matches:
+                yield from _match(match, one, other, chosen, keys.objects, numbers)
         else:
             yield from _alone(one, other, chosen)
 
@@ -96,7 +100,10 @@ def _ended(link: Link) -> str:
 # ---- transactions ---------------------------------------------------------------------------------------------------
 
 
-def _match(match: Match, one: Link, other: Link, options: DiffOptions) -> Iterator[Difference]:
+def _match(
+    match: Match, one: Link, other: Link, options: DiffOptions, objects: Objects, numbers: dict[int, int]
+) -> Iterator[Difference]:
+    """Yield what differs in a pair; ``numbers`` are those of objects of the second recording in the first one."""
     a, b = match.a, match.b
     connections = (one.number, other.number)
     if a is None or b is None:
@@ -106,7 +113,8 @@ def _match(match: Match, one: Link, other: Link, options: DiffOptions) -> Iterat
         where = (f"transaction {a.number}", f"transaction {b.number} of the second")
         text = f"{where[0]}, {subject(a.exchange)}: moved, now {where[1]}"
         yield Difference("order", text, connections, (a.number, b.number), subject(a.exchange), "", where)
-    for change in _changes(a, b, options):
+    named = Named(objects, a, b) if a.exchange.kind == PLUS else None
+    for change in _changes(a, with_objects(b, numbers), options, named):
         about = change.subject or subject(a.exchange, change.item)
         if options.ignores(change.kind, *change.targets, about):
             continue
@@ -134,7 +142,7 @@ def _single(
         yield Difference(kind, text, connections, (0, transaction.number), about, "", ("", said))
 
 
-def _changes(a: Transaction, b: Transaction, options: DiffOptions) -> Iterator[Change]:
+def _changes(a: Transaction, b: Transaction, options: DiffOptions, named: Named | None) -> Iterator[Change]:
     same = a.exchange is b.exchange or (
         a.exchange.request == b.exchange.request
         and a.exchange.response == b.exchange.response
@@ -144,7 +152,7 @@ def _changes(a: Transaction, b: Transaction, options: DiffOptions) -> Iterator[C
         asked, stop = request_changes(a, b, options.naming)
         yield from asked
         if not stop:
-            yield from answer_changes(a, b, options.naming)
+            yield from answer_changes(a, b, options.naming, named)
     if options.shifted(a.latency_ns, b.latency_ns):
         was, is_ = words.duration(a.latency_ns), words.duration(b.latency_ns)
         yield Change("latency", f"answer time was {was}, is {is_}", was, is_)

@@ -11,6 +11,7 @@ from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
 from dissect.golden.plus import plus_differences, plus_subject
+from dissect.golden.plus_objects import Named
 from dissect.report import facets, words
 from dissect.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.s7.message import Pdu
@@ -71,8 +72,13 @@ def _request_words(exchange: Exchange) -> str:
     return ", ".join(notes) or subject(exchange)
 
 
-def answer_changes(a: Transaction, b: Transaction, naming: Naming | None = None) -> Iterator[Change]:
-    """Yield what differs in the answers. Where something else was asked, only whether it was granted is compared."""
+def answer_changes(
+    a: Transaction, b: Transaction, naming: Naming | None = None, named: Named | None = None
+) -> Iterator[Change]:
+    """Yield what differs in the answers. Where something else was asked, only whether it was granted is compared.
+
+    ``named`` knows what the references in S7comm-plus notifications stand for.
+    """
     one, other = a.exchange, b.exchange
     if a.outcome != b.outcome or a.reason != b.reason:
         was, is_ = outcome(a), outcome(b)
@@ -88,7 +94,7 @@ def answer_changes(a: Transaction, b: Transaction, naming: Naming | None = None)
         yield code
         return
     if one.kind == other.kind == PLUS:
-        yield from _plus("answer", one, one.response, other.response)
+        yield from _plus("answer", one, one.response, other.response, named)
         return
     told, tells = one.told, other.told
     if one.request != other.request and one.function not in {READ_VAR, WRITE_VAR, SETUP_COMMUNICATION}:
@@ -279,9 +285,9 @@ def _octets(kind: str, half: str, was: Pdu, is_: Pdu) -> list[Change]:
 # ---- S7comm-plus ----------------------------------------------------------------------------------------------------
 
 
-def _plus(half: str, exchange: Exchange, was: bytes, is_: bytes) -> Iterator[Change]:
+def _plus(half: str, exchange: Exchange, was: bytes, is_: bytes, named: Named | None = None) -> Iterator[Change]:
     """Yield what S7comm-plus PDUs say differently; what counts from one recording to the next is left out."""
-    changes = plus_differences(was, is_)
+    changes = plus_differences(was, is_, *(named.both() if named is not None and not exchange.request else ()))
     name = exchange.function_name
     for old, new in changes[:_FIELDS]:
         yield Change("contents", f"{half}: was {old}, is {new}", old, new, targets=(name,))

@@ -8,6 +8,7 @@ from dissect.golden.difference import DiffOptions
 from dissect.golden.exchange import PLUS, SCD, Exchange
 from dissect.golden.model import Transaction
 from dissect.golden.plus import plus_notes, plus_subject
+from dissect.golden.plus_objects import Objects
 from dissect.golden.writing import FORMS
 from dissect.report import words
 from dissect.s7.tables import READ_VAR, WRITE_VAR
@@ -25,12 +26,13 @@ class Keys:
 
     def __init__(self, options: DiffOptions) -> None:
         self._options = options
+        self.objects = Objects()
         self._exact: dict[Exchange, Key] = {}
         self._loose: dict[Exchange, Key] = {}
 
     def exact(self, transaction: Transaction) -> Key:
         """Return what is asked, to the octet, but without what is ignored; of what nobody asked for, what is told."""
-        exchange = transaction.exchange
+        exchange = self.objects.stable(transaction)
         key = self._exact.get(exchange)
         if key is None:
             key = self._loose_key(exchange) if self._blurred(exchange) else _exact(exchange)
@@ -39,7 +41,7 @@ class Keys:
 
     def loose(self, transaction: Transaction) -> Key:
         """Return what is asked without the values that go with it."""
-        return transaction.asked_by, *self._loose_key(transaction.exchange)
+        return transaction.asked_by, *self._loose_key(self.objects.stable(transaction))
 
     def _loose_key(self, exchange: Exchange) -> Key:
         key = self._loose.get(exchange)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from dissect.golden.phrases import octets_change, short
@@ -9,13 +10,18 @@ from dissect.s7plus import layouts
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.summary import summary
+from dissect.s7plus.summary import object_text, summary
+from dissect.s7plus.tables import NOTIFICATION
+from dissect.s7plus.value_showing import value_text
 from dissect.wire.part import OCTETS, SURPLUS, Part
 
 #: Parts that belong to one recording, and those that say the same in every PDU.
 _PASSING: Final = frozenset(
     id(layout) for layout in (layouts.INTEGRITY_ID, layouts.DIGEST, layouts.FILL, layouts.NOTIFICATION_HEAD)
 )
+#: By reference, what a subscription asks for.
+Names = Mapping[int, str]
+_NO_NAMES: Final[Names] = {}
 #: Octets that are compared as such.
 _PLAIN: Final = frozenset((id(OCTETS), id(SURPLUS), id(layouts.PIECE)))
 
@@ -32,12 +38,16 @@ def plus_subject(octets: bytes) -> tuple[object, ...]:
     return found.object_id, *found.ids, *[address.key for address in found.addresses]
 
 
-def plus_differences(was: bytes, is_: bytes) -> list[tuple[str, str]]:
+def plus_differences(
+    was: bytes, is_: bytes, names: Names = _NO_NAMES, names_now: Names = _NO_NAMES
+) -> list[tuple[str, str]]:
     """Return what two PDUs of the same function say differently, in the order of the wire; empty when it is the same.
 
-    Where they are built of other parts, that is one difference.
+    Where they are built of other parts, that is one difference. ``names`` are what the references in notifications stand for.
     """
     (one, first), (other, second) = _read(was), _read(is_)
+    if one.opcode == other.opcode == NOTIFICATION and not (first.malformed or second.malformed):
+        return _notified_differences((one, first, names), (other, second, names_now))
     old, new = _said(one, first), _said(other, second)
     if [name for name, _, _ in old] != [name for name, _, _ in new]:
         texts = [
@@ -54,6 +64,41 @@ def plus_differences(was: bytes, is_: bytes) -> list[tuple[str, str]]:
             before, after = octets_change(octets, octets_now)
             found.append((f"{name} {before}", f"{name} {after}"))
     return found
+
+
+def _notified_differences(
+    was: tuple[PlusPdu, Contents, Names], is_: tuple[PlusPdu, Contents, Names]
+) -> list[tuple[str, str]]:
+    """Compare what two notifications say of each of their items, by the names that their subscriptions gave them."""
+    old, new = _notified(*was), _notified(*is_)
+    found: list[tuple[str, str]] = []
+    for name in dict.fromkeys([*old, *new]):
+        before, now = old.get(name), new.get(name)
+        if before is None or now is None:
+            found.append((_item(name, before), _item(name, now)))
+        elif before[1] != now[1]:
+            texts = (before[0], now[0]) if before[0] != now[0] else octets_change(before[1], now[1])
+            found.append((_item(name, (texts[0], b"")), _item(name, (texts[1], b""))))
+    return found
+
+
+def _item(name: str, said: tuple[str, bytes] | None) -> str:
+    return f"without {short(name)}" if said is None else f"{short(name)} {said[0]}".rstrip()
+
+
+def _notified(pdu: PlusPdu, found: Contents, names: Names) -> dict[str, tuple[str, bytes]]:
+    """Return what a notification says of each item, in words and as octets; of one that comes again what it says last."""
+    items: dict[str, tuple[str, bytes]] = {}
+    for reference, value in found.items:
+        octets = pdu.data[value.offset : value.end]
+        items[names.get(reference) or f"item {reference}"] = (f"= {short(value_text(value))}", octets)
+    for reference, kind in found.refusals:
+        items[names.get(reference) or f"item {reference}"] = ("refused", bytes((kind,)))
+    for one in found.objects:
+        items[object_text(one)] = ("", pdu.data[one.offset : one.end])
+    if found.value is not None:
+        items["value"] = (f"= {short(value_text(found.value))}", pdu.data[found.value.offset : found.value.end])
+    return items
 
 
 def _read(octets: bytes) -> tuple[PlusPdu, Contents]:

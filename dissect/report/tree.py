@@ -40,6 +40,8 @@ _DT: Final = b"\x02\xf0"
 #: Octets of a PDU whose lines are kept, and of how many of each kind they are: traffic repeats itself.
 _SMALL: Final = 256
 _MOST: Final = 4096
+#: Octets of a PDU in its hex view: one of S7comm-plus may have 8 MiB, and a line takes five times what it shows.
+MAX_HEX: Final = 1 << 20
 _ACK_SIZE: Final = s7.ACK_HEADER.size
 #: Which field of a header is the reference, and where it stands.
 _REF_NUMBER: Final = [field.name for field in s7.HEADER.fields].index("pdu_ref")
@@ -150,7 +152,9 @@ def plus_tree_lines(
     if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
         yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
     yield from _malformed(pdu.malformed, base)
-    yield from _octets(whole, [(begin + base, stop + base) for begin, stop in hidden])
+    yield from _octets(whole[:MAX_HEX], [(begin + base, stop + base) for begin, stop in hidden])
+    if len(whole) > MAX_HEX:
+        yield f"    {words.count(len(whole) - MAX_HEX, 'more byte')} left out of this view"
 
 
 def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:

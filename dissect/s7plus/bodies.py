@@ -72,7 +72,7 @@ def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Want
     Offsets are within ``pdu.data``; ``shown`` false leaves the parts out. ``most`` bounds the work (`Walk`): what a PDU that
     takes more holds is not known (`Contents.exhausted`). With ``wanted`` what nobody will ask for is left out.
     """
-    found = Contents(pdu)
+    found = Contents(pdu.version, pdu.return_value, pdu.frame_starts)
     if pdu.version == KEEP_ALIVE or pdu.version not in VERSIONS:
         return found
     head = fixed_part(pdu)
@@ -85,7 +85,7 @@ def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Want
         walk.rest(found.malformed)
     except FormatError as fault:
         found.exhausted = fault.reason == EXHAUSTED
-        walk.rest(found.malformed, None if _blank(pdu, size) else fault, "snaplen" if pdu.cut else "tsdu")
+        walk.rest(found.malformed, None if _blank(pdu, size) else fault, "snaplen" if pdu.cut else "pdu")
     found.parts = walk.parts
     found.blobs = walk.blobs
     return found

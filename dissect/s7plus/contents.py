@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.ids import AREAS, DATA_BLOCK, block_name, member_name, short_name
-from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.values import Member, Value
 from dissect.wire.malformed import Malformed
@@ -129,10 +128,11 @@ class Contents:
         "whole",
     )
 
-    def __init__(self, pdu: PlusPdu) -> None:
-        self.version = pdu.version
-        self.return_value = pdu.return_value
-        self.frame_starts = pdu.frame_starts
+    def __init__(self, version: int, return_value: int, frame_starts: dict[int, int]) -> None:
+        """``frame_starts`` are those of `PlusPdu`."""
+        self.version = version
+        self.return_value = return_value
+        self.frame_starts = frame_starts
         self.parts: list[Part] = []
         self.malformed: list[Malformed] = []
         self.whole = False  # read up to the last octet, and nothing was odd

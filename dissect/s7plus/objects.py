@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import ATTRIBUTE, OBJECT, OBJECT_END, OBJECT_HELD, RELATION
-from dissect.s7plus.skipping import Skipper, passed
+from dissect.s7plus.skipping import Skipper, member_at, passed
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
     NAMES_TAG,
@@ -16,7 +18,8 @@ from dissect.s7plus.tables import (
     VARIABLES_TAG,
 )
 from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.values import Value, build_value
+from dissect.s7plus.value_tables import STRUCT, UDINT, WSTRING
+from dissect.s7plus.values import Struct, Value, build_value
 from dissect.s7plus.variables import (
     NameList,
     TagDescription,
@@ -30,7 +33,7 @@ from dissect.s7plus.variables import (
     read_variables,
 )
 from dissect.s7plus.walk import STEP, FormatError, Walk
-from dissect.wire.varint import VLQ, build_varint
+from dissect.wire.varint import VLQ, build_varint, read_varint
 
 
 class Attribute:
@@ -53,6 +56,52 @@ class Attribute:
             self._value = read_value(walk, ATTRIBUTE, self._start, "", self.id)
             self._octets = b""
         return self._value
+
+    def text(self) -> str:
+        """Return its value as a text, empty when it is none."""
+        if self._value is None and _is_plain(self._octets, self._start, WSTRING):
+            return _text_at(self._octets, self._start + _HEAD, self._end).decode("utf-8", "replace")
+        content = self.value.content
+        if isinstance(content, bytes):
+            return content.decode("utf-8", "replace")
+        return content if isinstance(content, str) else ""
+
+    def number(self) -> int:
+        """Return its value as a number, -1 when it is none."""
+        if self._value is None and _is_plain(self._octets, self._start, UDINT):
+            return read_varint(self._octets, self._start + _HEAD, self._end, VLQ)[0]
+        content = self.value.content
+        return int(content) if isinstance(content, int) else -1
+
+    def member(self, id_: int) -> str:
+        """Return the first member with this id of the structure that it is; empty where it is no text in UTF-8."""
+        if self._value is None and _is_plain(self._octets, self._start, STRUCT):
+            at = member_at(self._octets, self._start, self._end, id_)
+            if at >= 0:
+                if not _is_plain(self._octets, at, WSTRING):
+                    return ""
+                try:
+                    return _text_at(self._octets, at + _HEAD, self._end).decode("utf-8")
+                except UnicodeDecodeError:
+                    return ""
+        content = self.value.content
+        value = content.find(id_) if isinstance(content, Struct) else None
+        return value.content if value is not None and isinstance(value.content, str) else ""
+
+
+#: Octets of flags and type.
+_HEAD: Final = 2
+
+
+def _is_plain(octets: bytes, at: int, type_: int) -> bool:
+    """Tell whether one value of a type begins here, which is sound."""
+    return octets[at] == 0 and octets[at + 1] == type_
+
+
+def _text_at(octets: bytes, at: int, end: int) -> bytes:
+    """Return the octets of a text that is sound and whose length is at ``at``."""
+    size, begin = read_varint(octets, at, end, VLQ)
+    return octets[begin : begin + size]
 
 
 class Relation:
@@ -84,14 +133,18 @@ class PlusObject:
 
     def find(self, id_: int) -> Value | None:
         """Return the value of an attribute, None when the object has none of this id."""
+        found = self._attribute(id_)
+        return found.value if found is not None else None
+
+    def _attribute(self, id_: int) -> Attribute | None:
         for element in self.elements:
             if isinstance(element, Attribute) and element.id == id_:
-                return element.value
+                return element
         return None
 
     def holds(self, id_: int) -> bool:
         """Tell whether there is an attribute, without reading it."""
-        return any([isinstance(element, Attribute) and element.id == id_ for element in self.elements])
+        return self._attribute(id_) is not None
 
     def relation(self, id_: int) -> int:
         """Return the id of the object that a relation leads to, 0 when there is no such relation."""
@@ -102,17 +155,18 @@ class PlusObject:
 
     def text(self, id_: int) -> str:
         """Return an attribute that is a text, empty when it is none."""
-        value = self.find(id_)
-        content = value.content if value is not None else None
-        if isinstance(content, bytes):
-            return content.decode("utf-8", "replace")
-        return content if isinstance(content, str) else ""
+        found = self._attribute(id_)
+        return found.text() if found is not None else ""
 
     def number(self, id_: int) -> int:
         """Return an attribute that is a number, -1 when it is none."""
-        value = self.find(id_)
-        content = value.content if value is not None else None
-        return int(content) if isinstance(content, int) else -1
+        found = self._attribute(id_)
+        return found.number() if found is not None else -1
+
+    def member(self, id_: int, member: int) -> str:
+        """Return a text in an attribute that is a structure, empty when there is none."""
+        found = self._attribute(id_)
+        return found.member(member) if found is not None else ""
 
     @property
     def objects(self) -> list[PlusObject]:
@@ -202,16 +256,11 @@ def _read_attribute(walk: Walk, start: int, id_: int) -> Attribute:
 
 def _read_object(walk: Walk, elements: list[Element]) -> None:
     start = walk.at
-    walk.spend(STEP, "object")
-    walk.at += 1
-    rid = walk.fixed(4, "RID")
-    class_id = walk.number(VLQ, "class")
-    class_flags = walk.number(VLQ, "class flags")
-    attribute = walk.number(VLQ, "attribute")
-    more = walk.number(VLQ, "attribute") if attribute else 0
-    walk.part(OBJECT_HELD if attribute else OBJECT, start, f"{id_name(class_id)}, {id_name(rid)}" if walk.shown else "")
+    found = _read_head(walk)
+    attribute = found.attribute
+    what = f"{id_name(found.class_id)}, {id_name(found.rid)}" if walk.shown else ""
+    walk.part(OBJECT_HELD if attribute else OBJECT, start, what)
     walk.enter("object")
-    found = PlusObject(rid, class_id, class_flags, attribute, more, [])
     elements.append(found)
     read_into(walk, found.elements)
     walk.depth -= 1
@@ -220,8 +269,49 @@ def _read_object(walk: Walk, elements: list[Element]) -> None:
     if tag != OBJECT_END_TAG:
         raise FormatError("unknown_type", "element", at, OBJECT_END_TAG, tag)
     walk.part(OBJECT_END, at)
-    found.offset = start
     found.end = walk.at
+
+
+def _read_head(walk: Walk) -> PlusObject:
+    """Read what an object begins with, its tag included."""
+    start = walk.at
+    walk.spend(STEP, "object")
+    walk.at += 1
+    rid = walk.fixed(4, "RID")
+    class_id = walk.number(VLQ, "class")
+    class_flags = walk.number(VLQ, "class flags")
+    attribute = walk.number(VLQ, "attribute")
+    more = walk.number(VLQ, "attribute") if attribute else 0
+    found = PlusObject(rid, class_id, class_flags, attribute, more, [])
+    found.offset = start
+    return found
+
+
+def objects_at(octets: bytes, places: list[int], end: int) -> list[PlusObject]:
+    """Return objects that are sound, before ``end``, of what `dissect.s7plus.skipping.Skipper` noted of them."""
+    found: list[PlusObject] = []
+    within: list[PlusObject] = []
+    walk = Walk(octets, 0, end, False)
+    for at in places:
+        tag = octets[at]
+        walk.at = at
+        if tag == OBJECT_TAG:
+            one = _read_head(walk)
+            if within:
+                within[-1].elements.append(one)
+            else:
+                found.append(one)
+            within.append(one)
+        elif tag == OBJECT_END_TAG:
+            within.pop().end = at + 1
+        elif within:  # nobody asks for what stands in no object
+            walk.at = at + 1
+            if tag == ATTRIBUTE_TAG:
+                id_ = walk.number(VLQ, "attribute")
+                within[-1].elements.append(Attribute(id_, None, octets, walk.at, end))
+            else:
+                within[-1].elements.append(read_variables(walk) if tag == VARIABLES_TAG else read_names(walk))
+    return found
 
 
 def objects_of(elements: list[Element]) -> list[PlusObject]:

@@ -15,6 +15,8 @@ from dissect.s7plus.variables import NameList, Variable, VariableList
 
 #: Class of an object that describes a type.
 TYPE_INFO: Final = 511
+#: Attributes that hold the code of a block.
+CODE: Final = frozenset((2533, 2580))
 #: Variables that are remembered of one CPU; when there are more, those that came first are forgotten.
 MAX_VARIABLES: Final = 200_000
 #: Structures inside each other whose members are listed.

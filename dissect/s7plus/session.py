@@ -11,7 +11,7 @@ from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.program import Program, symbol
 from dissect.s7plus.program_tables import ROLES
-from dissect.s7plus.values import Struct, Value
+from dissect.s7plus.values import Value
 
 # Classes and attributes.
 SUBSCRIPTION: Final = 1001
@@ -174,17 +174,13 @@ class PlusSession:
             if len(self.given) < MAX_SUBSCRIPTIONS:
                 self.given.add(id_)
         for one in told.objects:
-            version = one.find(_SESSION_VERSION)
-            if version is not None:
-                self._identify(version)
+            self._identify(one.member(_SESSION_VERSION, _VERSION_TEXT))
             if one.holds(_CHALLENGE):
                 self.challenged = True
 
-    def _identify(self, version: Value) -> None:
-        struct = version.content
-        text = struct.find(_VERSION_TEXT) if isinstance(struct, Struct) else None
-        # For example "1;6ES7 215-1AG40-0XB0 ;V4.3".
-        words = text.content.split(";") if text is not None and isinstance(text.content, str) else []
+    def _identify(self, version: str) -> None:
+        """Take what a CPU says of itself, for example ``1;6ES7 215-1AG40-0XB0 ;V4.3``."""
+        words = version.split(";")
         if len(words) == 3 and words[2].startswith("V"):
             self.identity.order_number = words[1].strip()
             self.identity.firmware = words[2].strip()

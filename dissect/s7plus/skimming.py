@@ -48,15 +48,20 @@ from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ64, read_varint
 
-#: What `skim` returns for contents that must be read.
-UNSOUND: Final = -1
+#: What `skim` says of contents: they are sound; they must be read; items are refused in them. `MET` of skipping is another.
+SOUND: Final = 8
+UNSOUND: Final = 16
+REFUSES: Final = 4
+#: How many bits such words take; the lower 16 bits of the return value of a response stand above them.
+WORDS: Final = 8
+_CODE: Final = 0xFFFF
 
 _BIT_7: Final = 0x80
 _DETAILS: Final = 62
 #: Zeros that end a response of the other kind, and at most those of a notification and of everything else.
 _RESPONSE2_FILL: Final = 11
 _NOTIFICATION_FILL: Final = 4
-_FILL: Final = 5
+FILL: Final = 5
 #: Octets of an id; of a filter of Explore before its members; of what stands between the parts of a notification; of a time.
 _ID: Final = 4
 _FILTER: Final = 5
@@ -67,7 +72,8 @@ _TIME: Final = 8
 def skim(octets: bytes, marks: bytes) -> i64:
     """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
 
-    Else what `marks` says of the objects in it (`Skipper.seen`); 0 for what is no whole PDU, whose contents nobody judges.
+    Else `SOUND`, with `REFUSES` and what ``marks`` says of the objects in it (`Skipper.seen`), and above `WORDS` bits the
+    return code; 0 for contents that nobody judges: of what is no whole PDU, or of a function whose body is not known.
     """
     at, end = one_frame(octets)
     if at >= 0:
@@ -86,44 +92,61 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
             return UNSOUND
         if end - at < NOTIFICATION_SIZE:
             return 0
-        body = _BODY
+        body = free_body()
         body.begin(octets, at + NOTIFICATION_SIZE, end, version, marks)
-        return body.result(body.notification(u32(octets, at + 1)))
+        return body.result(body.notification(u32(octets, at + 1)), 0)
     request = opcode == REQUEST
     size: i64 = REQUEST_SIZE if request else RESPONSE_SIZE
     if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
         return 0
     function = u16(octets, at + 3)
-    body = _BODY
+    if request and function == SET_VAR_SUBSTREAMED and not single:
+        return UNSOUND
+    body = free_body()
     body.begin(octets, at + size, end, version, marks)
     if request:
-        if function == SET_VAR_SUBSTREAMED and not single:
-            return UNSOUND
-        return body.result(body.request(function) and (not body.known or body.ends(_FILL)))
-    first: i64 = octets[at + size] if at + size < end else 0
+        return body.result(body.request(function) and (not body.known or body.ends(FILL)), 0)
+    code: i64 = octets[at + size] if at + size < end else 0
     details = False
-    if first >= _BIT_7 and function == DELETE_OBJECT:
-        details = read_varint(octets, at + size, end, VLQ64)[0] >> _DETAILS & 1 != 0
+    if code >= _BIT_7:
+        value = read_varint(octets, at + size, end, VLQ64)[0]
+        details = function == DELETE_OBJECT and value >> _DETAILS & 1 != 0
+        code = value & _CODE
     if not body.skipper.wide():
-        return body.result(False)
-    fill: i64 = _RESPONSE2_FILL if opcode == RESPONSE2 else _FILL
-    return body.result(body.response(function, details) and (not body.known or body.ends(fill)))
+        return body.result(False, 0)
+    fill: i64 = _RESPONSE2_FILL if opcode == RESPONSE2 else FILL
+    return body.result(body.response(function, details) and (not body.known or body.ends(fill)), code)
 
 
 class Body:
     """The body of a PDU, which ``skipper`` passes over; each method returns False where it must be read.
 
-    ``known`` is False for functions whose body nobody knows.
+    ``known`` is False for functions whose body nobody knows. ``object_id`` is the object that CreateObject creates in, ``ids``
+    are those of the objects that were created, ``integrity_id`` is -1 as long as none has passed.
     """
 
-    __slots__ = ("_end", "_marks", "_numbered", "_octets", "_version", "known", "skipper")
+    __slots__ = (
+        "_end",
+        "_marks",
+        "_octets",
+        "_refused",
+        "_version",
+        "ids",
+        "integrity_id",
+        "known",
+        "object_id",
+        "skipper",
+    )
 
     def __init__(self) -> None:
         self._octets = b""
         self._end: i64 = 0
         self._version: i64 = 0
         self._marks = b""
-        self._numbered = False  # its integrity id has passed
+        self._refused: i64 = 0  # `REFUSES`, once an item is
+        self.integrity_id: i64 = -1
+        self.object_id: i64 = -1
+        self.ids: list[int] = []
         self.known = True
         self.skipper: Skipper = Skipper(b"", 0, 0)
 
@@ -133,16 +156,25 @@ class Body:
         self._end = end
         self._version = version
         self._marks = marks
-        self._numbered = False
+        self._refused = 0
+        self.integrity_id = -1
+        self.object_id = -1
+        if self.ids:
+            self.ids = []
         self.known = True
         self.skipper.begin(octets, at, end)
 
-    def result(self, sound: bool) -> i64:
-        """Return what `skim` returns for contents that are sound, or not; the octets are let go."""
+    def result(self, sound: bool, code: i64) -> i64:
+        """Return what `skim` returns for contents that are sound, or not; the octets are let go, and this one is free again."""
         skipper = self.skipper
-        result: i64 = skipper.seen if sound and skipper.spent <= MAX_WORK else UNSOUND
+        result: i64 = UNSOUND
+        if sound and skipper.spent <= MAX_WORK:
+            result = 0
+            if self.known:
+                result = SOUND | skipper.seen | self._refused | code << WORDS
         self._octets = b""
         skipper.begin(b"", 0, 0)
+        _FREE.append(self)
         return result
 
     def request(self, function: i64) -> bool:
@@ -227,14 +259,14 @@ class Body:
         left: i64 = self._end - at
         if left == 0 or self._filled(at, fill) or (self._version == V2 and self._is_digest(at)):
             return True
-        if self._numbered or self._version == V1 or self.skipper.number() < 0:
+        if self.integrity_id >= 0 or self._version == V1 or not self._id():
             return False
         at = self.skipper.at
-        return self._filled(at, _FILL) or self._is_digest(at)
+        return self._filled(at, FILL) or self._is_digest(at)
 
     def _filled(self, at: i64, fill: i64) -> bool:
         left: i64 = self._end - at
-        return (left == fill or (left == _FILL - 1 and fill == _FILL)) and self._zeros(at)
+        return (left == fill or (left == FILL - 1 and fill == FILL)) and self._zeros(at)
 
     def _zeros(self, at: i64) -> bool:
         octets = self._octets
@@ -262,8 +294,8 @@ class Body:
         return self.skipper.at <= self._end
 
     def _id(self) -> bool:
-        self._numbered = True
-        return self.skipper.number() >= 0
+        self.integrity_id = self.skipper.number()
+        return self.integrity_id >= 0
 
     def _count(self) -> i64:
         """Read a count of things that take one octet or more each, -1 where it lies."""
@@ -336,6 +368,7 @@ class Body:
                 return number == 0
             if not skipper.wide():
                 return False
+            self._refused = REFUSES
 
     def _explore(self) -> bool:
         skipper = self.skipper
@@ -357,7 +390,10 @@ class Body:
                 return True
 
     def _create(self) -> bool:
-        if not self._skip(_ID) or not self.skipper.value(0) or not self._skip(_ID):
+        if not self._skip(_ID):
+            return False
+        self.object_id = u32(self._octets, self.skipper.at - _ID)
+        if not self.skipper.value(0) or not self._skip(_ID):
             return False
         if self._version == V3 or (self._version == V2 and self._peek() != OBJECT_TAG):
             if not self._id():
@@ -365,8 +401,13 @@ class Body:
         return self.skipper.elements(self._marks)
 
     def _created(self) -> bool:
-        if not self.skipper.numbers(self._octet()):
-            return False
+        count = self._octet()
+        while count > 0:
+            id_ = self.skipper.number()
+            if id_ < 0:
+                return False
+            self.ids.append(id_)
+            count -= 1
         return self._version != V1 or self.skipper.elements(self._marks)
 
     def _begin_sequence(self) -> bool:
@@ -407,6 +448,8 @@ class Body:
             elif kind == REFUSED_ITEM or kind == REFUSED_ITEM_3 or kind == UNKNOWN_ITEM:
                 if not self._skip(_ID):
                     return False
+                if kind != UNKNOWN_ITEM:
+                    self._refused = REFUSES
             elif kind == VALUE_ITEM_VLQ:
                 if skipper.number() < 0 or not skipper.value(0):
                     return False
@@ -417,5 +460,13 @@ class Body:
                 return False
 
 
-#: One for all PDUs: making one for each would take as long as passing over it.
-_BODY: Final = Body()
+#: Those that are free: making one for each PDU would take as long as passing over it. Threads do not share one.
+_FREE: Final[list[Body]] = []
+
+
+def free_body() -> Body:
+    """Return one that nobody uses; `Body.result` gives it back."""
+    try:
+        return _FREE.pop()
+    except IndexError:
+        return Body()

@@ -72,6 +72,8 @@ _CAREFUL: Final = 1
 _WANTED: Final = 2
 #: What `Skipper.seen` says when one of those that `marks` was given passed.
 MET: Final = 2
+#: What `marks` says of attributes whose places are noted (`Skipper.noted`).
+_NOTED: Final = 4
 #: Ids that such a table knows; attributes have at most two octets of seven bits.
 _IDS: Final = 1 << 14
 
@@ -90,13 +92,18 @@ def table(wanted: frozenset[int]) -> bytes:
 _COMPRESSED: Final = table(frozenset())
 
 
-def marks(attributes: frozenset[int], classes: frozenset[int]) -> bytes:
-    """Return a table for `Skipper.elements`: `MET` for each id of an attribute and of a class that is among these."""
+def marks(attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset()) -> bytes:
+    """Return a table for `Skipper.elements`: `MET` for each id of an attribute and of a class that is among these.
+
+    ``noted`` are the attributes whose places are to be noted.
+    """
     said = bytearray(2 * _IDS)
     for id_ in COMPRESSED:
         said[id_] = _CAREFUL
     for id_ in attributes:
         said[id_] |= MET
+    for id_ in noted:
+        said[id_] |= _NOTED
     for id_ in classes:
         said[_IDS + id_] = MET
     return bytes(said)
@@ -111,10 +118,11 @@ class Skipper:
     """Passes over values and objects of ``octets``, from ``at`` on and before ``end``.
 
     ``spent`` is the work that reading them would cost. ``seen`` are the bits that the table of `elements` has for the classes
-    of objects and the ids of attributes that were passed.
+    of objects and the ids of attributes that were passed. ``noted`` are the places of the tags of objects, of their ends, of
+    lists and of the attributes that the table says are to be noted; None where nobody asks for them.
     """
 
-    __slots__ = ("_careful", "_end", "_octets", "at", "seen", "spent")
+    __slots__ = ("_careful", "_end", "_octets", "at", "noted", "seen", "spent")
 
     def __init__(self, octets: bytes, at: i64, end: i64) -> None:
         self._octets: bytes = octets
@@ -123,6 +131,7 @@ class Skipper:
         self.at: i64 = at
         self.spent: i64 = 0
         self.seen: i64 = 0
+        self.noted: list[int] | None = None
 
     def begin(self, octets: bytes, at: i64, end: i64) -> None:
         """Begin anew with other octets."""
@@ -132,6 +141,7 @@ class Skipper:
         self.at = at
         self.spent = 0
         self.seen = 0
+        self.noted = None
 
     def value(self, depth: i64, nested: i64 = 0) -> bool:
         """Pass over a value; False when it must be read, and then ``at`` means nothing.
@@ -222,6 +232,7 @@ class Skipper:
         """
         octets = self._octets
         end: i64 = self._end
+        noted = self.noted
         level: i64 = 0
         id_: i64 = 0
         while self.at < end:
@@ -234,27 +245,32 @@ class Skipper:
                     return False
                 mark: i64 = bits[id_] if id_ < _IDS else 0
                 self.seen |= mark & MET
+                if noted is not None and mark & _NOTED:
+                    noted.append(at)
                 if not self.careful_value(level, mark & _CAREFUL != 0):
                     return False
             elif tag == RELATION_TAG:
                 if self.number() < 0 or self.at + _RID > end:
                     return False
                 self.at += _RID
-            elif tag == OBJECT_TAG:
-                level += 1
-                if level > MAX_DEPTH or not self._head(bits):
-                    return False
-            elif tag == OBJECT_END_TAG and level > 0:
-                level -= 1
-            elif tag == VARIABLES_TAG:
-                if not self._listed(pass_variables(octets, at + 1, end)):
-                    return False
-            elif tag == NAMES_TAG:
-                if not self._listed(pass_names(octets, at + 1, end)):
-                    return False
             else:
-                self.at = at
-                return level == 0 and tag != TAG_DESCRIPTION_TAG
+                if tag == OBJECT_TAG:
+                    level += 1
+                    if level > MAX_DEPTH or not self._head(bits):
+                        return False
+                elif tag == OBJECT_END_TAG and level > 0:
+                    level -= 1
+                elif tag == VARIABLES_TAG:
+                    if not self._listed(pass_variables(octets, at + 1, end)):
+                        return False
+                elif tag == NAMES_TAG:
+                    if not self._listed(pass_names(octets, at + 1, end)):
+                        return False
+                else:
+                    self.at = at
+                    return level == 0 and tag != TAG_DESCRIPTION_TAG
+                if noted is not None:
+                    noted.append(at)
         return level == 0
 
     def number(self) -> i64:
@@ -421,6 +437,19 @@ def passed(walk: Walk) -> bool:
     walk.at = skipper.at
     walk.spend(skipper.spent, "value")
     return True
+
+
+def member_at(octets: bytes, at: int, end: int, id_: int) -> int:
+    """Return where the value of the first member with this id begins in the structure at ``at``, -1 where it is not found."""
+    skipper = Skipper(octets, at + 2 + _RID, end)
+    if skipper.at > end or is_packed(u32(octets, at + 2)):
+        return -1
+    while True:
+        found = skipper.number()
+        if found == id_:
+            return int(skipper.at)
+        if found <= 0 or not skipper.value(0):
+            return -1
 
 
 def pass_variables(octets: bytes, at: i64, limit: i64) -> tuple[i64, i64]:

@@ -352,7 +352,7 @@ def read_tag_description(walk: Walk) -> TagDescription:
         _numbers(walk, 3)
     elif form == 3:
         _numbers(walk, 2)
-        for _ in range(walk.counted(VLQ, "dimensions")):
+        for _ in range(walk.counted(VLQ, "dimension count")):
             walk.number(SIGNED, "lower bound")
             _numbers(walk, 1)
     if kind & 0x08:

@@ -117,7 +117,7 @@ def packet_block(
         time_ns = 0 if time_ns < 0 else _MAX_COUNT
     wire_length = max(wire_length, size)
     head = _PACKET_HEAD.pack(ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, wire_length)
-    return head + octets + behind + _U32.pack(total)
+    return b"".join((head, octets, behind, head[4:8]))  # the size of the block stands at both ends
 
 
 def secrets_block(text: bytes) -> bytes:

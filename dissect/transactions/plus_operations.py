@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.alarms import ALARM
+from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.events import (
     CHANGED,
     DELETED,
@@ -25,6 +28,7 @@ from dissect.s7plus.events import (
     TEST_JOB,
     Event,
 )
+from dissect.s7plus.message import parsed
 from dissect.s7plus.session import PlusSession
 from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
@@ -63,6 +67,7 @@ _MANY: Final = 1024
 _BODY: Final = 18
 _DIGEST: Final = 33
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
+_LAST: Final = 0xE8
 
 
 class Poll:
@@ -87,6 +92,20 @@ def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int
     return left_out
 
 
+def _addresses_in(octets: bytes) -> bytes:
+    """Return what a read asks for: its body up to the qualifier."""
+    size: i64 = len(octets)
+    begin: i64 = _BODY
+    if size > 1 and octets[1] == V3:
+        begin += _DIGEST
+    at: i64 = begin + len(_QUALIFIER)
+    while at <= size:  # four times as fast as `bytes.find`
+        if octets[at - 1] == _LAST and octets[at - len(_QUALIFIER) : at] == _QUALIFIER:
+            return octets[begin : at - len(_QUALIFIER)]
+        at += 1
+    return octets[min(begin, size) :]
+
+
 class PlusOperations:
     """Follows the operations of all connections that speak S7comm-plus."""
 
@@ -95,6 +114,10 @@ class PlusOperations:
         self._open: dict[tuple[int, int], Operation] = {}  # by connection and object
         self._most = _MANY
         self._polls: dict[tuple[int, bytes], Poll] = {}  # by connection and what is read
+        # The one that was notified last, by the same: a subscription seldom speaks only once.
+        self._notified: Operation | None = None
+        self._notified_on: i64 = 0
+        self._notified_by: i64 = -1
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
         """Take an event of a transaction: it may begin an operation, or end one. ``code`` is the error it got, 0 for none."""
@@ -131,6 +154,7 @@ class PlusOperations:
             self._remember(event.object_id, transaction, operation)
 
     def _delete(self, event: Event, transaction: Transaction) -> None:
+        self._notified = None
         operation = self._open.pop((int(transaction.connection.number), event.object_id), None)
         if operation is not None and not operation.result:
             operation.add(transaction)
@@ -142,9 +166,15 @@ class PlusOperations:
         if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
             operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
-    def notified(self, subscription: int, transaction: Transaction) -> None:
+    def notified(self, subscription: i64, transaction: Transaction) -> None:
         """Count a notification for its subscription."""
-        operation = self._open.get((int(transaction.connection.number), subscription))
+        number: i64 = transaction.connection.number
+        operation = self._notified
+        if operation is None or subscription != self._notified_by or number != self._notified_on:
+            operation = self._open.get((number, subscription))
+            self._notified = operation
+            self._notified_on = number
+            self._notified_by = subscription
         if operation is None:
             operation = self._begun_before(subscription, transaction)
         elif not operation.result:
@@ -169,6 +199,7 @@ class PlusOperations:
 
     def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:
         """Keep an operation until its object is deleted. What the book has closed by itself leaves when there are many."""
+        self._notified = None
         if len(self._open) >= self._most:
             self._open = {key: one for key, one in self._open.items() if not one.result}
             self._most = max(_MANY, 2 * len(self._open))
@@ -177,12 +208,7 @@ class PlusOperations:
     def polled(self, session: PlusSession, transaction: Transaction) -> None:
         """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""
         octets = transaction.request_octets
-        at = _BODY + (_DIGEST if len(octets) > 1 and octets[1] == V3 else 0)
-        end = octets.find(_QUALIFIER, at)
-        asked = (
-            octets[at:end] if end >= at else octets[min(at, len(octets)) :]
-        )  # compiled, no slice may end before it begins
-        key = int(transaction.connection.number), asked
+        key = int(transaction.connection.number), _addresses_in(octets)
         poll = self._polls.get(key)
         if poll is None:
             if len(self._polls) >= MAX_POLLS:
@@ -194,8 +220,8 @@ class PlusOperations:
         if operation is None:
             if poll.count < _POLLED:
                 return
-            half = transaction.plus_halves()[0]
-            labels = [session.label(address) for address in half.contents.addresses] if half is not None else []
+            found = parse_contents(parsed(octets), False)
+            labels = [session.label(address) for address in found.addresses]
             operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:_MAX_SUBJECT])
             operation.begin_ns = poll.time_ns
             operation.first_frame = poll.frame
@@ -206,6 +232,7 @@ class PlusOperations:
 
     def end(self, connection: Connection) -> None:
         """A connection is over: what is open there is closed by the book."""
+        self._notified = None
         number = int(connection.number)
         for poll in [poll for poll in self._polls if poll[0] == number]:
             del self._polls[poll]

@@ -31,7 +31,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
 from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.refusals import answered, notifies_refusal
+from dissect.s7plus.refusals import answered, glimpse, notifies_refusal
 from dissect.s7plus.tables import ERRORS, refuses
 from dissect.transactions.payloads import ScdParameters
 from dissect.wire.malformed import Malformed
@@ -66,7 +66,9 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.error_code = told.err
         transaction.has_errors = told.refused
         return
-    code, refused = answered(transaction.response_octets)
+    octets = transaction.response_octets
+    transaction.skimmed = glimpse(octets)
+    code, refused = answered(octets, transaction.skimmed)
     if refused:
         transaction.has_errors = True
         if refuses(code):
@@ -75,8 +77,11 @@ def check_other_answer(transaction: Transaction) -> None:
 
 def check_notification(transaction: Transaction) -> None:
     """Look whether an S7comm-plus notification refuses items of its subscription."""
-    if transaction.is_plus and notifies_refusal(transaction.response_octets):
-        transaction.has_errors = True
+    if transaction.is_plus:
+        octets = transaction.response_octets
+        transaction.skimmed = glimpse(octets)
+        if notifies_refusal(octets, transaction.skimmed):
+            transaction.has_errors = True
 
 
 def mismatch(request: Parameters, answer: Parameters) -> bool:

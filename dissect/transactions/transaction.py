@@ -144,6 +144,7 @@ class Transaction:
         "response_rosctr",
         "response_size",
         "rosctr",
+        "skimmed",
         "subscribed",
         "superseded",
     )
@@ -175,6 +176,7 @@ class Transaction:
         self.error_code: i64 = 0  # header class and code, or the userdata error code
         self.has_errors: bool = False
         self.flags: i64 = 0
+        self.skimmed: i64 = -1  # what `dissect.s7plus.refusals.glimpse` said of the answer, -1 for none
         self.superseded: Transaction | None = (
             None  # a request before it with the same reference, its answer not seen yet
         )

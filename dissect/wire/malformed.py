@@ -18,7 +18,7 @@ REASONS: Final = (
 )  # fmt: skip
 
 #: Whose length field set the limit that was broken.
-LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item", "packet")
+LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item", "packet", "pdu")
 #: What that length field is the length of, in words.
 _CONTAINERS: Final = {
     "snaplen": "the capture",
@@ -30,14 +30,20 @@ _CONTAINERS: Final = {
     "data": "the data part",
     "item": "the item",
     "packet": "the packet",
+    "pdu": "the rest of the PDU",
 }
+#: How the names of fields end that count something; others are lengths in bytes.
+_COUNTS: Final = "count"
+#: How those begin that say how deep something stands in something else.
+_DEPTH: Final = "depth of "
 
 
 class Malformed:
     """One fact: in ``layer`` at ``offset`` (absolute within the TPDU or TSDU) something does not fit.
 
-    ``needed`` and ``available`` are sizes in octets (or counts, for ``count_mismatch``); ``limit`` names the length field that
-    set the bound (one of `LIMITS`). What was read before the fault is kept by the parser that reports it.
+    ``needed`` and ``available`` are sizes in octets (or counts, for ``count_mismatch``; ``needed`` is one where a count is
+    beyond). ``limit`` names the length field that set the bound (one of `LIMITS`). What was read before the fault is kept by
+    the parser that reports it.
     """
 
     __slots__ = ("available", "field", "layer", "limit", "needed", "offset", "reason")
@@ -65,6 +71,8 @@ class Malformed:
         container = _CONTAINERS.get(self.limit, self.limit)
         if self.reason == "too_short":
             return f"{where} needs {_octets(self.needed)}, {container} has {self.available}"
+        if self.reason == "length_beyond" and self.field.endswith(_COUNTS):
+            return f"{where} announces {self.needed}, {container} has {_octets(self.available)}"
         if self.reason == "length_beyond":
             return f"{where} claims {_octets(self.needed)}, {container} has {self.available}"
         if self.reason == "length_below":
@@ -81,6 +89,8 @@ class Malformed:
             return f"{where}: its {_octets(self.available)} decompress to {self.needed} or more"
         if self.reason == "unknown_type":
             return f"{where} is {self.available}, which is unknown"
+        if self.field.startswith(_DEPTH):
+            return f"{where} is {self.available}, more than the {self.needed} that are read"
         return f"{where} is {self.available}, expected {self.needed}"
 
     def as_dict(self) -> dict[str, object]:

@@ -18,6 +18,7 @@ from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.survey import Survey
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options
+from dissect.s7plus.assembly import MAX_PDU
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter
@@ -29,7 +30,12 @@ KEY: Final = Key(b"a key of these tests")
 
 
 def anonymized(
-    source: Path, out: Path, choices: Choices | None = None, key: Key = KEY, carrier: ScdCarrier | None = None
+    source: Path,
+    out: Path,
+    choices: Choices | None = None,
+    key: Key = KEY,
+    carrier: ScdCarrier | None = None,
+    largest: int = MAX_PDU,
 ) -> Account:
     """Write what becomes of ``source`` to ``out``, and give the account of it. A bug of ours raises."""
     choices = choices if choices is not None else Choices()
@@ -37,7 +43,7 @@ def anonymized(
     addresses = AddressMap(key)
     rules = Rules(key, addresses, choices, ScdRules(key, addresses, choices, carrier, account))
     plus = PlusRules(PlusContents(key, choices, account), account)
-    survey = Survey(key, rules, plus, account, carrier)
+    survey = Survey(key, rules, plus, account, carrier, largest)
     run = Run([str(source)], survey, Options(strict=True, decoder=carrier))
     while run.step():
         pass

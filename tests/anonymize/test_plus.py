@@ -15,7 +15,7 @@ import dissect
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.key import Key
 from dissect.anonymize.plus_contents import PROCESS, PlusContents
-from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
+from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.layouts import VALUE
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -173,9 +173,11 @@ def test_a_reference_list_keeps_what_is_subscribed_and_renames_its_checksums() -
 # ---- messages -------------------------------------------------------------------------------------------------------
 
 
-def written(tmp_path: Path, talk: Talk, choices: Choices | None = None) -> tuple[Path, Path, Account]:
+def written(
+    tmp_path: Path, talk: Talk, choices: Choices | None = None, largest: int = MAX_PDU
+) -> tuple[Path, Path, Account]:
     source, out = saved(tmp_path / "source.pcapng", talk.packets()), tmp_path / "out.pcapng"
-    return source, out, anonymized(source, out, choices)
+    return source, out, anonymized(source, out, choices, largest=largest)
 
 
 def layouts_of(path: Path) -> list[tuple[str, str, list[tuple[str, int]]]]:
@@ -305,14 +307,13 @@ def test_frames_of_a_lost_segment_become_zeros(tmp_path: Path) -> None:
     assert [row[1] for row in layouts_of(out)] == [row[1] for row in layouts_of(source)]
 
 
-def test_a_pdu_beyond_what_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dissect.anonymize.survey.PlusAssembler", lambda: PlusAssembler(2000))
+def test_a_pdu_beyond_what_is_kept(tmp_path: Path) -> None:
     talk = begun()
     for number in range(8):
         body = asked(2, EXPLORE) if number == 0 else b""
         sent(talk, 0, framed(body + b"Pumpwerk Nord" * 30, 3, trailer=number == 7))
     sent(talk, 0, framed(asked(3, body=bodies.get_multi(TAG)), 3))
-    _, out, _ = written(tmp_path, talk.close())
+    _, out, _ = written(tmp_path, talk.close(), largest=2000)
     assert b"Nord" not in out.read_bytes()
     assert MAX_PDU == 8 << 20
     assert layouts_of_last(out) == "GetMultiVariables"

@@ -7,8 +7,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +20,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from dissect.cli.examples import EXAMPLES
+from dissect.cluster import executor
 from dissect.source.files import open_capture
 from tests.cli.support import Ran, run
 from tests.cluster.support import PATIENCE_S, Cluster, Pipes, cluster
@@ -533,6 +536,33 @@ def test_a_worker_that_joins_later(capfdbinary: Capture, site: Site, tmp_path: P
         path.unlink()
         path.symlink_to(CLOCK)
     assert run(capfdbinary, "analyze", "--separate", "-T", "json", *files).out == out
+
+
+def test_a_scheduler_that_falls_silent(
+    capfdbinary: Capture, site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It keeps its connections, and does nothing any more."""
+    monkeypatch.setattr(executor, "SILENCE_S", 1)
+    monkeypatch.setattr(executor, "_ASK_S", 0.1)
+    pipes = Pipes(tmp_path / "x.pcapng", tmp_path / "y.pcapng")
+
+    def stop() -> None:
+        pipes.await_readers()
+        site.cluster.scheduler.send_signal(signal.SIGSTOP)
+
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    try:
+        call = ("analyze", "--separate", "--brief", CLOCK, *pipes.paths, SZL)
+        ran = run(capfdbinary, *call, "--cluster", site.cluster.address)
+    finally:
+        stopping.join()
+        site.cluster.scheduler.send_signal(signal.SIGCONT)
+        pipes.close()
+    assert ran.code == 3
+    silent = f"the scheduler {site.cluster.address} has not answered for 1 seconds"
+    assert ran.err.splitlines() == [f"s7dissect: {file}: {silent}" for file in (*pipes.paths, SZL)]
+    assert ran.out.startswith(f"{CLOCK}: 20 packets")
 
 
 def test_a_scheduler_that_is_gone(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:

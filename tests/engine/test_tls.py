@@ -280,6 +280,10 @@ def test_the_reason_is_a_finding() -> None:
     assert said.endswith(
         " encrypted records stay closed: the key log lacks SERVER_HANDSHAKE_TRAFFIC_SECRET of its session"
     )
+    # What is said of every encrypted connection holds here too: keys were given, and where it says why they did not open it.
+    (encrypted,) = [one.rule.advice for one in talk.findings if one.slug == "session.encrypted"]
+    assert "without its session keys" not in encrypted.lower()
+    assert "session.tls_closed" in encrypted
 
 
 def test_a_key_log_in_the_capture() -> None:

@@ -411,7 +411,7 @@ def test_reads_that_lie_are_told_though_nobody_looks_at_what_they_read() -> None
     talk.tell(framed(told(1, GET_MULTI_VARIABLES, b"\0no contents either" + bytes(4)), 3))
     do(talk, 2, GET_MULTI_VARIABLES, bodies.get_multi(Address(0, 82, 3736, [3, 100, 2])), b"\0\1\0\7\0\5\0\0")
     talk.tell(framed(told(3, GET_MULTI_VARIABLES, b"\0\1\0\7\0"), 3))
-    count = "item count at byte 55 claims 111 bytes, the TSDU has 13"
+    count = "item count at byte 55 announces 111, the rest of the PDU has 13 bytes"
     assert said(talk) == [
         ("s7plus.malformed", f"request: s7plus: {count}; response: s7plus: type at byte 50 is 32, which is unknown"),
         ("transaction.orphan", "reference 0x0003"),

@@ -27,7 +27,7 @@ from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import answered, notifies_refusal, refuses_items
+from dissect.s7plus.refusals import answered, glimpse, notifies_refusal, refuses_items
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import refuses
 from dissect.transactions.connection import Connection
@@ -122,8 +122,9 @@ def _plus(octets: bytes, cut: bool) -> None:
     _check_malformed(found.malformed, len(pdu.data))
     assert [value for _, value in parse_contents(pdu, shown=False).items] == [value for _, value in found.items]
     if not cut:
-        assert answered(octets) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
-        notifies_refusal(octets)
+        skimmed = glimpse(octets)
+        assert answered(octets, skimmed) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
+        notifies_refusal(octets, skimmed)
     if not TURNS.has(octets, MORE, THINGS):
         return
     session = PlusSession(Program(), Identity())

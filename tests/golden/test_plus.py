@@ -10,9 +10,9 @@ from dissect.golden import diff_sessions, golden_text, parse_golden, read_sessio
 from dissect.golden.masking import mask_plus
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject
-from dissect.s7plus.tables import CREATE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
+from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.s7plus.value_tables import BLOB, DINT, INT, UDINT, USINT, WSTRING
-from dissect.s7plus.values import Blob, Value
+from dissect.s7plus.values import Blob, Value, build_value
 from tests.golden import support
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Talk
@@ -120,3 +120,91 @@ def test_shared_captures_are_as_their_goldens(corpus: Path, name: str) -> None:
     again = parse_golden(golden_text(made))
     assert golden_text(again) == golden_text(made)
     assert diff_sessions(again, made) == []
+
+
+WATCHED = [(7, LEVEL), (8, SPEED)]
+
+
+def subscribed(
+    session_id: int, subscription: int, values: dict[int, int | None], watched: list[tuple[int, Address]] = WATCHED
+) -> Talk:
+    """A client gets a session, subscribes to variables, is told some of them (None: refused), and ends all of it."""
+    talk = begun()
+    one = PlusObject(211, 287, 0, 0, 0, [Attribute(297, Value(0, WSTRING, HMI))])
+    send(talk, 0, asked(1, CREATE_OBJECT, 288, 0x36, bodies.create_object(285, Value(0, UDINT, 0), one)), 1)
+    send(talk, 1, told(1, CREATE_OBJECT, b"\0\1" + bodies.number(session_id) + bodies.FILL), 1)
+    numbers = [0x80010000, 0, len(watched)]
+    for reference, address in watched:
+        count = 0x80040000 | (1 + len(address.lids))
+        numbers += [count, reference, 0, address.area, address.crc, address.sub_area, *address.lids]
+    watches = PlusObject(0x7FFFC001, 1001, 0, 0, 0, [Attribute(1048, Value(0x20, UDINT, numbers))])
+    body = bodies.create_object(session_id, Value(0, UDINT, 0), watches, integrity_id=5)
+    send(talk, 0, asked(2, CREATE_OBJECT, session_id, body=body), 3)
+    send(talk, 1, told(2, CREATE_OBJECT, b"\0\1" + bodies.number(subscription) + bodies.end(7)), 3)
+    items = b""
+    for reference, value in values.items():
+        kind = b"\x13" if value is None else b"\x92"
+        items += kind + bodies.rid(reference) + (b"" if value is None else build_value(Value(0, INT, value)))
+    send(talk, 1, b"\x33" + bodies.rid(subscription) + b"\4\0\0\0\0\0\1\1\1" + items + b"\0" + bytes(4), 3)
+    send(talk, 0, asked(3, DELETE_OBJECT, session_id, body=bodies.delete_object(subscription)), 3)
+    send(talk, 1, told(3, DELETE_OBJECT, b"\0" + bodies.rid(subscription) + bodies.end(12)), 3)
+    return talk.close()
+
+
+def test_ids_that_a_device_gives_anew_make_no_difference() -> None:
+    one = subscribed(0x386, 0x70000E51, {7: 5, 8: 6})
+    assert differences(one, subscribed(0x3F1, 0x70000F77, {7: 5, 8: 6})) == []
+    # Of another size it is another device, and stays one that is told.
+    assert any("object id" in text for text in differences(one, subscribed(0x70000001, 0x70000F77, {7: 5, 8: 6})))
+
+
+def test_another_object_is_still_told() -> None:
+    """The subscription that is deleted is not the one that was made."""
+
+    def deleted(object_id: int) -> Talk:
+        talk = begun()
+        send(talk, 0, asked(3, DELETE_OBJECT, 0x386, body=bodies.delete_object(object_id)), 3)
+        send(talk, 1, told(3, DELETE_OBJECT, b"\0" + bodies.rid(object_id) + bodies.end(12)), 3)
+        return talk.close()
+
+    (said, *_) = differences(deleted(0x70000E51), deleted(0x70000E52))
+    assert ("0x70000e51" in said, "0x70000e52" in said) == (True, True), said
+
+
+def test_items_of_notifications_are_told_by_the_names_of_their_subscription() -> None:
+    """Whatever numbers the clients gave to them."""
+    one = subscribed(0x386, 0x70000E51, {7: 5, 8: 6})
+    other = subscribed(0x3F1, 0x70000F77, {7: 4, 8: None})
+    about = "transaction 4, S7comm-plus Notification: answer: was "
+    assert differences(one, other) == [
+        about + "MW100 = Int 5, is MW100 = Int 4",
+        about + "MW102 = Int 6, is MW102 refused",
+    ]
+    (missing,) = differences(one, subscribed(0x3F1, 0x70000F77, {7: 5}))
+    assert missing == about + "MW102 = Int 6, is without MW102"
+    swapped = differences(one, subscribed(0x386, 0x70000E51, {7: 6, 8: 5}, [(8, LEVEL), (7, SPEED)]))
+    assert not any("Notification" in text for text in swapped), swapped
+
+
+def test_items_without_their_subscription_are_told_by_their_reference() -> None:
+    def notified(value: int) -> Talk:
+        talk = begun()
+        item = b"\x92" + bodies.rid(7) + build_value(Value(0, INT, value))
+        send(talk, 1, b"\x33" + bodies.rid(0x70000E51) + b"\4\0\0\0\0\0\1\1\1" + item + b"\0" + bytes(4), 3)
+        return talk.close()
+
+    assert differences(notified(5), notified(9)) == [
+        "transaction 2, S7comm-plus Notification: answer: was item 7 = Int 5, is item 7 = Int 9"
+    ]
+
+
+def test_a_shared_capture_differs_by_what_the_plant_did(corpus: Path) -> None:
+    """Two recordings of the same panel: in the second a variable has a different symbol, and is refused."""
+    folder = corpus / "s7plus"
+    name = "V13_1200_TP1200sim_MW100_Int_SPS_5s_MW102_Int_SPS_10s_MW102_ab_1000_Timer_sync"
+    said = support.told(read_session(folder / f"{name}.pcapng"), read_session(folder / f"{name}_FehlerbeiMW100.pcapng"))
+    changes = [text for text in said if ": request: " in text]
+    assert len(changes) == 1
+    assert "SubscriptionReferenceList" in changes[0]
+    assert any("is M LID 9 [CRC 0x446d2a0b] refused" in text for text in said)
+    assert not any("object id" in text for text in said)

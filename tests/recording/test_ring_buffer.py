@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from dissect.recording.ring_buffer import RingBuffer, RingLimits, parse_limits
 from dissect.source.files import open_capture
-from tests.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, step_to_the_end
+from tests.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, small_disk, step_to_the_end
 
 TIME = EPOCH * NS
 OCTETS = bytes(range(100))
@@ -153,23 +151,16 @@ def test_comments_without_packets_are_bounded(tmp_path: Path) -> None:
     assert len(drain(open_capture(str(ring.finished[0]))).comments) == 64
 
 
-@pytest.fixture
-def small_disk() -> Iterator[None]:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_after_an_error_it_goes_on_in_another_file(tmp_path: Path, small_disk: None) -> None:
+def test_after_an_error_it_goes_on_in_another_file(tmp_path: Path) -> None:
     ring = RingBuffer(str(tmp_path))
     failed = []
-    for number in range(20):
-        try:
-            put(ring, number)
-        except OSError as error:
-            failed.append(str(error.filename))
-    ring.close()
+    with small_disk(1000):
+        for number in range(20):
+            try:
+                put(ring, number)
+            except OSError as error:
+                failed.append(str(error.filename))
+        ring.close()
     parts = sorted(tmp_path.iterdir())
     assert failed == [str(path) for path in parts[:2]]
     assert [numbers(path) for path in parts] == [list(range(6)), list(range(7, 13)), list(range(14, 20))]

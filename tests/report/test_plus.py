@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dissect.engine.observer import Observer
 from dissect.report.contract import analysis_as_dict
 from dissect.report.plus import head_json, plus_notes
-from dissect.report.tree import plus_tree_lines
+from dissect.report.tree import MAX_HEX, plus_tree_lines
 from dissect.report.words import Places
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
 from dissect.report.writers.jsonl import PduLines, TransactionLines
@@ -342,3 +342,14 @@ def test_shared_captures_hold_the_contract(corpus: Path) -> None:
     assert len(plus) == 8 + 26 + 79
     assert [complaint for line in plus for complaint in complaints("transaction", line, exact=True)] == []
     assert sum(line["function"]["code"] == GET_MULTI for line in plus) == 6
+
+
+def test_the_hex_view_of_a_huge_pdu_ends_and_says_so() -> None:
+    data = asked(1, 0x0500) + bytes(MAX_HEX + 1000)
+    frames = [data[at : at + 60000] for at in range(0, len(data), 60000)]
+    octets = b"".join([framed(frame, 2, trailer=frame is frames[-1]) for frame in frames])
+    lines = list(plus_tree_lines(parse_plus(octets), b""))
+    assert lines[-1].strip() == f"{len(octets) - MAX_HEX} more bytes left out of this view"
+    assert len(lines) < MAX_HEX // 16 + 100
+    small = list(plus_tree_lines(parse_plus(framed(asked(1))), b""))
+    assert not any("left out" in line for line in small)

@@ -107,7 +107,7 @@ def test_the_finding_says_the_place() -> None:
     function, body, _, _ = CASES["an array of more than there is"]
     octets, pdu, found = contents(function, body)
     detail = str(found.malformed[0])
-    assert f"count at byte {found.malformed[0].offset} claims 4294967295 bytes" in detail
+    assert f"count at byte {found.malformed[0].offset} announces 4294967295, the rest of the PDU has" in detail
     assert pdu.place(found.malformed[0].offset) == len(octets) - len(pdu.data) - 4 + found.malformed[0].offset
 
 

@@ -12,7 +12,7 @@ from dissect.s7plus.items import PlusItem, join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import answered, notifies_refusal, refuses_items
+from dissect.s7plus.refusals import answered, glimpse, notifies_refusal, refuses_items
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import (
@@ -129,7 +129,7 @@ def test_a_notification_that_refuses_items_is_known_by_a_glance(
             data += bytes((one,)) + (b"\5" + build_value(FIVE) if one == 0x9B else reference)
     data += b"\0" + bytes(4)
     octets = framed(data[: len(data) - 5 * lost], version)
-    assert notifies_refusal(octets) == bool(parse_contents(parse_plus(octets), False).refusals)
+    assert notifies_refusal(octets, glimpse(octets)) == bool(parse_contents(parse_plus(octets), False).refusals)
 
 
 def test_functions_without_items() -> None:
@@ -211,15 +211,16 @@ def test_refusals_are_found_without_reading_it_all(
     if version == 1 and integrity_id >= 0:
         integrity_id = -1
     pdu = framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got(items, refusals, integrity_id)), version)
-    assert answered(pdu) == (0, bool(refusals))
+    assert answered(pdu, glimpse(pdu)) == (0, bool(refusals))
     digest = bodies.multi_got(items, refusals, max(integrity_id, 0))[:-4] + b"\x20" + bytes(range(32))
-    assert answered(framed(told(1, GET_MULTI_VARIABLES, digest), 2)) == (0, bool(refusals))
+    pdu = framed(told(1, GET_MULTI_VARIABLES, digest), 2)
+    assert answered(pdu, glimpse(pdu)) == (0, bool(refusals))
 
 
 def test_refusals_of_a_write() -> None:
     good = framed(told(1, SET_MULTI_VARIABLES, b"\0\0" + bodies.end(3)), 3)
     bad = framed(told(1, SET_MULTI_VARIABLES, b"\0\1\5\0" + bodies.end(3)), 3)
-    assert (answered(good), answered(bad)) == ((0, False), (0, True))
+    assert [answered(pdu, glimpse(pdu)) for pdu in (good, bad)] == [(0, False), (0, True)]
 
 
 def several(values: list[Value]) -> bytes:
@@ -239,7 +240,7 @@ def test_what_a_response_says_is_found_in_place_as_by_reading_it(
     octets = framed(told(1, function, body), version)
     octets = octets[: len(octets) - lost]
     pdu = parse_plus(octets)
-    assert answered(octets) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
+    assert answered(octets, glimpse(octets)) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
 
 
 # ---- secrets --------------------------------------------------------------------------------------------------------

@@ -6,8 +6,8 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
-from dissect.s7plus import refusals
-from dissect.s7plus.refusals import answered
+from dissect.s7plus import skimming
+from dissect.s7plus.refusals import answered, glimpse
 from dissect.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES
 from dissect.s7plus.value_tables import INT
 from dissect.s7plus.values import Value
@@ -26,7 +26,7 @@ def test_threads_do_not_disturb_each_other() -> None:
 
     def ask(octets: bytes) -> set[tuple[int, bool]]:
         together.wait()
-        return {answered(octets) for _ in range(5000)}
+        return {answered(octets, glimpse(octets)) for _ in range(5000)}
 
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
@@ -39,9 +39,9 @@ def test_threads_do_not_disturb_each_other() -> None:
 
 
 def test_what_reads_a_pdu_is_used_by_one_at_a_time_and_then_again() -> None:
-    one, other = refusals._reader(), refusals._reader()
+    one, other = skimming.free_body(), skimming.free_body()
     assert one is not other
-    free = len(refusals._FREE)
+    free = len(skimming._FREE)
     for octets in (_REFUSED, _GOOD, _DENIED):
-        assert answered(octets)[1] is (octets != _GOOD)
-    assert len(refusals._FREE) == max(free, 1)
+        assert answered(octets, glimpse(octets))[1] is (octets != _GOOD)
+    assert len(skimming._FREE) == max(free, 1)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import resource
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final, NamedTuple
 
 from mypy_extensions import i64
@@ -230,3 +233,17 @@ class Pcapng(Sample):
         wire = len(octets) if wire is None else wire
         frame = Frame(time_ns, octets, wire, self.link_types[0])
         self.block(3, struct.pack(f"{self.order}I", wire) + octets, frame)
+
+
+@contextmanager
+def small_disk(most: int) -> Iterator[None]:
+    """No file of this process may grow beyond so many octets: the write that would is cut short, as on a full disk.
+
+    As short as can be: what pytest says may go to a file.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

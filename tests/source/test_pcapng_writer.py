@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import random
-import resource
 import signal
 import stat
 import struct
@@ -22,7 +21,7 @@ from dissect.source import pcapng_writer
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter, comment_octets, interface_block, packet_block, section_block
 from tests.report.support import UNSAFE
-from tests.source.craft import EPOCH, ETHERNET, NS, SLL, Frame, Recorder, drain, reader_of, step_to_the_end
+from tests.source.craft import EPOCH, ETHERNET, NS, SLL, Frame, Recorder, drain, reader_of, small_disk, step_to_the_end
 
 TIME = EPOCH * NS + 123_456_789
 #: An Ethernet frame of a protocol nobody knows, which Wireshark shows without complaint.
@@ -236,27 +235,19 @@ def test_a_batch_is_written_when_it_is_full_and_when_asked(tmp_path: Path) -> No
     assert len(read(path).frames) == 12
 
 
-@pytest.fixture
-def small_disk() -> Iterator[int]:
-    """No file of this process may grow beyond so many octets: the write that would is cut short, as on a full disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
-    yield 1000
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 @pytest.mark.parametrize("batch", [0, 300])
-def test_a_full_disk_is_told_and_leaves_whole_blocks(tmp_path: Path, small_disk: int, batch: int) -> None:
+def test_a_full_disk_is_told_and_leaves_whole_blocks(tmp_path: Path, batch: int) -> None:
     path = tmp_path / "out.pcapng"
-    writer = PcapngWriter(str(path), batch=batch)
     written = 0
-    with pytest.raises(OSError, match=r"too large.*out\.pcapng") as told:  # noqa: PT012 - which packet is the point
-        for _ in range(100):
-            writer.packet(written, ETHER, 60, ETHERNET)
-            written += 1
-    assert told.value.filename == str(path)
-    writer.close()
-    assert small_disk - 400 < path.stat().st_size <= small_disk
+    with small_disk(1000):
+        writer = PcapngWriter(str(path), batch=batch)
+        with pytest.raises(OSError, match=r"too large.*out\.pcapng") as told:  # noqa: PT012 - which packet is the point
+            for _ in range(100):
+                writer.packet(written, ETHER, 60, ETHERNET)
+                written += 1
+        assert told.value.filename == str(path)
+        writer.close()
+    assert 600 < path.stat().st_size <= 1000
     assert len(read(path).frames) == written if batch == 0 else 0 < len(read(path).frames) <= written
 
 

@@ -1,0 +1,201 @@
+"""Numbers that belong to one recording of an S7comm-plus session, and what they stand for.
+
+A device numbers the sessions and subscriptions that clients make, each time anew; a subscription numbers its variables as its
+client pleases. For a comparison the first are put in the place of each other, and the second are named as they were asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from dissect.golden.exchange import PLUS, Exchange
+from dissect.golden.model import Link, Transaction
+from dissect.golden.plus import Names
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.events import take
+from dissect.s7plus.layouts import (
+    ADDRESS,
+    EXPLORE_HEAD,
+    INVOKE_HEAD,
+    ITEM_COUNTS,
+    LINK_REQUEST,
+    OBJECT_ID,
+    OBJECT_ID_VLQ,
+    SECOND_PART,
+)
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.program import Program
+from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.tables import CREATE_OBJECT, NOTIFICATION, V1
+from dissect.wire.varint import VLQ, build_varint
+
+#: Parts with the id of an object, and the field that holds it.
+_FIELDS: Final = {
+    id(layout): name
+    for layout, name in (
+        (OBJECT_ID, "rid"),
+        (OBJECT_ID_VLQ, "rid"),
+        (ITEM_COUNTS, "link"),
+        (ADDRESS, "area"),
+        (LINK_REQUEST, "rid"),
+        (EXPLORE_HEAD, "rid"),
+        (INVOKE_HEAD, "sub_session"),
+        (SECOND_PART, "object_id"),
+    )
+}
+#: Stable numbers: as many octets as those of devices take, of either size, so that nothing changes its place.
+_STABLE: Final = 0x7FFE0000
+_STABLE_SMALL: Final = 0x3000
+_SMALL: Final = 0x4000
+#: Objects of a connection that are followed.
+MAX_OBJECTS: Final = 4096
+
+
+def made(exchange: Exchange) -> list[int]:
+    """Return the ids that a device gave to what a request created, in their order."""
+    told = exchange.plus[1]
+    if told is None or told.function != CREATE_OBJECT:
+        return []
+    return parse_contents(told, False).ids
+
+
+class Objects:
+    """The objects that were made on the connections of a session, and the names of what was subscribed there."""
+
+    def __init__(self) -> None:
+        self._stable: dict[Link, dict[int, int]] = {}
+        self._names: dict[Link, dict[int, Names]] = {}
+        self._said: dict[tuple[Link, Exchange], Exchange] = {}
+
+    def stable(self, transaction: Transaction) -> Exchange:
+        """Return the exchange of a transaction with a stable number for each object that was made on its connection."""
+        exchange = transaction.exchange
+        if exchange.kind != PLUS:
+            return exchange
+        key = transaction.connection, exchange
+        found = self._said.get(key)
+        if found is None:
+            found = renumbered(exchange, self._stable_of(transaction.connection))
+            self._said[key] = found
+        return found
+
+    def _stable_of(self, link: Link) -> dict[int, int]:
+        """Return a stable number by each id: by how many the device had made before."""
+        found = self._stable.get(link)
+        if found is None:
+            found = {}
+            for id_ in _all_made(link.transactions):
+                if id_ not in found and len(found) < MAX_OBJECTS:
+                    found[id_] = (_STABLE_SMALL if id_ < _SMALL else _STABLE) + len(found)
+            self._stable[link] = found
+        return found
+
+    def names(self, transaction: Transaction) -> Names:
+        """Return what the references of a notification stand for, empty where its subscription is not known."""
+        link = transaction.connection
+        found = self._names.get(link)
+        if found is None:
+            found = _subscribed(link)
+            self._names[link] = found
+        return found.get(transaction.number, {})
+
+
+class Named:
+    """A pair of transactions, of which is known what the references in their notifications stand for."""
+
+    def __init__(self, objects: Objects, a: Transaction, b: Transaction) -> None:
+        self._objects = objects
+        self._pair = a, b
+
+    def both(self) -> tuple[Names, Names]:
+        """Return what the references of either stand for, empty where its subscription is not known."""
+        return self._objects.names(self._pair[0]), self._objects.names(self._pair[1])
+
+
+def with_objects(transaction: Transaction, numbers: Mapping[int, int]) -> Transaction:
+    """Return a transaction with other numbers of objects; itself where it names none of them."""
+    exchange = renumbered(transaction.exchange, numbers)
+    if exchange is transaction.exchange:
+        return transaction
+    found = Transaction(transaction.connection, transaction.asked_by, exchange, transaction.outcome, transaction.reason)
+    found.number = transaction.number
+    found.latency_ns = transaction.latency_ns
+    return found
+
+
+def _all_made(transactions: Iterable[Transaction]) -> list[int]:
+    return [id_ for each in transactions if each.exchange.kind == PLUS for id_ in made(each.exchange)]
+
+
+def _subscribed(link: Link) -> dict[int, Names]:
+    """Return, by the number of each notification of a connection, the names of the items of its subscription."""
+    session = PlusSession(Program(), Identity())
+    found: dict[int, Names] = {}
+    known: dict[int, Names] = {}
+    for each in link.transactions:
+        exchange = each.exchange
+        if exchange.kind != PLUS:
+            continue
+        asked, told = exchange.plus
+        if asked is not None:
+            facts = take(session, asked.function, exchange.request, exchange.response)
+            if facts is not None:
+                known = {}  # a list may be a different one from now on
+        elif told is not None and told.opcode == NOTIFICATION:
+            id_ = told.subscription_id
+            names = known.get(id_)
+            if names is None:
+                references = session.subscriptions.get(id_, {})
+                names = {reference: session.label(address) for reference, address in references.items()}
+                known[id_] = names
+            if names:
+                found[each.number] = names
+    return found
+
+
+def same_objects(pairs: Iterable[tuple[Transaction, Transaction]]) -> dict[int, int]:
+    """Return what each object of the second of two recordings is in the first, by the requests that made them in both."""
+    found: dict[int, int] = {}
+    for one, other in pairs:
+        if one.exchange.kind == other.exchange.kind == PLUS and len(found) < MAX_OBJECTS:
+            found.update(zip(made(other.exchange), made(one.exchange), strict=False))
+    return found
+
+
+def renumbered(exchange: Exchange, numbers: Mapping[int, int]) -> Exchange:
+    """Return an exchange with other numbers of objects; itself where it names none of them."""
+    if exchange.kind != PLUS or not numbers:
+        return exchange
+    request, response = _renumbered(exchange.request, numbers), _renumbered(exchange.response, numbers)
+    if request == exchange.request and response == exchange.response:
+        return exchange
+    seen = exchange.request_seen, exchange.response_seen
+    return Exchange(exchange.kind, request, response, exchange.scd, seen, exchange.subscribed)
+
+
+def _renumbered(octets: bytes, numbers: Mapping[int, int]) -> bytes:
+    """Return a PDU with other numbers of objects; a number that takes more or fewer octets than the other one stays."""
+    if not octets:
+        return octets
+    pdu = parse_plus(octets)
+    changed = bytearray(octets)
+    if pdu.opcode == NOTIFICATION and pdu.version != V1:
+        number = numbers.get(pdu.subscription_id, -1)
+        if number >= 0:
+            _put(changed, pdu, 1, 5, number.to_bytes(4, "big"))  # behind its opcode
+    for part in parse_contents(pdu).parts:
+        name = _FIELDS.get(id(part.layout))
+        field = part.find(name) if name is not None else None
+        number = numbers.get(field.value, -1) if field is not None else -1
+        if field is not None and number >= 0:
+            octets = build_varint(number, VLQ) if field.field.size == VLQ else number.to_bytes(4, "big")
+            _put(changed, pdu, field.offset, field.end, octets)
+    return bytes(changed)
+
+
+def _put(changed: bytearray, pdu: PlusPdu, begin: int, end: int, octets: bytes) -> None:
+    """Put octets into a PDU, where they are as many as those that stand there; places count within its data."""
+    if len(octets) == end - begin:
+        for at in range(begin, end):
+            changed[pdu.place(at)] = octets[at - begin]

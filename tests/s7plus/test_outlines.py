@@ -1,0 +1,159 @@
+"""What an outline tells of objects is what reading all of them tells; everything else is left to be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dissect
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.objects import Attribute, PlusObject, build_object, every_object
+from dissect.s7plus.outlines import Outline, outline
+from dissect.s7plus.skipping import marks
+from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE
+from dissect.s7plus.value_tables import INT, STRUCT, UDINT, WSTRING
+from dissect.s7plus.values import Struct, Value, build_value
+from dissect.s7plus.variables import NameList, VariableList
+from dissect.transactions.transaction import Transaction
+from tests.s7plus import bodies
+from tests.s7plus.bodies import end, number, rid
+from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.strategies import OBJECTS
+
+#: What the outlines of these tests note.
+_ASKED: Final = frozenset((233, 299, 306, 1048, 1049, 303, 7, 9))
+_MARKS: Final = marks(frozenset(), frozenset(), _ASKED)
+
+
+def check(octets: bytes, request: bool, function: int) -> Outline | None:
+    """Hold an outline to the reading of the same octets."""
+    found = outline(octets, request, function, _MARKS)
+    if found is None:
+        return None
+    pdu = parse_plus(octets)
+    all_ = parse_contents(pdu, False)
+    assert pdu.whole
+    assert all_.whole
+    assert not all_.malformed
+    said = found.contents
+    assert said.integrity_id == all_.integrity_id
+    if function == CREATE_OBJECT:
+        assert (said.object_id, said.ids) == (all_.object_id, all_.ids)
+    assert (found.session_id, found.sequence, found.return_code) == (pdu.session_id, pdu.sequence, pdu.return_code)
+    ours, theirs = every_object(said.objects), every_object(all_.objects)
+    assert len(ours) == len(theirs)
+    for one, other in zip(ours, theirs, strict=True):
+        assert (one.rid, one.class_id, one.class_flags, one.attribute, one.more) == (
+            other.rid, other.class_id, other.class_flags, other.attribute, other.more
+        )  # fmt: skip
+        assert (one.end - one.offset, len(one.objects)) == (other.end - other.offset, len(other.objects))
+        assert (one.names, len(one.variables)) == (other.names, len(other.variables))
+        for id_ in _ASKED:
+            assert one.holds(id_) == other.holds(id_)
+            ask = (one, other)
+            assert len({each.text(id_) for each in ask}) == len({each.number(id_) for each in ask}) == 1
+            assert one.member(id_, 319) == other.member(id_, 319)
+            values = one.find(id_), other.find(id_)
+            assert len({build_value(value) if value is not None else b"" for value in values}) == 1
+            assert one.text(id_) == other.text(id_)  # read by now
+            assert one.member(id_, 319) == other.member(id_, 319)
+    return found
+
+
+def _struct(*members: tuple[int, Value]) -> Attribute:
+    return Attribute(306, Value(0, STRUCT, Struct(314, list(members))))
+
+
+_TEXT: Final = Value(0, WSTRING, "1;6ES7 215-1AG40-0XB0 ;V4.3")
+_INNER: Final = Value(0, STRUCT, Struct(317, [(319, Value(0, WSTRING, "inner"))]))
+_SESSION: Final = PlusObject(
+    211, 287, 0, 0, 0,
+    [
+        Attribute(233, Value(0, WSTRING, "ServerSession")),
+        Attribute(5, Value(0, INT, 5)),
+        Attribute(299, Value(0, UDINT, 300)),
+        Attribute(1049, Value(0, INT, -3)),
+        _struct((315, Value(0, UDINT, 7)), (316, _INNER), (319, _TEXT)),
+        PlusObject(3, 1001, 0, 5, 6, [Attribute(7, Value(0x10, UDINT, [1, 2])), _struct((319, Value(0, UDINT, 1)))]),
+        PlusObject(4, 511, 0, 0, 0, [VariableList(0, []), NameList([])]),
+    ],
+)  # fmt: skip
+
+
+def _requests(one: PlusObject) -> list[tuple[bytes, int]]:
+    found = []
+    for version, integrity_id in ((3, 9), (1, -1)):
+        body = bodies.create_object(285, Value(0, UDINT, 0), one, integrity_id=integrity_id)
+        found.append((framed(asked(7, CREATE_OBJECT, 288, body=body), version), CREATE_OBJECT))
+    return found
+
+
+def _responses(one: PlusObject) -> list[tuple[bytes, int]]:
+    return [
+        (framed(told(7, EXPLORE, b"\0" + rid(3) + number(9) + build_object(one) * 2 + end()), 3), EXPLORE),
+        (framed(told(7, CREATE_OBJECT, b"\0\2\x81\7\x08" + build_object(one) + end()), 1), CREATE_OBJECT),
+    ]
+
+
+def test_a_session_is_outlined() -> None:
+    for octets, function in _requests(_SESSION):
+        found = check(octets, True, function)
+        assert found is not None
+        (one,) = found.contents.objects
+        assert (one.text(233), one.number(299), one.number(1049)) == ("ServerSession", 300, -3)
+        assert one.member(306, 319) == "1;6ES7 215-1AG40-0XB0 ;V4.3"
+        assert one.objects[0].member(306, 319) == ""
+        assert not one.holds(5)  # which nobody asks for
+    for octets, function in _responses(_SESSION):
+        assert check(octets, False, function) is not None
+
+
+def test_a_request_is_no_response_and_has_the_function_that_was_asked_for() -> None:
+    ((octets, function), *_), ((reply, replied), *_) = _requests(_SESSION), _responses(_SESSION)
+    assert outline(octets, False, function, _MARKS) is None
+    assert outline(octets, True, EXPLORE, _MARKS) is None
+    assert outline(reply, True, replied, _MARKS) is None
+    assert outline(octets[:-5], True, function, _MARKS) is None
+
+
+def test_several_frames_are_outlined_as_one() -> None:
+    data = asked(7, CREATE_OBJECT, 288, body=bodies.create_object(285, Value(0, UDINT, 0), _SESSION, integrity_id=9))
+    assert check(framed(data[:50], 3, trailer=False) + framed(data[50:], 3), True, CREATE_OBJECT) is not None
+
+
+def test_no_damage_is_outlined() -> None:
+    """One octet of it is another, or it ends too soon."""
+    left = 0
+    for request, these in ((True, _requests(_SESSION)), (False, _responses(_SESSION))):
+        for octets, function in these:
+            for at in range(4, len(octets) - 4, 3):
+                for octet in (0, 0x7F, 0xFF, octets[at] ^ 1):
+                    left += check(octets[:at] + bytes((octet,)) + octets[at + 1 :], request, function) is None
+    assert left > 200
+
+
+@given(OBJECTS, st.data())
+def test_any_object_and_any_damage(one: PlusObject, data: st.DataObject) -> None:
+    request = data.draw(st.booleans())
+    octets, function = data.draw(st.sampled_from(_requests(one) if request else _responses(one)))
+    changed = bytearray(octets)
+    for _ in range(data.draw(st.integers(0, 2))):
+        changed[data.draw(st.integers(4, len(octets) - 5))] = data.draw(st.integers(0, 255))
+    check(bytes(changed), request, function)
+
+
+def test_captures(corpus: Path) -> None:
+    """Nearly all that makes or shows objects in the shared captures is outlined, and says what reading it says."""
+    passed = whole = 0
+    for path in sorted((corpus / "s7plus").glob("*.pcap*")):
+        for one in dissect.open(path):
+            if isinstance(one, Transaction) and one.is_plus and one.function & 0xFFFF in {CREATE_OBJECT, EXPLORE}:
+                for octets, request in ((one.request_octets, True), (one.response_octets, False)):
+                    if octets:
+                        whole += 1
+                        passed += check(octets, request, one.function & 0xFFFF) is not None
+    assert passed > whole * 0.9 > 100, f"{passed} of {whole}"
