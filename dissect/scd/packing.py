@@ -179,10 +179,12 @@ class Packing:
         if len(octets) != self.size:
             octets = octets[: self.size]
         raw: Sequence[Any] = self._unpack(octets) if self.aligned else self._unpack(octets[::-1])[::-1]
+        odd = False
+        for at in self._reals:
+            odd = odd or isinf(raw[at])
         for at, low, high in self._limits:
-            if raw[at] < low or raw[at] > high:
-                return True
-        return any([isinf(raw[at]) for at in self._reals])
+            odd = odd or raw[at] < low or raw[at] > high
+        return odd
 
     def pack_known(self, given: Mapping[Any, Any]) -> bytes | None:
         """Return the octets of numbers that fit, by their keys; None for anything that `pack` has to look at more closely.
