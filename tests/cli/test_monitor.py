@@ -18,6 +18,7 @@ import pytest
 
 from dissect.source.files import open_capture
 from tests.cli.support import run, simple, started
+from tests.forked import Forked
 from tests.live.support import client, plc
 from tests.properties import messages
 from tests.properties.messages import dt
@@ -230,7 +231,7 @@ def test_an_interface_is_watched(engine: str) -> None:
         assert summary["packets"] > 10
 
 
-def wait_for_capture(port: int, process: subprocess.Popen[bytes]) -> None:
+def wait_for_capture(port: int, process: Forked) -> None:
     """Connect until the monitor sees it: the interface is open then."""
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)

@@ -553,8 +553,8 @@ def test_a_scheduler_that_falls_silent(
     stopping = threading.Thread(target=stop)
     stopping.start()
     try:
-        call = ("analyze", "--separate", "--brief", CLOCK, *pipes.paths, SZL)
-        ran = run(capfdbinary, *call, "--cluster", site.cluster.address)
+        files = [CLOCK, *pipes.paths, SZL]
+        ran = run(capfdbinary, "analyze", "--separate", "--brief", *files, "--cluster", site.cluster.address)
     finally:
         stopping.join()
         site.cluster.scheduler.send_signal(signal.SIGCONT)
