@@ -32,8 +32,8 @@ ONCE := $(wildcard tests/source/test_live_*.py tests/source/test_growing.py test
 
 # What the tests of each part share (imports, asserts rewritten, captures) is made once for each process, and a worker of xdist
 # collects every test there is. So these parts, about equally long, take a process each, and make keeps JOBS of them running.
-# What none of the others names is in the last.
-INSTALLED := oracle cli scd captures layers program rest
+# Those that take longest begin; what none of the others names is in the rest.
+INSTALLED := program scd rest cli layers oracle captures
 installed-oracle := tests/oracle tests/golden tests/tls
 installed-cli := tests/cli
 installed-scd := tests/scd tests/properties tests/anonymize
@@ -73,7 +73,7 @@ test: test-environment lint checks
 checks:
 	@answers=$$(mktemp -d); trap 'rm -rf "$$answers"' EXIT; \
 	S7DISSECT_TSHARK_ANSWERS=$$answers $(MAKE) --no-print-directory --keep-going --output-sync=target -j $(JOBS) BESIDE=yes \
-		types test-installed test-interpreted container-steps
+		types test-interpreted test-installed container-steps
 
 wheels:
 	scripts/wheels.sh

@@ -44,12 +44,13 @@ class BindingCount:
 class KnownPdo:
     """A PDO that came before, but for its data and its transaction number.
 
-    ``parameters`` and ``reference`` are those it had; ``quiet`` says that no data make it odd.
+    ``parameters`` and ``reference`` are those it had; ``quiet`` says that no data make it odd, ``odd`` looks at data.
     """
 
     def __init__(self, head: Head, mapping: Pdo, parameters: ScdParameters, reference: int, quiet: bool) -> None:
         template = head.template
         self.later: Callable[[bytes, int], Message] = head.message
+        self.odd: Callable[[bytes], bool] = head.odd
         self.size: int = head.size
         self.end: int = head.end
         self.values: i64 = len(head.packing.keys) if head.packing is not None else 0
@@ -129,7 +130,7 @@ class Pushes:
         exchange = self._exchange
         if exchange.observer.wants_pdus:
             exchange.observer.scd(frame, time_ns, side, found)
-        if not known.quiet and found.message.flags:
+        if not known.quiet and known.odd(octets):
             self._judge.oddities(found)
         if known.counted:
             self._judge.count(found, known.pdo, tid)

@@ -49,7 +49,7 @@ class Foreign(Protocol):
     def __init__(self, exchange: Exchange) -> None:
         super().__init__(FOREIGN)
         self._exchange: Exchange = exchange
-        self._named: set[int] = set()  # (connection, protocol) pairs that were reported
+        self._named: dict[int, int] = {}  # by connection: what was reported of it, a bit for each protocol
 
     def take(self, side: Side, name: str, frame: i64, time_ns: i64, identity: str = "") -> None:
         """Another protocol: its packets are counted from now on. ``identity`` says what it was identified by."""
@@ -76,9 +76,9 @@ class Foreign(Protocol):
             self._version(side, buf, at, at + size)
         if name in {"empty", connection.protocol}:
             return
-        key: i64 = connection.number * len(UPPER_NAMES) + upper
+        named: bool = self._is_named(connection, upper)
         fresh: bool = connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]
-        if not fresh and key in self._named:
+        if not fresh and named:
             return
         identity = identify(upper, buf, at, at + size)
         if upper == RDP and connection.pdus == 0:
@@ -87,9 +87,9 @@ class Foreign(Protocol):
         if fresh:
             connection.protocol = name
             connection.identified_by = identity
-        if (upper == UNKNOWN and side.holes) or key in self._named:
+        if (upper == UNKNOWN and side.holes) or named:
             return  # the rest of a message whose beginning is missing, or reported before
-        self._named.add(key)
+        self._name(connection, upper)
         if upper == TLS and connection.protocol == UPPER_NAMES[S7COMM_PLUS]:
             after = "InitSSL" if connection.identified_by == "InitSSL" else "S7comm-plus"
             connection.identified_by = f"{after}, then {identity}"
@@ -105,10 +105,9 @@ class Foreign(Protocol):
         if upper == TLS:
             upper = UNKNOWN
         connection = side.connection
-        key: i64 = connection.number * len(UPPER_NAMES) + upper
-        if side.holes or key in self._named or not on_102(side):
+        if side.holes or self._is_named(connection, upper) or not on_102(side):
             return
-        self._named.add(key)
+        self._name(connection, upper)
         identity = identify(upper, octets, 0, len(octets))
         self._note(connection, f"{UPPER_NAMES[upper]} in TLS", identity, frame, time_ns)
 
@@ -121,8 +120,16 @@ class Foreign(Protocol):
 
     def forget(self, connection: Connection) -> None:
         """A connection is over: its number may be forgotten."""
-        for upper in range(len(UPPER_NAMES)):
-            self._named.discard(connection.number * len(UPPER_NAMES) + upper)
+        if self._named:
+            self._named.pop(connection.number, None)
+
+    def _is_named(self, connection: Connection, upper: i64) -> bool:
+        """Return whether a protocol was reported on a connection."""
+        return bool(self._named) and self._named.get(connection.number, 0) >> upper & 1 == 1
+
+    def _name(self, connection: Connection, upper: i64) -> None:
+        """Remember that a protocol was reported on a connection."""
+        self._named[connection.number] = self._named.get(connection.number, 0) | 1 << upper
 
     def _note(self, connection: Connection, name: str, identity: str, frame: i64, time_ns: i64) -> None:
         detail = f"{name}: {identity}" if identity else name
@@ -231,10 +238,12 @@ class Connections:
         exchange = self._exchange
         peer = side.peer
         assert peer is not None
-        for end in (side, peer):
-            end.protocol.finish(end, frame, now_ns)
-        first, second = (side, peer) if side.index == 0 else (peer, side)
-        ending = Ending(side.connection, [second.hole_frame, first.hole_frame], frame, now_ns)
+        side.protocol.finish(side, frame, now_ns)
+        peer.protocol.finish(peer, frame, now_ns)
+        holes = [int(peer.hole_frame), int(side.hole_frame)]
+        if side.index == 1:
+            holes.reverse()
+        ending = Ending(side.connection, holes, frame, now_ns)
         side.connection.ending = ending
         judge_end(exchange.reporter, side, frame, now_ns)
         judge_cut(exchange.reporter, side, ending)

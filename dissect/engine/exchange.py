@@ -24,12 +24,12 @@ from dissect.findings.session_rules import judge_grant
 from dissect.findings.station_rules import StationWatch
 from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
-from dissect.s7.tables import READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7.tables import GROUP_CPU, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.stations.evidence import TELLING
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
-from dissect.transactions.operation import TRANSFERS, Operation
+from dissect.transactions.operation import DONE, TRANSFERS, Operation
 from dissect.transactions.operations import Operations
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.subscriptions import follow
@@ -116,11 +116,12 @@ class Watch:
             self._tell()
             return
         self.operations.take(transaction)
-        judge_szl(self._judge, transaction)
+        head = transaction.parameters.userdata
+        if head is not None and head.group == GROUP_CPU:
+            judge_szl(self._judge, transaction)
         if transaction.flags:
             judge_strays(self._judge, transaction)
         self.security.take(transaction)
-        head = transaction.parameters.userdata
         if head is not None and head.group in TELLING:
             self._facts(self.stations.take(transaction))
         self._tell()
@@ -128,7 +129,8 @@ class Watch:
     def end(self, connection: Connection, reason: str) -> None:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
-        self.plus.end(connection)
+        if connection.plus is not None:
+            self.plus.end(connection)
         if connection.traits.loaded:
             judge_loaded(self._judge, connection, reason)
         self._tell()
@@ -139,7 +141,8 @@ class Watch:
             return
         self.operations.over = []
         for operation in over:
-            judge_operation(self._judge, operation)
+            if operation.oddities or operation.result != DONE:  # it is not compiled, and each setup is an operation
+                judge_operation(self._judge, operation)
             if operation.content and operation.kind in TRANSFERS:
                 self._look_at_block(operation)
             self._observer.operation(operation)

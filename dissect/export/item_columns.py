@@ -14,7 +14,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionColumns, TransactionRows, directed
-from dissect.report.writers.jsonl import value_text
+from dissect.report.item_json import value_text
 from dissect.s7.items import Item, ItemResult
 from dissect.s7.parameters import Parameters
 from dissect.s7.singles import real

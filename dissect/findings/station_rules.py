@@ -39,11 +39,12 @@ class StationWatch:
         found: list[Fact] = []
         if tcp.ends[0].address == tcp.ends[1].address:
             return found  # a machine that talks to itself has no card; who captured it may have given each side one
-        for side in (0, 1):
-            mac = tcp.mac(side)
-            if mac and tcp.heard >> side & 1:
-                place = (int(connection.number), [int(tcp.last_frame)], int(tcp.last_ns))
-                found.append(Fact(str(tcp.ends[side].host), "", MAC, mac.hex(":"), "Ethernet", *place))
+        for side in range(2):
+            if tcp.heard >> side & 1 and (mac := tcp.mac(side)):
+                host = tcp.ends[side].host
+                # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
+                number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
+                found.append(Fact(host, "", MAC, mac.hex(":"), "Ethernet", number, [frame], time_ns))
         return self._noted(found)
 
     def take(self, transaction: Transaction) -> list[Fact]:

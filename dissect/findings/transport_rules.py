@@ -61,12 +61,12 @@ def judge_order(judge: Reporter, side: Side, type_: i64, frame: i64, time_ns: i6
     peer = side.peer
     if not connection.tcp.known_start or peer is None or side.holes or side.framer.skipped:
         return
-    name = TPDU_TYPES.name(type_)
     if side.index == connection.tcp.initiator:
         if type_ != CR:
+            name = TPDU_TYPES.name(type_)
             judge.note("cotp.bad_start", connection.number, [frame], time_ns, f"the first TPDU of the client is {name}")
     elif connection.cr_seen and type_ != CC and type_ != DR and type_ != ER:
-        detail = f"the first TPDU of the server is {name}, after a connect request"
+        detail = f"the first TPDU of the server is {TPDU_TYPES.name(type_)}, after a connect request"
         judge.note("cotp.bad_start", connection.number, [frame], time_ns, detail)
 
 
@@ -95,12 +95,12 @@ def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
     asked: i64 = connection.tpdu_size_asked or _LARGEST
     if tpdu.tpdu_size > asked:
         wrong.append(f"TPDU size {tpdu.tpdu_size}, requested {asked}")
-    _compare(wrong, "calling", connection.tsap_calling, tpdu.tsap(CALLING_TSAP))
-    _compare(wrong, "called", connection.tsap_called, tpdu.tsap(CALLED_TSAP))
+    _compare(wrong, "calling", connection.tsap_calling, tpdu.parameter(CALLING_TSAP))
+    _compare(wrong, "called", connection.tsap_called, tpdu.parameter(CALLED_TSAP))
     if wrong:
         judge.note("cotp.bad_confirm", connection.number, [frame], time_ns, "; ".join(wrong))
 
 
-def _compare(wrong: list[str], name: str, asked: Tsap | None, told: Tsap | None) -> None:
-    if asked is not None and told is not None and asked.octets != told.octets:
-        wrong.append(f"{name} TSAP {told}, requested {asked}")
+def _compare(wrong: list[str], name: str, asked: Tsap | None, told: bytes | None) -> None:
+    if asked is not None and told is not None and asked.octets != told:
+        wrong.append(f"{name} TSAP {Tsap(told)}, requested {asked}")

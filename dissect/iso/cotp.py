@@ -41,15 +41,17 @@ class Tpdu:
     """A parsed TPDU.
 
     ``fields`` are the fixed part in wire order (offsets within the TPDU), ``parameters`` the variable part, ``data`` the user
-    data. ``variable`` is the octets of the variable part, kept because RDP writes something else there.
+    data. ``head`` is the octets of fixed and variable part; ``variable`` those of the latter, kept because RDP writes something
+    else there.
     """
 
-    __slots__ = ("data", "fields", "layout", "malformed", "parameters", "type", "variable")
+    __slots__ = ("_fields", "data", "head", "layout", "malformed", "parameters", "type", "variable")
 
     def __init__(self, type_: int, layout: Layout) -> None:
         self.type = type_
         self.layout = layout
-        self.fields: list[FieldValue] = []
+        self.head = b""
+        self._fields: list[FieldValue] | None = None  # made when somebody first asks for all of them
         self.parameters: list[Parameter] = []
         self.variable = b""
         self.data = b""
@@ -60,11 +62,24 @@ class Tpdu:
         """``CR``, ``DT`` … or the number of an unknown type; ``TPDU`` when it is too short to have a type."""
         return TPDU_TYPES.name(self.type) if self.type >= 0 else "TPDU"
 
+    @property
+    def fields(self) -> list[FieldValue]:
+        """The fixed fields that lie whole in the TPDU, in wire order."""
+        if self._fields is None:
+            self._fields = self.layout.read(self.head)
+        return self._fields
+
     def field(self, name: str) -> int:
         """Return the value of a fixed field, -1 when the TPDU has none of that name or is too short for it."""
-        for value in self.fields:
-            if value.field.name == name:
-                return value.value
+        start = at = 0
+        for field in self.layout.fields:  # numbers of fixed size, all of them
+            if not field.shares:
+                start = at
+                at += field.size
+            if at > len(self.head):
+                break
+            if field.name == name:
+                return field.read(self.head, start)
         return -1
 
     def parameter(self, code: int) -> bytes | None:
@@ -119,21 +134,20 @@ _ONE_FORM: Final[dict[int, Layout]] = {
     ER: layouts.ER,
 }
 _SEVERAL_FORMS: Final = frozenset((DT, ED, AK, EA, RJ))
+_UNKNOWN: Final[Layout] = layouts.UNKNOWN
 
 
 def parse_tpdu(octets: bytes) -> Tpdu:
     """Read one TPDU (the content of a TPKT after its four octets). Never raises; what does not fit is in ``malformed``."""
     if len(octets) < 2:
-        tpdu = Tpdu(-1, layouts.UNKNOWN)
+        tpdu = Tpdu(-1, _UNKNOWN)
         tpdu.malformed.append(Malformed("cotp", "too_short", "type", 0, 2, len(octets), "tpkt"))
         return tpdu
     li = octets[0]
     type_ = octets[1] >> 4
-    layout = layouts.UNKNOWN
-    if type_ in _ONE_FORM:
-        layout = _ONE_FORM[type_]
-    elif type_ in _SEVERAL_FORMS:
-        layout = _by_size(type_, li)
+    layout = _ONE_FORM.get(type_)
+    if layout is None:
+        layout = _by_size(type_, li) if type_ in _SEVERAL_FORMS else _UNKNOWN
     tpdu = Tpdu(type_, layout)
     end = li + 1
     if li == 0 or li == 255:
@@ -142,8 +156,8 @@ def parse_tpdu(octets: bytes) -> Tpdu:
     if end > len(octets):
         tpdu.malformed.append(Malformed("cotp", "length_beyond", "li", 0, end, len(octets), "tpkt"))
         end = len(octets)
-    tpdu.fields = layout.read(octets[:end])
-    if layout is layouts.UNKNOWN:
+    tpdu.head = octets[:end]
+    if layout is _UNKNOWN:
         tpdu.malformed.append(Malformed("cotp", "unknown_type", "type", 1, 0, type_, "li"))
     elif layout.size > end:
         tpdu.malformed.append(Malformed("cotp", "too_short", layout.name, 0, layout.size, end, "li"))
@@ -154,7 +168,8 @@ def parse_tpdu(octets: bytes) -> Tpdu:
     return tpdu
 
 
-def _parse_parameters(tpdu: Tpdu, octets: bytes, at: int, end: int) -> None:
+def _parse_parameters(tpdu: Tpdu, octets: bytes, at: i64, end: i64) -> None:
+    size: i64
     while at < end:
         if at + 2 > end:
             tpdu.malformed.append(Malformed("cotp", "too_short", "parameter", at, 2, end - at, "li"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mypy_extensions import i64
+
 from dissect.iso.tables import CONNECTION_TYPES
 
 
@@ -18,19 +20,16 @@ class Tsap:
         self.connection_type = -1
         self.rack = -1
         self.slot = -1
-        if len(octets) == 2 and not self._is_text():
+        if len(octets) == 2 and not _is_text(octets):
             self.connection_type = octets[0]
             self.rack = octets[1] >> 5
             self.slot = octets[1] & 0x1F
-
-    def _is_text(self) -> bool:
-        return len(self.octets) >= 2 and all([0x20 <= octet < 0x7F for octet in self.octets])
 
     def __repr__(self) -> str:
         return f"Tsap({str(self)!r})"
 
     def __str__(self) -> str:
-        if self._is_text():
+        if _is_text(self.octets):
             return self.octets.decode("ascii")
         if len(self.octets) == 2:
             return f"{self.octets[0]:02x}.{self.octets[1]:02x}"
@@ -39,7 +38,7 @@ class Tsap:
     def describe(self, called: bool = True) -> str:
         """Return the TSAP for a person, for example ``01.02 (PG, rack 0 slot 2)``; a calling one has no rack and slot."""
         if self.connection_type < 0:
-            return f'"{self}"' if self._is_text() else str(self)
+            return f'"{self}"' if _is_text(self.octets) else str(self)
         if self.connection_type in CONNECTION_TYPES:
             kind = CONNECTION_TYPES.name(self.connection_type)
         else:
@@ -54,3 +53,12 @@ class Tsap:
             values["rack"] = self.rack
             values["slot"] = self.slot
         return values
+
+
+def _is_text(octets: bytes) -> bool:
+    """Return whether octets are two or more characters of ASCII that can be printed."""
+    size: i64 = len(octets)
+    for at in range(size):
+        if octets[at] < 0x20 or octets[at] >= 0x7F:
+            return False
+    return size >= 2

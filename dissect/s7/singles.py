@@ -33,9 +33,12 @@ _LAST_BIT: Final[list[float]] = [2.0 ** (max(exponent, 1) - 127 - 23) for expone
 _DECADE: Final = bytes([math.floor(math.log10(2.0 ** (exponent - 127))) + 64 for exponent in range(255)])
 _BIAS: Final = 64
 _TENS: Final[list[float]] = [10.0**power for power in range(64)]
-#: As `_shortest` packs what it found: exponent plus `_BIAS` in the lowest bits, the count of digits above it, then the digits.
+#: As `_shortest` packs what it found: exponent plus `_BIAS` in the lowest bits, above it the count of digits, the power of ten
+#: that the last of them counts plus `_BIAS`, and the digits.
 _EXPONENT_BITS: Final = 8
 _COUNT_BITS: Final = 4
+_POWER_AT: Final = _EXPONENT_BITS + _COUNT_BITS
+_DIGITS_AT: Final = _POWER_AT + 8
 _UNDECIDED: Final = -1
 #: Digits behind the point that `fraction` writes, and the powers of ten up to it.
 _MOST_BEHIND: Final = 6
@@ -93,9 +96,21 @@ def real_text(octets: bytes) -> str:
     return f"{exact:.9g}"
 
 
-def real_json(octets: bytes) -> str:
-    """Return `real_text` as JSON: whole numbers with ``.0``, and what it has no numbers for (NaN, infinities) as text."""
-    text = real_text(octets)
+def real_json(octets: bytes, at: i64 = 0) -> str:
+    """Return `real_text` of the octets at ``at`` as JSON.
+
+    Whole numbers have ``.0``; what JSON has no numbers for (NaN, infinities) is text.
+    """
+    if COMPILED:
+        word: i64 = u32(octets, at)
+        found = _shortest(word)
+        if found != _UNDECIDED:
+            text = _written(word, found, False)
+            behind: i64 = -_power(found)
+            if behind > 0 and (found & 0xFF) >= _BIAS:  # digits on both sides of the point: most numbers
+                return text
+            return text if "." in text or "e" in text else text + ".0"
+    text = real_text(octets[at : at + 4])
     if "." in text or "e" in text:
         return text
     return f'"{text}"' if "n" in text else text + ".0"
@@ -132,8 +147,9 @@ def _shortest(word: i64) -> i64:
         decade += 1
     digits: i64 = _FIRST_DIGITS[exponent]
     number: i64 = 0
+    power: i64 = 0
     while True:
-        power: i64 = digits - 1 - decade
+        power = digits - 1 - decade
         scaled: float = size * _TENS[power] if power >= 0 else size / _TENS[-power]
         number = int(scaled)
         over: float = scaled - float(number)
@@ -156,22 +172,18 @@ def _shortest(word: i64) -> i64:
         decade += 1  # rounded up to the next power of ten
     while number % 10 == 0:
         number //= 10
-    return (((number << _COUNT_BITS) | digits) << _EXPONENT_BITS) | (decade + _BIAS)
+        power -= 1
+    return (number << _DIGITS_AT) | ((_BIAS - power) << _POWER_AT) | (digits << _EXPONENT_BITS) | (decade + _BIAS)
 
 
 def _power(found: i64) -> i64:
     """Return the power of ten that the last digit of what `_shortest` found counts."""
-    power: i64 = (found & 0xFF) - _BIAS
-    left: i64 = found >> (_EXPONENT_BITS + _COUNT_BITS)
-    while left >= 10:
-        left //= 10
-        power -= 1
-    return power
+    return ((found >> _POWER_AT) & 0xFF) - _BIAS
 
 
 def _double(word: i64, found: i64, power: i64) -> float:
     """Return what `_shortest` found as a double: product or quotient of two that are exact is the nearest to the decimal."""
-    number: float = float(found >> (_EXPONENT_BITS + _COUNT_BITS))
+    number: float = float(found >> _DIGITS_AT)
     number = number * _TENS[power] if power >= 0 else number / _TENS[-power]
     return -number if word >> 31 else number
 
@@ -179,7 +191,7 @@ def _double(word: i64, found: i64, power: i64) -> float:
 def _written(word: i64, found: i64, as_repr: bool) -> str:
     """Return what `_shortest` found as %g writes it, or as `repr` writes the float that this is."""
     exponent: i64 = (found & 0xFF) - _BIAS
-    number: i64 = found >> (_EXPONENT_BITS + _COUNT_BITS)
+    number: i64 = found >> _DIGITS_AT
     if exponent >= 0:  # most numbers: digits on both sides of the point
         behind: i64 = -_power(found)
         if 0 < behind <= _MOST_BEHIND:

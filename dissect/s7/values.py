@@ -113,6 +113,10 @@ def number_texts(transport_size: i64, octets: bytes, as_json: bool, most: i64) -
         while at < end:
             texts.append(SHORT[octets[at]])
             at += 1
+    if transport_size == REAL and as_json:
+        while at < end:
+            texts.append(real_json(octets, at))
+            at += 4
     while at < end:
         texts.append(_element_text(transport_size, octets, at, as_json))
         at += step
@@ -131,8 +135,9 @@ def number_json(transport_size: i64, octets: bytes) -> str:
 
 def _element_text(transport_size: i64, octets: bytes, at: i64, as_json: bool) -> str:
     if transport_size == REAL:
-        single = octets if len(octets) == 4 else octets[at : at + 4]
-        return real_json(single) if as_json else real_repr(single)
+        if as_json:
+            return real_json(octets, at)
+        return real_repr(octets if len(octets) == 4 else octets[at : at + 4])
     number: i64
     if transport_size == WORD or transport_size == INT:
         number = u16(octets, at)

@@ -75,6 +75,11 @@ class Head:
         self.numbered = bool(message.numbers and codec.envelope.tid_mask)
         self._strict_pad = codec.strict_pad
 
+    def odd(self, whole: bytes) -> bool:
+        """Return whether the PDO in ``whole`` has flags."""
+        packing = self.packing
+        return self.version or (packing is not None and packing.odd(whole[self.begin : self.end], self._strict_pad))
+
     def message(self, whole: bytes, tid: int) -> Message:
         """Return the message of ``size`` octets, with the values of a PDO."""
         message: Message = self.template.__copy__()  # type: ignore[attr-defined]  # what `copy` calls

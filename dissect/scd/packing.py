@@ -168,6 +168,24 @@ class Packing:
             flag(flags, PAD)
         return raw
 
+    def odd(self, octets: bytes, strict_pad: bool = False) -> bool:
+        """Return whether `unpack` notices anything in ``octets``, for who needs the values later or not at all."""
+        if strict_pad or self._timed or self._texts:
+            flags: Flags = {}
+            self.unpack(octets, flags, strict_pad)
+            return bool(flags)
+        if self.quiet:
+            return False
+        if len(octets) != self.size:
+            octets = octets[: self.size]
+        raw: Sequence[Any] = self._unpack(octets) if self.aligned else self._unpack(octets[::-1])[::-1]
+        odd = False
+        for at in self._reals:
+            odd = odd or isinf(raw[at])
+        for at, low, high in self._limits:
+            odd = odd or raw[at] < low or raw[at] > high
+        return odd
+
     def pack_known(self, given: Mapping[Any, Any]) -> bytes | None:
         """Return the octets of numbers that fit, by their keys; None for anything that `pack` has to look at more closely.
 

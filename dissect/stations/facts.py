@@ -159,13 +159,14 @@ class Station:
         if fact.key == BLOCK:
             self._note_block(fact, frame)
             return
-        stretches = self.facts.get((fact.module, fact.key))
+        key = (fact.module, fact.key)
+        stretches = self.facts.get(key)
         if stretches is None:
             fact.fresh = True
             if len(self.facts) >= MAX_KEYS:
                 self.not_kept += 1
                 return
-            self.facts[fact.module, fact.key] = [Stretch(fact.value, fact.source, frame, fact.time_ns)]
+            self.facts[key] = [Stretch(fact.value, fact.source, frame, fact.time_ns)]
             return
         last = stretches[-1]
         if fact.key == CLOCK:  # runs on: the latest counts

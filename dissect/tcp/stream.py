@@ -21,7 +21,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.wire.octets import u16
-from dissect.wire.text import SHORT
+from dissect.wire.text import POINT, SHORT, decimal
 
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000
@@ -333,12 +333,14 @@ ACK: Final = 0x10
 
 #: A reset is believed this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
 _RESET_WINDOW: Final = 65536
+#: An Ethernet address that stands for none.
+_NO_MAC: Final = bytes(6)
 
 
 def address_text(address: bytes) -> str:
     """Return an IPv4 or IPv6 address (4 or 16 octets) as text; IPv6 in the RFC 5952 form."""
     if len(address) == 4:
-        return f"{SHORT[address[0]]}.{SHORT[address[1]]}.{SHORT[address[2]]}.{SHORT[address[3]]}"
+        return f"{POINT[address[0]]}{POINT[address[1]]}{POINT[address[2]]}{SHORT[address[3]]}"
     groups = [u16(address, i * 2) for i in range(8)]
     best_at: i64 = -1
     best_size: i64 = 1
@@ -359,25 +361,29 @@ def address_text(address: bytes) -> str:
 class Endpoint:
     """An address and a TCP port."""
 
-    __slots__ = ("_text", "address", "port")
+    __slots__ = ("_host", "_text", "address", "port")
 
     def __init__(self, address: bytes, port: int) -> None:
         self.address = address
         self.port = port
-        self._text: str = ""  # made when somebody first asks
+        self._host: str = ""  # made when somebody first asks, as the next one
+        self._text: str = ""
 
     @property
     def host(self) -> str:
         """The address without the port, as text."""
-        return address_text(self.address)
+        if not self._host:
+            self._host = address_text(self.address)
+        return self._host
 
     def __repr__(self) -> str:
         return f"Endpoint({str(self)!r})"
 
     def __str__(self) -> str:
         if not self._text:
-            text = address_text(self.address)
-            self._text = f"[{text}]:{self.port}" if len(self.address) == 16 else f"{text}:{self.port}"
+            self._text = (
+                f"[{self.host}]:{self.port}" if len(self.address) == 16 else f"{self.host}:{decimal(self.port)}"
+            )
         return self._text
 
 
@@ -448,7 +454,7 @@ class TcpConnection:
     def mac(self, side: i64) -> bytes:
         """Return the Ethernet address of a side; empty where it is not known, or stands for no station or for many."""
         found = self.macs[6 * side : 6 * side + 6]
-        return found if found and found != bytes(6) and not found[0] & 1 else b""
+        return found if found and found != _NO_MAC and not found[0] & 1 else b""
 
     @property
     def has_holes(self) -> bool:

@@ -88,10 +88,13 @@ class Ending:
             self.time_ns = now_ns
         elif self.how == EVICTED:
             self.time_ns = tcp.last_ns
-        follows: bool = tcp.reset_frame > 0 and tcp.reset_frame != self.frame and self.how in _DEEDS
-        self.reset_side: i64 = tcp.reset_by if follows else -1
-        self.reset_frame: i64 = tcp.reset_frame if follows else 0
-        self.reset_ns: i64 = tcp.reset_ns if follows else 0
+        self.reset_side: i64 = -1
+        self.reset_frame: i64 = 0
+        self.reset_ns: i64 = 0
+        if tcp.reset_frame > 0 and tcp.reset_frame != self.frame and self.how in _DEEDS:
+            self.reset_side = tcp.reset_by
+            self.reset_frame = tcp.reset_frame
+            self.reset_ns = tcp.reset_ns
         self.connecting: bool = (
             connection.cr_seen
             and connection.tpdu_size == 0
@@ -110,6 +113,10 @@ class Ending:
         self.oldest: Parameters | None = None
         self.oldest_frame: i64 = 0
         self.oldest_ns: i64 = 0
+        if connection.open_requests[0].count or connection.open_requests[1].count:
+            self._count_open(connection, hole_frames)
+
+    def _count_open(self, connection: Connection, hole_frames: list[int]) -> None:
         first: Transaction | None = None
         for requests, hole_frame in zip(connection.open_requests, hole_frames, strict=True):
             for found in requests.asked_after(-1):

@@ -580,7 +580,7 @@ class Dialogue:
         connection = side.connection
         requests = connection.open_requests[side.index]
         answering = side.peer
-        for transaction in requests.drain():
+        for transaction in requests.drain() if requests.count else []:
             self._give_up(transaction, answering, reason)
             if reason != CAPTURE_ENDED:
                 connection.open_at_end += 1

@@ -243,8 +243,7 @@ def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
     """Return (sender, receiver) of the packets that carry ``key``."""
     size = 4 if len(key) in (8 + _PORTS, 8 + _PORTS + _VLAN) else 16
     ports = 2 * size
-    sender = Endpoint(key[:size], int.from_bytes(key[ports : ports + 2], "big"))
-    return sender, Endpoint(key[size:ports], int.from_bytes(key[ports + 2 : ports + 4], "big"))
+    return Endpoint(key[:size], u16(key, ports)), Endpoint(key[size:ports], u16(key, ports + 2))
 
 
 class ConnectionTable:
@@ -289,6 +288,12 @@ class ConnectionTable:
         if 0 <= side.place < len(self._places) and self._places[side.place] is side:
             self._places[side.place] = None
 
+    def _take_place(self, key: bytes) -> None:
+        """Another connection takes a key: what had it is found no more."""
+        before = self.sides.get(key)
+        if before is not None:
+            self._leave_place(before)
+
     def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64, link: bytes = b"") -> None:
         """Remember a connection attempt until the other side answers or data follows; ``link`` as `TcpConnection.note_link`."""
         known = self._half_open.get(key)
@@ -306,10 +311,11 @@ class ConnectionTable:
     def open(self, key: bytes, vlan: i64, frame: i64, time_ns: i64) -> Side:
         """Make a connection for a packet with ``key``; return the side that sent it."""
         reverse = reverse_key(key)
-        mine = self._half_open.pop(key, None)
-        theirs = self._half_open.pop(reverse, None)
+        half_open = self._half_open
+        mine: _Syn | None = half_open.pop(key) if key in half_open else None
+        theirs: _Syn | None = half_open.pop(reverse) if reverse in half_open else None
         syn = mine if mine is not None else theirs
-        first = reverse if mine is None and theirs is not None else key
+        first, second = (reverse, key) if mine is None and theirs is not None else (key, reverse)
         a, b = endpoints(first)
         tcp = TcpConnection(
             a, b, vlan, syn.frame if syn is not None else frame, syn.time_ns if syn is not None else time_ns
@@ -321,13 +327,11 @@ class ConnectionTable:
             tcp.note_link(0, syn.link)
         connection = Connection(0, tcp)
         side0 = Side(0, first, tcp, connection, self._first)
-        side1 = Side(1, reverse_key(first), tcp, connection, self._first)
+        side1 = Side(1, second, tcp, connection, self._first)
         side0.peer = side1
         side1.peer = side0
-        for key_taken in (side0.key, side1.key):
-            before = self.sides.get(key_taken)
-            if before is not None:
-                self._leave_place(before)
+        self._take_place(first)
+        self._take_place(second)
         self.sides[side1.key] = side1
         self.sides[side0.key] = side0  # last: it stands for the connection, also where both ends have the same address
         if len(self.sides) > len(self._places):
@@ -341,12 +345,15 @@ class ConnectionTable:
         garbage collector, whose pauses grow with what is open.
         """
         peer = side.peer
-        for end in (side, peer):
-            if end is not None:
-                end.peer = None
-                self._leave_place(end)
-                if self.sides.get(end.key) is end:
-                    del self.sides[end.key]
+        self._remove(side)
+        if peer is not None:
+            self._remove(peer)
+
+    def _remove(self, end: Side) -> None:
+        end.peer = None
+        self._leave_place(end)
+        if self.sides.get(end.key) is end:
+            del self.sides[end.key]
 
     @property
     def lingering(self) -> bool:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.report import words
+from dissect.report.item_json import value_text
 from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import plain_cell, quoted
-from dissect.report.writers.jsonl import value_text
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow, Variable
 from dissect.wire.text import Clock, cell, json_text, shortened

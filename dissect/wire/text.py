@@ -32,9 +32,11 @@ _NUMBER: Final = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 #: several times as long as looking them up.
 SHORT: Final[list[str]] = [str(number) for number in range(1000)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
+#: The same with a point behind.
+POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
 _TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
 #: Bytes as two hexadecimal digits.
-_HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
+HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
 
 
 def decimal(number: i64) -> str:
@@ -50,13 +52,18 @@ def decimal(number: i64) -> str:
 
 def fraction(whole: i64, rest: i64, digits: i64) -> str:
     """Return ``whole``, a point, and ``rest`` as one to six ``digits``; neither is negative."""
-    if digits > 3:
-        power: i64 = 10 if digits == 4 else 100 if digits == 5 else 1000
-        last = rest % power
-        end = SHORT[last] if digits == 4 else _TWO[last] if digits == 5 else THREE[last]
-        return f"{decimal(whole)}.{THREE[rest // power]}{end}"
-    end = SHORT[rest] if digits == 1 else _TWO[rest] if digits == 2 else THREE[rest]
-    return f"{decimal(whole)}.{end}"
+    begin = POINT[whole] if whole < 1000 else decimal(whole) + "."
+    if digits == 1:
+        return begin + SHORT[rest]
+    if digits == 2:
+        return begin + _TWO[rest]
+    if digits == 3:
+        return begin + THREE[rest]
+    if digits == 4:
+        return f"{begin}{THREE[rest // 10]}{SHORT[rest % 10]}"
+    if digits == 5:
+        return f"{begin}{THREE[rest // 100]}{_TWO[rest % 100]}"
+    return f"{begin}{THREE[rest // 1000]}{THREE[rest % 1000]}"
 
 
 def hexadecimal(octets: bytes) -> str:
@@ -64,22 +71,22 @@ def hexadecimal(octets: bytes) -> str:
     if COMPILED:
         size: i64 = len(octets)
         if size == 1:
-            return _HEX[octets[0]]
+            return HEX[octets[0]]
         if size == 2:
-            return _HEX[octets[0]] + _HEX[octets[1]]
+            return HEX[octets[0]] + HEX[octets[1]]
         if size == 4:
-            return f"{_HEX[octets[0]]}{_HEX[octets[1]]}{_HEX[octets[2]]}{_HEX[octets[3]]}"
+            return f"{HEX[octets[0]]}{HEX[octets[1]]}{HEX[octets[2]]}{HEX[octets[3]]}"
     return octets.hex()
 
 
 def hex_number(number: i64, digits: i64) -> str:
     """Return a number that is not negative with ``0x`` before it, in at least so many ``digits``."""
     if digits == 1 and number < 16:
-        return f"0x{_HEX[number][1:]}"
+        return f"0x{HEX[number][1:]}"
     if digits == 2 and number < 0x100:
-        return f"0x{_HEX[number]}"
+        return f"0x{HEX[number]}"
     if digits == 4 and number < 0x10000:
-        return f"0x{_HEX[number // 256]}{_HEX[number % 256]}"
+        return f"0x{HEX[number // 256]}{HEX[number % 256]}"
     return f"0x{f'{number:x}'.rjust(digits, '0')}"
 
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from mypy_extensions import i64
 
 from dissect.engine.pipeline import Options
+from dissect.report.item_json import octets_value, value_text
 from dissect.report.writer import TransactionFeed
-from dissect.report.writers.jsonl import JsonlWriter, PduLines, TransactionLines, octets_value, value_text
+from dissect.report.writers.jsonl import JsonlWriter, PduLines, TransactionLines
 from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value, decode_value
 from dissect.session import Run

@@ -190,11 +190,30 @@ def test_any_octets_decode_or_raise_an_error_of_ours(slots: list[Slot], data: st
     engine = Packing(slots, end, "any")
     octets = data.draw(st.binary(min_size=engine.size, max_size=engine.size))
     told: object
+    flags: packing.Flags = {}
     try:
-        told = len(engine.unpack(octets, {}, strict_pad=True))
+        told = len(engine.unpack(octets, flags, strict_pad=True))
     except Error as error:
         told = error.code
     assert told in {len(slots), "E_UTF8"}
+    assert engine.odd(octets, strict_pad=True) == bool(flags)
+    assert engine.odd(octets) == bool(flags.keys() - {packing.PAD})
+
+
+def test_octets_are_odd_where_decoding_them_notices_something() -> None:
+    for first, second in ((0, 16), (3, 19)):  # on whole bytes, and not
+        slots = [
+            Slot("level", STANDARD[INT16], 16, first, "level", low=-10, high=100),
+            Slot("speed", STANDARD[FLOAT32], 32, second, "speed"),
+        ]
+        engine = Packing(slots, second + 32, "limits", enforce=False)
+        for level, speed, odd in ((100, 1.5, False), (-10, -0.0, False), (101, 1.5, True), (-11, 1.5, True)):
+            octets = engine.pack([level, speed])
+            flags: packing.Flags = {}
+            engine.unpack(octets, flags)
+            assert engine.odd(octets) is odd is bool(flags), (first, level)
+        whole = int.from_bytes(engine.pack([5, 0.0]), "little") | 0x7F800000 << second
+        assert engine.odd(whole.to_bytes(engine.size, "little"))  # infinite
 
 
 def test_without_the_c_extension_the_python_form_serves(monkeypatch: pytest.MonkeyPatch) -> None:

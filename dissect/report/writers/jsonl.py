@@ -1,9 +1,8 @@
 """Records as JSON lines: one object a line, keys in a fixed order (docs/json.md).
 
 This is the bulk output, so lines are put together from cached pieces: what a polled item or a request block looks like is
-written once and used for every transaction that repeats it. Values of the sizes that polling needs are written straight from
-their octets. TPDUs that carry no S7 PDU (connects with their TSAPs, disconnects and errors with reasons) are rare and go
-through the standard library.
+written once and used for every transaction that repeats it (`dissect.report.item_json`). TPDUs that carry no S7 PDU (connects
+with their TSAPs, disconnects and errors with reasons) are rare and go through the standard library.
 """
 
 from __future__ import annotations
@@ -19,30 +18,27 @@ from dissect.iso.tables import DT, ED
 from dissect.iso.tsap import Tsap
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
+from dissect.report.item_json import CODE, item_json, item_text, userdata_text, value_json, with_tags
 from dissect.report.operations import operation_json
 from dissect.report.plus import plus_pdu_line
 from dissect.report.scd import scd_json, scd_line_json
 from dissect.report.words import Places, carried
 from dissect.report.writer import Writer
 from dissect.s7.hiding import without_secrets
-from dissect.s7.items import DataItem, Item
+from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import Parameters, UserdataHead
+from dissect.s7.parameters import Parameters, Setup
 from dissect.s7.tables import (
-    BIT,
-    BYTE,
     FUNCTIONS,
+    JOB,
     READ_VAR,
     ROSCTR,
     SETUP_COMMUNICATION,
     SUCCESS,
-    USERDATA_TYPES,
     WRITE_VAR,
 )
-from dissect.s7.values import Value, decode_value, number_json, number_texts, spelled
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
-from dissect.transactions.naming import NamedValue
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import NO_CODE
@@ -51,7 +47,7 @@ from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
-from dissect.wire.text import SHORT, THREE, Clock, decimal, hexadecimal, json_text
+from dissect.wire.text import SHORT, THREE, Clock, decimal, json_text
 
 if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu
@@ -59,43 +55,15 @@ if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
 
 
-def value_text(value: Value) -> str:
-    """Return a decoded value as JSON; NaN and the infinities, which JSON has no numbers for, as strings."""
-    if value is None:
-        return "null"
-    if value is True:
-        return "true"
-    if value is False:
-        return "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        text = repr(value)
-        return f'"{text}"' if text in {"nan", "inf", "-inf"} else text
-    if isinstance(value, str):
-        return json_text(value)
-    return f"[{','.join([value_text(element) for element in value])}]"
-
-
-def octets_value(transport_size: i64, octets: bytes) -> str:
-    """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
-    size: i64 = len(octets)
-    if transport_size == BIT and size == 1:
-        return "true" if octets[0] & 1 else "false"
-    single = number_json(transport_size, octets)
-    if single:
-        return single
-    texts = number_texts(transport_size, octets, True, size)
-    if texts:
-        return f"[{','.join(texts)}]"
-    return value_text(decode_value(transport_size, octets))
-
-
 TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 _ITEMS: Final = ',"items":['
+#: What stands around the items of a transaction of which all is well.
+_WELL: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null{_ITEMS}'
+_NO_ERRORS: Final = '],"errors":[]}'
+_SECOND_NS: Final = 1_000_000_000
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
 
@@ -103,14 +71,6 @@ _MAX_CACHED: Final = 8192
 _REFERENCE_AT: Final = 4
 _REFERENCE_END: Final = 6
 _SHORT: Final = 64
-
-
-#: The return code of an item of which all is well, and what stands in front of its octets.
-_GOOD: Final = f'{SUCCESS},"data":"'
-_CODE: Final = f',"return_code":{_GOOD}'
-_NO_ITEM: Final = (
-    '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null' + _CODE
-)
 
 
 def function_text(parameters: Parameters) -> str:
@@ -127,34 +87,6 @@ def function_text(parameters: Parameters) -> str:
     return parameters.fragment
 
 
-def userdata_text(head: UserdataHead) -> str:
-    """Return a userdata head as a JSON object."""
-    text = (
-        f'{{"type":{head.type},"type_name":{json_text(USERDATA_TYPES.name(head.type))}'
-        f',"group":{head.group},"group_name":{json_text(head.group_name)}'
-        f',"subfunction":{head.subfunction},"subfunction_name":{json_text(head.subfunction_name)}'
-        f',"sequence":{head.sequence}'
-    )
-    if head.extended:
-        text += f',"data_unit_ref":{head.data_unit_ref},"last_data_unit":{head.last_data_unit},"error_code":{head.error_code}'
-    return text + "}"
-
-
-def item_text(item: Item) -> str:
-    """Return the beginning of an item's object, up to its return code and, as it is nearly always, `_GOOD`."""
-    if not item.fragment:
-        if item.transport_size < 0:
-            text = '"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
-        else:
-            text = (
-                f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
-                f',"transport_size":{item.transport_size},"count":{item.count}'
-            )
-        syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
-        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text}{_CODE}'
-    return item.fragment
-
-
 class TransactionLines(Observer):
     """Writes transactions as lines of JSON; ``lines`` collects those it is told of as an observer.
 
@@ -169,6 +101,9 @@ class TransactionLines(Observer):
         self._ends: dict[int, str] = {}
         self._latest: i64 = 0  # thousands of packets
         self._latest_text: str = ""
+        self._counted: i64 = 0  # thousands of transactions
+        self._counted_text: str = ""
+        self._polls: list[str] = [""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
 
     def transaction(self, transaction: Transaction) -> None:
@@ -183,6 +118,57 @@ class TransactionLines(Observer):
 
     def line(self, transaction: Transaction) -> str:
         """Return the line of one transaction, without a line end."""
+        if (
+            transaction.outcome == ANSWERED
+            and transaction.rosctr == JOB
+            and not transaction.reason
+            and not transaction.has_errors
+            and transaction.carried is None
+            and self.locate is None
+            and (transaction.parameters.function == READ_VAR or transaction.parameters.function == WRITE_VAR)
+            and transaction.request_frame
+            and transaction.response_frame
+        ):
+            return self._polled(transaction)
+        return self._any_line(transaction)
+
+    def _polled(self, transaction: Transaction) -> str:
+        """Return the line of a read or write of which all is well: most there are. What does not vary is put together once."""
+        parameters = transaction.parameters
+        function: i64 = parameters.function
+        poll = self._polls[function]
+        if not poll:
+            poll = f',"rosctr":{SHORT[JOB]},"function":{function_text(parameters)},"request_frame":'
+            self._polls[function] = poll
+        number: i64 = transaction.number
+        thousands: i64 = number // 1000
+        if thousands != self._counted:
+            self._counted = thousands
+            self._counted_text = str(thousands) if thousands else ""
+        reference: i64 = transaction.pdu_ref
+        asked: i64 = transaction.request_frame
+        told: i64 = transaction.response_frame
+        time_ns: i64 = transaction.request_ns
+        rest: i64 = time_ns % _SECOND_NS
+        latency: i64 = transaction.response_ns - time_ns
+        before = ""
+        behind: str
+        if latency < 1000 or latency >= _SECOND_NS:
+            behind = decimal(latency)
+        else:
+            behind = THREE[latency % 1000]
+            latency //= 1000
+            before = SHORT[latency] if latency < 1000 else SHORT[latency // 1000] + THREE[latency % 1000]
+        return (
+            f"{_HEAD}{self._counted_text}{_below(number)}{self._connection(transaction.connection, transaction.asked_by)}"
+            f"{SHORT[reference // 1000] if reference >= 1000 else ''}{_below(reference)}{poll}"
+            f'{self._thousands(asked)}{_below(asked)},"response_frame":{self._thousands(told)}{_below(told)}'
+            f',"request_time":"{self._clock.iso_second(time_ns)}'
+            f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{before}{behind}'
+            f"{_WELL}{self._items(transaction)}{_NO_ERRORS}"
+        )
+
+    def _any_line(self, transaction: Transaction) -> str:
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
         outcome: i64 = transaction.outcome
@@ -199,7 +185,7 @@ class TransactionLines(Observer):
         if not asked:
             time_ns = transaction.response_ns
             at = 'null,"response_time":"'
-        rest: i64 = time_ns % 1_000_000_000
+        rest: i64 = time_ns % _SECOND_NS
         latency = decimal(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         opening = _ITEMS
@@ -226,7 +212,7 @@ class TransactionLines(Observer):
                 transaction.parameters.fragment = function
         return (
             f"{_HEAD}{decimal(transaction.number)}{self._connection(transaction.connection, transaction.asked_by)}"
-            f',"pdu_ref":{reference},"rosctr":{rosctr},"function":{function}'
+            f'{reference},"rosctr":{rosctr},"function":{function}'
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
             f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{opening}{body}{closing}'
@@ -253,6 +239,7 @@ class TransactionLines(Observer):
         return f'{numbers[0]},"response_frame":{numbers[1]},"request_file":{names[0]},"response_file":{names[1]}'
 
     def _connection(self, connection: Connection, asked_by: i64) -> str:
+        """Return what a connection has between the number of a transaction and its reference."""
         key: i64 = connection.number * 2 + asked_by
         found = self._ends.get(key)
         if found is None:
@@ -261,7 +248,7 @@ class TransactionLines(Observer):
             ends = connection.tcp.ends
             found = (
                 f',"connection":{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
-                f',"answered_by":{json_text(str(ends[1 - asked_by]))}'
+                f',"answered_by":{json_text(str(ends[1 - asked_by]))},"pdu_ref":'
             )
             self._ends[key] = found
         return found
@@ -272,9 +259,7 @@ class TransactionLines(Observer):
         granted = answer.setup if answer is not None else None
         if asked is None and granted is None:
             return ""
-        wish = json.dumps(asked.as_dict(), separators=(",", ":")) if asked is not None else "null"
-        given = json.dumps(granted.as_dict(), separators=(",", ":")) if granted is not None else "null"
-        return f',"setup":{{"asked":{wish},"granted":{given}}}'
+        return f',"setup":{{"asked":{_setup_text(asked)},"granted":{_setup_text(granted)}}}'
 
     def _notes(self, transaction: Transaction) -> str:
         """Return what request and answer are about, for functions whose items do not tell it."""
@@ -305,15 +290,25 @@ class TransactionLines(Observer):
         if naming is not None:
             return ",".join(
                 [
-                    _with_tags(_item(result.item, result.return_code, result.data), naming.named(result))
+                    with_tags(item_json(result.item, result.return_code, result.data), naming.named(result))
                     for result in transaction.results()
                 ]
             )
         good = transaction.good_octets()
         if good is not None:  # nearly always; each item meets its own octets without an object in between
             items = transaction.parameters.items
-            return ",".join([_item(items[index], SUCCESS, good[index]) for index in range(len(good))])
-        return ",".join([_item(result.item, result.return_code, result.data) for result in transaction.results()])
+            return ",".join([item_json(items[index], SUCCESS, good[index]) for index in range(len(good))])
+        return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.results()])
+
+
+def _setup_text(setup: Setup | None) -> str:
+    """Return `Setup.as_dict` as JSON."""
+    if setup is None:
+        return "null"
+    return (
+        f'{{"max_amq_calling":{setup.max_amq_calling},"max_amq_called":{setup.max_amq_called}'
+        f',"pdu_length":{setup.pdu_length}}}'
+    )
 
 
 def _below(number: i64) -> str:
@@ -321,56 +316,6 @@ def _below(number: i64) -> str:
     if number < 1000:
         return SHORT[number]
     return THREE[number % 1000]
-
-
-def _item(item: Item | None, code: i64, data: bytes | None) -> str:
-    """Return one item of a transaction joined with its return code (-1 for none) and octets."""
-    head = item_text(item) if item is not None else _NO_ITEM
-    if data is None or code != SUCCESS:
-        told = SHORT[code] if code >= 0 else "null"
-        head = f'{head[: -len(_GOOD)]}{told},"data":'
-        if data is None:
-            return f'{head}null,"value":null}}'
-        head += '"'
-    value = _value(item, data) if item is not None else "null"
-    return f'{head}{hexadecimal(data)}","value":{value}}}'
-
-
-def _value(item: Item, data: bytes) -> str:
-    """Return the value of an item, and behind it what an array of bytes spells; null where octets do not fit the item."""
-    if item.size != len(data) and not item.fits(len(data)):
-        return "null"
-    value = octets_value(item.transport_size, data)
-    if item.transport_size == BYTE:
-        text = spelled(data)
-        if text:
-            return f'{value},"text":{json_text(text)}'
-    return value
-
-
-def _with_tags(item: str, known: list[NamedValue]) -> str:
-    """Return the object of an item with its tags, and the octets that none of them covers."""
-    tags = ",".join([_tag(value) for value in known if value.name])
-    free = ",".join(
-        [
-            f'{{"address":{json_text(value.address)},"offset":{value.offset},"data":"{value.data.hex()}"}}'
-            for value in known
-            if not value.name
-        ]
-    )
-    return f'{item[:-1]},"tags":[{tags}],"untagged":[{free}]}}'
-
-
-def _tag(known: NamedValue) -> str:
-    raw = f',"raw":{value_text(known.raw)}' if known.raw is not known.value and known.raw != known.value else ""
-    remark = f',"remark":{json_text(known.remark)}' if known.remark else ""
-    comment = f',"comment":{json_text(known.comment)}' if known.comment else ""
-    data = f',"data":"{known.data.hex()}"' if known.value is None and known.data else ""
-    return (
-        f'{{"name":{json_text(known.name)},"address":{json_text(known.address)},"type":{json_text(known.type)}'
-        f',"value":{value_text(known.value)},"unit":{json_text(known.unit) if known.unit else "null"}'
-        f',"whole":{"true" if known.whole else "false"},"offset":{known.offset}{raw}{data}{remark}{comment}}}'
-    )
 
 
 def _errors(transaction: Transaction) -> str:
@@ -443,9 +388,9 @@ def _body(pdu: Pdu) -> str:
     if parameters.item_count >= 0:
         text += f',"item_count":{parameters.item_count}'
     if parameters.setup is not None:
-        text += f',"setup":{json.dumps(parameters.setup.as_dict(), separators=(",", ":"))}'
+        text += f',"setup":{_setup_text(parameters.setup)}'
     if parameters.items:
-        items = ",".join([item_text(item)[: -len(_CODE)] + "}" for item in parameters.items])
+        items = ",".join([item_text(item)[: -len(CODE)] + "}" for item in parameters.items])
         text += f',"items":[{items}]'
     data_items = pdu.data_items()
     if data_items:
@@ -495,7 +440,7 @@ def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
     )
     if index < len(pdu.parameters.items):
         item = pdu.parameters.items[index]
-        text += f',"value":{_value(item, answer.data)}'
+        text += f',"value":{value_json(item, answer.data)}'
     return text + "}"
 
 

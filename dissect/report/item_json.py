@@ -1,0 +1,143 @@
+"""Values and items as JSON, for the lines of transactions and whoever else writes values.
+
+What a polled item looks like is written once and used for every transaction that repeats it. Values of the sizes that polling
+needs are written straight from their octets.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.s7.items import Item
+from dissect.s7.parameters import UserdataHead
+from dissect.s7.tables import BIT, BYTE, SUCCESS, USERDATA_TYPES
+from dissect.s7.values import Value, decode_value, number_json, number_texts, spelled
+from dissect.transactions.naming import NamedValue
+from dissect.wire.build import COMPILED
+from dissect.wire.text import HEX, SHORT, hexadecimal, json_text
+
+#: The return code of an item of which all is well, and what stands in front of its octets.
+_GOOD: Final = f'{SUCCESS},"data":"'
+CODE: Final = f',"return_code":{_GOOD}'
+_NO_ITEM: Final = (
+    '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null' + CODE
+)
+
+
+def value_text(value: Value) -> str:
+    """Return a decoded value as JSON; NaN and the infinities, which JSON has no numbers for, as strings."""
+    if value is None:
+        return "null"
+    if value is True:
+        return "true"
+    if value is False:
+        return "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        text = repr(value)
+        return f'"{text}"' if text in {"nan", "inf", "-inf"} else text
+    if isinstance(value, str):
+        return json_text(value)
+    return f"[{','.join([value_text(element) for element in value])}]"
+
+
+def octets_value(transport_size: i64, octets: bytes) -> str:
+    """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
+    size: i64 = len(octets)
+    if transport_size == BIT and size == 1:
+        return "true" if octets[0] & 1 else "false"
+    single = number_json(transport_size, octets)
+    if single:
+        return single
+    texts = number_texts(transport_size, octets, True, size)
+    if texts:
+        return f"[{','.join(texts)}]"
+    return value_text(decode_value(transport_size, octets))
+
+
+def userdata_text(head: UserdataHead) -> str:
+    """Return a userdata head as a JSON object."""
+    text = (
+        f'{{"type":{head.type},"type_name":{json_text(USERDATA_TYPES.name(head.type))}'
+        f',"group":{head.group},"group_name":{json_text(head.group_name)}'
+        f',"subfunction":{head.subfunction},"subfunction_name":{json_text(head.subfunction_name)}'
+        f',"sequence":{head.sequence}'
+    )
+    if head.extended:
+        text += f',"data_unit_ref":{head.data_unit_ref},"last_data_unit":{head.last_data_unit},"error_code":{head.error_code}'
+    return text + "}"
+
+
+def item_text(item: Item) -> str:
+    """Return the beginning of an item's object, up to its return code and, as it is nearly always, `_GOOD`."""
+    if not item.fragment:
+        if item.transport_size < 0:
+            text = '"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
+        else:
+            text = (
+                f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
+                f',"transport_size":{item.transport_size},"count":{item.count}'
+            )
+        syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
+        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text}{CODE}'
+    return item.fragment
+
+
+def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
+    """Return one item of a transaction joined with its return code (-1 for none) and octets."""
+    head = item_text(item) if item is not None else _NO_ITEM
+    if data is None or code != SUCCESS:
+        told = SHORT[code] if code >= 0 else "null"
+        head = f'{head[: -len(_GOOD)]}{told},"data":'
+        if data is None:
+            return f'{head}null,"value":null}}'
+        head += '"'
+    value = value_json(item, data) if item is not None else "null"
+    if COMPILED:  # what polling reads most: digits without a text of their own
+        size: i64 = len(data)
+        if size == 4:
+            begin, end = HEX[data[0]], HEX[data[3]]
+            return f'{head}{begin}{HEX[data[1]]}{HEX[data[2]]}{end}","value":{value}}}'
+        if size == 2:
+            return f'{head}{HEX[data[0]]}{HEX[data[1]]}","value":{value}}}'
+    return f'{head}{hexadecimal(data)}","value":{value}}}'
+
+
+def value_json(item: Item, data: bytes) -> str:
+    """Return the value of an item, and behind it what an array of bytes spells; null where octets do not fit the item."""
+    if item.size != len(data) and not item.fits(len(data)):
+        return "null"
+    value = octets_value(item.transport_size, data)
+    if item.transport_size == BYTE:
+        text = spelled(data)
+        if text:
+            return f'{value},"text":{json_text(text)}'
+    return value
+
+
+def with_tags(item: str, known: list[NamedValue]) -> str:
+    """Return the object of an item with its tags, and the octets that none of them covers."""
+    tags = ",".join([_tag(value) for value in known if value.name])
+    free = ",".join(
+        [
+            f'{{"address":{json_text(value.address)},"offset":{value.offset},"data":"{value.data.hex()}"}}'
+            for value in known
+            if not value.name
+        ]
+    )
+    return f'{item[:-1]},"tags":[{tags}],"untagged":[{free}]}}'
+
+
+def _tag(known: NamedValue) -> str:
+    raw = f',"raw":{value_text(known.raw)}' if known.raw is not known.value and known.raw != known.value else ""
+    remark = f',"remark":{json_text(known.remark)}' if known.remark else ""
+    comment = f',"comment":{json_text(known.comment)}' if known.comment else ""
+    data = f',"data":"{known.data.hex()}"' if known.value is None and known.data else ""
+    return (
+        f'{{"name":{json_text(known.name)},"address":{json_text(known.address)},"type":{json_text(known.type)}'
+        f',"value":{value_text(known.value)},"unit":{json_text(known.unit) if known.unit else "null"}'
+        f',"whole":{"true" if known.whole else "false"},"offset":{known.offset}{raw}{data}{remark}{comment}}}'
+    )
