@@ -108,10 +108,12 @@ def write(lines: Iterable[str]) -> None:
     """Write lines to stdout, in UTF-8 whatever the locale says, so that the same input gives the same octets everywhere."""
     source = iter(lines)
     while piece := list(islice(source, _PIECE)):
-        # Each by itself: joined first, one arrow would make wide characters of a whole tree that is ASCII.
-        octets = [line.encode("utf-8", "backslashreplace") for line in piece]
-        octets.append(b"")
-        sys.stdout.buffer.write(b"\n".join(octets))
+        if all(map(str.isascii, piece)):
+            piece.append("")
+            octets = "\n".join(piece).encode("ascii")
+        else:  # joined first, one arrow would make wide characters of a whole tree that is ASCII
+            octets = b"\n".join([line.encode("utf-8", "backslashreplace") for line in (*piece, "")])
+        sys.stdout.buffer.write(octets)
     sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
 
 
