@@ -42,7 +42,7 @@ KINDS: Final = {
     IP_ADDRESSES: "IP addresses (distinct)",
     MAC_ADDRESSES: "MAC addresses (distinct)",
     TSAPS: "TSAP texts",
-    NAMES: "names of stations, modules and plants",
+    NAMES: "names: stations, modules, plants; in S7comm-plus all texts",
     SERIALS: "serial numbers",
     BLOCK_TEXTS: "block names, families and authors",
     FILE_NAMES: "file names and paths",
@@ -94,7 +94,8 @@ LEFT: Final = (
     "loopback, multicast and broadcast addresses; whether an address is private, and shared prefixes",
     "TSAPs of two bytes (connection type, rack, slot), references, negotiated sizes",
     "what is requested: functions, areas, DB and block numbers, addresses, block types, sizes and versions",
-    "order numbers of modules, SZL ids and numbers in their records, diagnostic events, states, error codes",
+    "in S7comm: order numbers of modules, SZL ids and numbers in their records, diagnostic events, states, error codes",
+    "in S7comm-plus: ids of sessions, objects, attributes and variables, roles, states, return values, firmware versions",
     "times in contents: of blocks, events, clocks",
     "of SCD messages the header (kind, number, object, error), mappings of PDOs, constants that the dictionary says",
 )

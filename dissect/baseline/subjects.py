@@ -15,7 +15,7 @@ from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PlusParameters
 from dissect.transactions import payloads as carried
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import PUSH, Transaction
 
 #: Addresses of client and server, without ports: those of a client change with each connection.
 Pair = tuple[str, str]
@@ -32,14 +32,18 @@ _DB: Final = re.compile(r"DB[0-9]+(?=\.)")
 
 
 class Subject:
-    """Name of the function, and the areas that are read and written (``DB12``, ``M``, ``I``), each once, in wire order."""
+    """Name of the function, and the areas that are read and written (``DB12``, ``M``, ``I``), each once, in wire order.
 
-    __slots__ = ("function", "reads", "writes")
+    ``is_push``: the server sends it by itself, so it is no request of the client.
+    """
 
-    def __init__(self, function: str, reads: tuple[str, ...], writes: tuple[str, ...]) -> None:
+    __slots__ = ("function", "is_push", "reads", "writes")
+
+    def __init__(self, function: str, reads: tuple[str, ...], writes: tuple[str, ...], is_push: bool = False) -> None:
         self.function = function
         self.reads = reads
         self.writes = writes
+        self.is_push = is_push
 
 
 class Subjects:
@@ -69,7 +73,7 @@ def _subject(transaction: Transaction) -> Subject:
     areas = tuple(dict.fromkeys([name for item in parameters.items for name in area_names(item)]))
     reads = areas if parameters.function == READ_VAR else ()
     writes = areas if parameters.function == WRITE_VAR else ()
-    return Subject(parameters.function_name, reads, writes)
+    return Subject(parameters.function_name, reads, writes, transaction.outcome == PUSH)
 
 
 def _plus_subject(transaction: Transaction, function: str) -> Subject:
@@ -79,9 +83,8 @@ def _plus_subject(transaction: Transaction, function: str) -> Subject:
         for item in transaction.plus_items()
         if item.address is not None and (item.address.area in AREAS or item.address.area >> 16 in BLOCK_KINDS)
     ]))  # fmt: skip
-    return Subject(
-        function, () if transaction.function in WRITES else names, names if transaction.function in WRITES else ()
-    )
+    reads, writes = ((), names) if transaction.function in WRITES else (names, ())
+    return Subject(function, reads, writes, transaction.outcome == PUSH)
 
 
 def area_names(item: Item) -> list[str]:

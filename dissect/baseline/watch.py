@@ -87,7 +87,10 @@ class BaselineWatch:
         norm = self._pairs.get(pair, _NOTHING)
         found = []
         if norm.functions is not None and subject.function not in norm.functions:
-            text = f"first {subject.function} request to {server} by {client}"
+            if subject.is_push:  # nobody asked for it just now: the server sent it by itself
+                text = f"first {subject.function} from {server} to {client}"
+            else:
+                text = f"first {subject.function} request to {server} by {client}"
             found.append(Deviation(FUNCTION, pair, subject.function, text))
         found += [
             Deviation(READ, pair, area, f"first read of {area} on {server} by {client}")

@@ -158,7 +158,7 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
                 f"{duration_text(latency)}, the limit is {duration_text(int(slow_ns))}",
             )
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
-        _note(judge, "transaction.orphan", transaction, f"reference 0x{transaction.pdu_ref:04x}")
+        _note(judge, "transaction.orphan", transaction, _orphan(transaction))
     if transaction.has_errors and transaction.outcome != PUSH:  # nothing was asked that could be refused
         _judge_errors(judge, transaction)
 
@@ -179,8 +179,21 @@ def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slo
     _note(judge, "transaction.unanswered", transaction, _why(transaction))
 
 
+def _stays_encrypted(transaction: Transaction, side: i64) -> bool:
+    """True where nothing of ``side`` was decrypted while the other side was: half a key log."""
+    session = transaction.connection.tls
+    return session is not None and session.is_open and not session.directions[side].content
+
+
+def _orphan(transaction: Transaction) -> str:
+    encrypted = "; the request stays encrypted" if _stays_encrypted(transaction, transaction.asked_by) else ""
+    return f"reference 0x{transaction.pdu_ref:04x}{encrypted}"
+
+
 def _why(transaction: Transaction) -> str:
     """Return why there is no answer, and who closed the connection if that is the reason."""
+    if _stays_encrypted(transaction, 1 - transaction.asked_by):
+        return "the answer, if there was one, stays encrypted"
     connection = transaction.connection
     ending = connection.ending
     if transaction.reason == CONNECTION_CLOSED and ending is not None:

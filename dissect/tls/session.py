@@ -397,4 +397,4 @@ class TlsSession:
             return f"the key log lacks {' and '.join(missing)} of its session"
         if any([self.directions[index].opened for index in shut]):
             return "records are missing from the capture, and those after them fit no record number that was tried"
-        return "its secrets do not open its records: they belong to another session, or the records were changed"
+        return "the secrets given for it do not open the records: they belong to another session, or the records were changed"

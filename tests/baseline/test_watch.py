@@ -7,10 +7,12 @@ import pytest
 from dissect.baseline import Baseline, BaselineWatch, PairNorm
 from dissect.baseline.subjects import Pairs
 from dissect.engine.observer import Observer
+from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.baseline.wire import Client, Wire
 from tests.properties.messages import Item
+from tests.report.support import ROOT
 
 NORMAL = {
     "server_ports": frozenset((102,)),
@@ -99,3 +101,24 @@ def test_who_is_not_known(client: str, told: tuple[str, str]) -> None:
     found = seen({}, client)
     assert found[-1] == told
     assert {kind for kind, _ in found[:-1]} == {"function", "read", "write"}
+
+
+def test_s7comm_plus_by_its_blocks_and_what_the_cpu_sends_by_itself() -> None:
+    """Blocks that are read and written are learned; a notification is the CPU's, no request of the panel."""
+    texts: list[str] = []
+
+    class Watch(Observer):
+        watch = BaselineWatch(Baseline({}))
+        pairs = Pairs()
+
+        def transaction(self, transaction: Transaction) -> None:
+            texts.extend(one.text for one in self.watch.transaction(self.pairs.of(transaction.connection), transaction))
+
+    run = Run([str(ROOT / "captures" / "crafted" / "plus-plant.pcapng")], Watch())
+    while run.step():
+        pass
+    assert "first S7comm-plus notification from 192.0.2.20 to 192.0.2.30" in texts
+    assert "first S7comm-plus GetMultiVariables request to 192.0.2.20 by 192.0.2.30" in texts
+    assert "first read of DB1 on 192.0.2.20 by 192.0.2.30" in texts
+    assert "first write of DB1 on 192.0.2.20 by 192.0.2.30" in texts
+    assert not [text for text in texts if "notification request" in text]

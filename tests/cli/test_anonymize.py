@@ -37,6 +37,9 @@ def test_writes_a_capture_and_tells_of_it(tmp_path: Path, capfdbinary: Capfd) ->
     assert "       2  IP addresses (distinct)" in lines
     assert any(line.endswith("values (4 bytes)") for line in lines)
     assert "Left unchanged" in lines
+    unchanged = [line.strip() for line in lines[lines.index("Left unchanged") + 1 :]]
+    assert [line for line in unchanged if "order numbers" in line and not line.startswith("in S7comm: ")] == []
+    assert [line for line in unchanged if line.startswith("in S7comm-plus: ") and line.endswith(" firmware versions")]
     assert told(out) == told(source)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.pcapng", "out.pcapng"]
 

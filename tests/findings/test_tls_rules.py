@@ -84,3 +84,18 @@ def test_why_records_stay_closed_is_said_once() -> None:
     assert finding[1].endswith(" encrypted records stay closed: the key log holds only keys of 1 other session")
     assert said(found) == []
     assert said(found, found.key_log) == []
+
+
+def test_half_a_key_log_blames_neither_the_capture_nor_the_device() -> None:
+    """What the other direction said stays encrypted: the transactions that lack it say so."""
+    request = bytes.fromhex("72010012310000058600000007000000003000000000") + bytes.fromhex("72010000")
+    answer = bytes.fromhex("7201000f320000058600000007000000000000") + bytes.fromhex("72010000")
+    found = wire([(0, request), (1, answer)])
+    for closed, slug, detail in (
+        (b"CLIENT", "transaction.orphan", "reference 0x0007; the request stays encrypted"),
+        (b"SERVER", "transaction.unanswered", "the answer, if there was one, stays encrypted"),
+    ):
+        half = b"\n".join([line for line in found.key_log.splitlines() if not line.startswith(closed)])
+        details = dict(said(found, half))
+        assert details[slug].endswith(detail), details
+    assert {slug for slug, _ in said(found, found.key_log)}.isdisjoint({"transaction.orphan", "transaction.unanswered"})

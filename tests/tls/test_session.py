@@ -167,7 +167,7 @@ def test_keys_that_are_wrong(version: ssl.TLSVersion) -> None:
     assert told(session, found.flights) == []
     session.close()
     assert session.why_closed == (
-        "its secrets do not open its records: they belong to another session, or the records were changed"
+        "the secrets given for it do not open the records: they belong to another session, or the records were changed"
     )
 
 
