@@ -12,6 +12,7 @@ from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.watched import WatchedFacts
 from dissect.report import facets, words
+from dissect.report.plus import item_text
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import connection_lines, finding_lines
@@ -21,7 +22,7 @@ from dissect.report.writers.text import pdu_line, plus_line
 from dissect.s7plus.hiding import shown_contents
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import PUSH, Transaction
 from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 
@@ -59,7 +60,11 @@ def _numbers(operation: Operation) -> str:
 
 
 def _transaction(transaction: Transaction, clock: Clock, places: Places) -> Iterator[Line]:
-    for number, text in enumerate(facets.items(transaction), 1):
+    if transaction.plus_request is not None or transaction.plus_response is not None:  # items with numbers of their own
+        numbered = [(item.number, item_text(item)) for item in transaction.plus_items()]
+    else:
+        numbered = list(enumerate(facets.items(transaction), 1))
+    for number, text in numbered:
         yield Line(f"  item {number}  {text}", PLAIN, 4)
     for error in transaction.errors:
         said = f"  {error.where}: {facets.error_text(error)}. {error.text}" if error.text else ""
@@ -76,18 +81,16 @@ def _halves(transaction: Transaction, clock: Clock, places: Places) -> Iterator[
     # `entries.detached` keeps the packet in front of a PDU that it carries whole.
     asked = transaction.request_buf if transaction.request_offset else b""
     told = transaction.response_buf if transaction.response_offset else b""
-    for title, pdu, packet in (("Request", transaction.request, asked), ("Answer", transaction.response, told)):
+    given = "Push" if transaction.outcome == PUSH else "Answer"
+    for title, pdu, packet in (("Request", transaction.request, asked), (given, transaction.response, told)):
         if pdu is not None:
             yield from _heading(title, pdu_line(pdu, connection, clock, places))
             yield from _plain(tree_lines(pdu, packet, connection.protocol == IBH_NETLINK))
-    for title, plus, packet in (
-        ("Request", transaction.plus_request, asked),
-        ("Answer", transaction.plus_response, told),
-    ):
+    for title, plus in (("Request", transaction.plus_request), (given, transaction.plus_response)):
         if plus is not None:
             contents = shown_contents(plus)
             yield from _heading(title, plus_line(plus, connection, clock, places, contents))
-            yield from _plain(plus_tree_lines(plus, packet, contents=contents))
+            yield from _plain(plus_tree_lines(plus, b"", "", contents))
 
 
 def _heading(title: str, text: str) -> Iterator[Line]:

@@ -42,6 +42,9 @@ _SMALL: Final = 256
 _MOST: Final = 4096
 #: Octets of a PDU in its hex view: one of S7comm-plus may have 8 MiB, and a line takes five times what it shows.
 MAX_HEX: Final = 1 << 20
+# Why no packet carries a PDU of S7comm-plus whole.
+REASSEMBLED: Final = "reassembled from several frames or fragments"
+DECRYPTED: Final = "decrypted"
 _ACK_SIZE: Final = s7.ACK_HEADER.size
 #: Which field of a header is the reference, and where it stands.
 _REF_NUMBER: Final = [field.name for field in s7.HEADER.fields].index("pdu_ref")
@@ -114,21 +117,20 @@ def netlink_tree_lines(octets: bytes) -> Iterator[str]:
 
 
 def plus_tree_lines(
-    pdu: PlusPdu, packet: bytes, decrypted: bool = False, contents: Shown | None = None
+    pdu: PlusPdu, packet: bytes, why: str = REASSEMBLED, contents: Shown | None = None
 ) -> Iterator[str]:
     """Yield the tree of an S7comm-plus PDU and the hex view below it.
 
-    ``packet`` as for `tree_lines`, empty where the PDU was ``decrypted``. ``contents`` are its contents where they were read
-    before, with their parts.
+    ``packet`` as for `tree_lines`; ``why`` it is empty: `REASSEMBLED`, `DECRYPTED`, or empty where that is not known.
+    ``contents`` are its contents where they were read before, with their parts.
     """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:
         yield from _packet(packet).split("\n")
     else:
-        why = "decrypted" if decrypted else "reassembled from several frames or fragments"
         why = "the end is missing" if pdu.cut else why
-        yield f"    {why}; offsets count from the start of the S7comm-plus PDU"
+        yield f"    {why}{'; ' if why else ''}offsets count from the start of the S7comm-plus PDU"
     at = base
     yield from _layout(s7plus.KEEP_ALIVE if pdu.version == KEEP_ALIVE else s7plus.HEADER, whole, at)
     at += s7plus.HEADER.size

@@ -58,6 +58,27 @@ def test_details_of_everything(name: str) -> None:
         assert [line.text for line in page if UNSAFE.search(line.text)] == []
 
 
+def test_details_of_s7comm_plus_use_the_numbers_of_its_items() -> None:
+    """The third variable of the subscription is the refused one, whatever stands before it in the notification."""
+    model = model_of(of_capture("crafted/plus-plant"))
+    pushed = next(entry for entry in model.entries if "DB1 LID 99: refused" in details.entry_lines(entry)[0].text)
+    lines = [line.text.strip() for line in details.entry_lines(pushed)]
+    assert lines[1:6] == [
+        'item 1  DB1."level" = Real 42.5',
+        'item 2  DB1."pump" = Bool true',
+        "item 4  CPUexecUnit.DIS.OperatingState = DInt 8 RUN",
+        "item 3  DB1 LID 99: refused",
+        "item 3: 0x13 refused. The CPU refuses the item, and gives no reason.",
+    ]
+    assert lines[7].startswith("Push: packet 14  ")
+    assert lines[8] == "offsets count from the start of the S7comm-plus PDU"  # how it came is not kept
+    asked = next(entry for entry in model.entries if "GetMultiVariables" in details.entry_lines(entry)[0].text)
+    assert [line.text.split(":")[0] for line in details.entry_lines(asked) if ": packet" in line.text] == [
+        "Request",
+        "Answer",
+    ]
+
+
 def test_a_hostile_device_is_quoted() -> None:
     model = model_of(of_packets(hostile()))
     told = rows.joined(rows.entry_row(model.entries[-1], 200, Clock()))

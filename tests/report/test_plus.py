@@ -320,7 +320,7 @@ def test_contents_that_were_read_are_not_read_again() -> None:
     own, others = shown_contents(pdu), shown_contents(other)
     lines = [plus_line(pdu, connection, Clock(), PLACES, contents) for contents in (None, own, others)]
     assert lines[0] == lines[1] != lines[2]
-    trees = [list(plus_tree_lines(pdu, b"", False, contents)) for contents in (None, own, others)]
+    trees = [list(plus_tree_lines(pdu, b"", contents=contents)) for contents in (None, own, others)]
     assert trees[0] == trees[1] != trees[2]
 
 

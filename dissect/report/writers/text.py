@@ -275,10 +275,10 @@ class TextWriter(Writer):
         contents = shown_contents(pdu, self.verbose)
         self._add(plus_line(pdu, connection, self.clock, self.places, contents), bool(pdu.malformed))
         if self.verbose:
-            from dissect.report.tree import plus_tree_lines
+            from dissect.report.tree import DECRYPTED, REASSEMBLED, plus_tree_lines
 
-            decrypted = connection.tls is not None and connection.tls.is_open
-            self._tree("\n".join(plus_tree_lines(pdu, self._whole(octets, cut), decrypted, contents)))
+            why = DECRYPTED if connection.tls is not None and connection.tls.is_open else REASSEMBLED
+            self._tree("\n".join(plus_tree_lines(pdu, self._whole(octets, cut), why, contents)))
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
