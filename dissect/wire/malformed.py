@@ -80,7 +80,7 @@ class Malformed:
         if self.reason == "trailing_octets":
             behind = f" behind {self.field}" if self.field != "end" else ""
             surplus = _octets(self.available - self.needed)
-            return f"{surplus} too many{behind} at byte {self.offset}, in {container}"
+            return f"{surplus} too many{behind} at byte {self.offset}, in {container.replace('rest of the ', '')}"
         if self.reason == "count_mismatch":
             return f"{where}: {self.needed} announced, {self.available} there"
         if self.reason == "bad_compression":

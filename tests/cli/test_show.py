@@ -206,7 +206,7 @@ def test_the_line_and_the_tree_of_s7comm_plus_give_a_fault_the_same_place(capfdb
     """Six zeros too many in a request of s7commplus: at byte 69 of its PDU, which is byte 76 of its TPKT."""
     capture = Path(__file__).parents[2] / "captures" / "s7plus" / "s7commplus.pcapng"
     lines = run(capfdbinary, "show", "-V", "--frame", "14", capture).out.splitlines()
-    fault = "MALFORMED {}s7plus: 6 bytes too many at byte 69, in the TSDU{}"
+    fault = "MALFORMED {}s7plus: 6 bytes too many at byte 69, in the PDU{}"
     assert [line[line.find("MALFORMED") :] for line in lines if "MALFORMED" in line] == [
         fault.format("", ""),
         fault.format(" ", " (byte 76 here)"),
