@@ -295,7 +295,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 _frames(transaction),
                 transaction.response_ns,
-                f"{subject(transaction)}: {coded(f'0x{error.code:04x}', error.name)}",
+                f"{_asked(transaction)}: {coded(f'0x{error.code:04x}', error.name)}",
             )
         return
     slug = "transaction.item_error"
@@ -308,6 +308,15 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.response_ns,
                 f"{transaction.function_name} {_about(transaction, error)}: {coded(f'0x{error.code:02x}', error.name)}",
             )
+
+
+def _asked(transaction: Transaction) -> str:
+    """Return what a request was about, of S7comm-plus with the variables and attributes that it names."""
+    labels = [item.label for item in transaction.plus_items()] if transaction.is_plus else []
+    if not labels:
+        return subject(transaction)
+    more = f" and {len(labels) - _NAMED} more" if len(labels) > _NAMED else ""
+    return f"{transaction.function_name} {', '.join(labels[:_NAMED])}{more}"
 
 
 def _in_part(transaction: Transaction) -> bool:

@@ -12,6 +12,7 @@ from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS, RETURN_CODES
 from dissect.s7plus.skipping import is_wanted, passed
 from dissect.s7plus.value_reading import read_members, read_value
 from dissect.s7plus.walk import STEP, FormatError, Walk, Wanted
+from dissect.wire.codes import coded
 from dissect.wire.varint import VLQ, VLQ64
 
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
@@ -30,7 +31,7 @@ def take_return_value(walk: Walk) -> int:
 
 def return_note(value: int) -> str:
     """Return what a return value says in few words."""
-    return f"0x{value:x} {RETURN_CODES.name(value & 0xFFFF)}" if value else "0 OK"
+    return coded(f"0x{value:x}", RETURN_CODES.name(value & 0xFFFF)) if value else "0 OK"
 
 
 def return_details(value: int) -> str:

@@ -336,6 +336,8 @@ def test_refusals_that_have_nothing_to_do_with_protection() -> None:
     talk = begun()
     do(talk, 1, SET_VARIABLE, bodies.set_variable(52, [9999], Value(0, DINT, 1)), b"\xff" * 8 + b"\xe0")
     assert [slug for slug, _ in said(talk)] == ["transaction.refused"]
+    (refused,) = [finding.detail for finding in talk.findings if finding.slug == "transaction.refused"]
+    assert refused.startswith("S7comm-plus SetVariable CPUexecUnit.9999: 0x")  # what was refused, not only how
 
 
 def integrity(talk: Talk, number: int, integrity_id: int, attribute: int = 2168) -> None:

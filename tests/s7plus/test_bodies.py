@@ -327,6 +327,7 @@ def test_contents_that_were_made_anonymous_are_no_contents(function: int, answer
     [
         (0, "0 OK"),
         (17, "0x11 Message session pre-legitimated"),
+        (0x8104, "0x8104 (unknown code)"),
         (
             0xA6059400096DFF95,
             "0xa6059400096dff95 Service not allowed; Service not allowed; from object management, line 2413",
