@@ -183,7 +183,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Check which side closed it: a server that closes at once lacks the TSAP or a free connection; a client may just give up.",
      ""),
     ("session.encrypted", NOTE, PROTOCOL, "A connection switched to TLS encryption.",
-     "Its content is visible only with the session keys (--tls-keys). If keys did not help, session.tls_closed says why.", ""),
+     "Only session keys (--tls-keys) open its content. Where keys did not help, session.tls_closed says why.", ""),
     ("session.tls_closed", WARNING, CAPTURE, "TLS keys were given, but records of a connection could not be decrypted.",
      "What they carried is unknown; the detail says why. Log keys from the session's start, and capture its handshake.", ""),
     ("security.tls_weak", WARNING, SECURITY, "A TLS session uses a version or cipher suite that no longer protects it.",
