@@ -172,6 +172,7 @@ def coverage_userdata(case: Case) -> None:
             say(talk, group, row)
     # Answers to pushes: a piece of a file is one and gets one, so there is no request that they belong to.
     case.find("transaction.orphan", 2)
+    case.find("transaction.item_error")  # a force job reports that it may not access its second item
     case.find("operation.stray_push")  # the first mode transition: nobody has subscribed to messages yet
     for slug in (
         "stopped", "alarm_change", "debug", "flash_led", "memory", "password", "program_change", "program_read",

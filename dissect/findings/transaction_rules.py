@@ -159,8 +159,11 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
             )
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(judge, "transaction.orphan", transaction, _orphan(transaction))
-    if transaction.has_errors and transaction.outcome != PUSH:  # nothing was asked that could be refused
-        _judge_errors(judge, transaction)
+    if transaction.has_errors:
+        if transaction.outcome == PUSH:  # what was subscribed may be refused item by item; nothing was asked as a whole
+            _judge_items(judge, transaction)
+        else:
+            _judge_errors(judge, transaction)
 
 
 def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
@@ -298,6 +301,10 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 f"{_asked(transaction)}: {coded(f'0x{error.code:04x}', error.name)}",
             )
         return
+    _judge_items(judge, transaction)
+
+
+def _judge_items(judge: Reporter, transaction: Transaction) -> None:
     slug = "transaction.item_error"
     for error in transaction.errors:
         if error.part == ITEM and judge.wants(slug, transaction.connection.number):

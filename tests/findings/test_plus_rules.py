@@ -141,6 +141,21 @@ def test_a_subscription_reports_it() -> None:
     assert said(talk) == [("security.stopped", "operating state STOP")]
 
 
+def test_a_variable_of_a_subscription_that_is_refused() -> None:
+    """Each notification refuses it again; the first one also brings the value of the other."""
+    talk = begun()
+    wanted = [0x80010000, 0, 2, 0x80150004, 1, 0, 82, 0, 3736, 3, 100, 2, 0x80150004, 2, 0, 82, 0, 3736, 3, 102, 2]
+    made = PlusObject(211, 1001, 0, 0, 0, [Attribute(1048, Value(0x20, UDINT, wanted))])
+    answer = b"\0\1" + bodies.number(0x70008001)
+    do(talk, 1, CREATE_OBJECT, bodies.create_object(285, NOTHING, made, integrity_id=1), answer)
+    for credit, items in ((1, b"\x92\0\0\0\1" + build_value(Value(0, INT, 5))), (2, b""), (3, b"")):
+        data = b"\x33" + bodies.rid(0x70008001) + b"\4\0\0\0\0\0" + bytes((credit, credit, 1))
+        talk.tell(framed(data + items + b"\x13\0\0\0\2" + b"\0" + bytes(4), 3))
+    talk.close()
+    found = [finding for finding in talk.findings if finding.slug == "transaction.item_error"]
+    assert [finding.detail for finding in found] == ["S7comm-plus notification MW102: 0x13 refused"] * 3
+
+
 def test_blocks_are_loaded_and_deleted() -> None:
     talk = begun()
     one = block(0x8A32_0001, 2647, "Main", 4)
