@@ -199,6 +199,7 @@ def plus_plant(case: Case) -> None:
     )
     panel.notify(0x70400010, (1, Value(0, REAL, 42.5)), (2, Value(0, BOOL, True)), (3, None), (4, Value(0, DINT, 8)))
     case.count(item_errors=1)
+    case.find("transaction.item_error")
     for step in range(4):
         case.pause(440)
         poll(panel, 60)
