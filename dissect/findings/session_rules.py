@@ -18,6 +18,7 @@ from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.pairing import GIVEN_UP_NS
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
+from dissect.wire.codes import CodeTable
 from dissect.wire.text import duration_text
 
 #: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
@@ -150,7 +151,7 @@ def judge_port(judge: Reporter, connection: Connection, frame: i64, time_ns: i64
 def judge_disconnect(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """A DR: a refusal when it answers a connect request, else the end of the connection."""
     connection = side.connection
-    reason = DR_REASONS.name(tpdu.field("reason"))
+    reason = _reason(DR_REASONS, tpdu.field("reason"))
     who = connection.tcp.ends[side.index]
     if connection.cr_seen and not connection.established:
         tsap = connection.tsap_called
@@ -163,6 +164,11 @@ def judge_disconnect(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_n
             judge.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
 
 
+def _reason(codes: CodeTable, number: i64) -> str:
+    """Return the name of a reason; -1 is that of a TPDU which ends before it."""
+    return codes.name(number) if number >= 0 else "no reason given"
+
+
 def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
     """Return whether a DR is how a client takes its leave, as python-snap7 does: for no special reason, with nothing open."""
     leaves = connection.client_known and side.index == connection.client_side and tpdu.field("reason") in _NO_REASON
@@ -171,7 +177,7 @@ def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
 
 def judge_error_tpdu(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """An ER: something the other side sent was rejected."""
-    cause = ER_CAUSES.name(tpdu.field("cause"))
+    cause = _reason(ER_CAUSES, tpdu.field("cause"))
     connection = side.connection
     words = f"ER from {connection.tcp.ends[side.index]}: {cause}"
     connection.note_iso_end(words, ERROR_TPDU, side.index, frame, time_ns)

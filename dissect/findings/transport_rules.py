@@ -81,16 +81,16 @@ def judge_number(judge: Reporter, side: Side, number: i64, frame: i64, time_ns: 
 
 
 def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-    """A connect confirm must fit its request: reference, class, TPDU size, TSAPs."""
+    """A connect confirm must fit its request: reference, class (-1 where a damaged request lacks them), TPDU size, TSAPs."""
     connection = side.connection
     if not connection.cr_seen or tpdu.malformed or connection.client_side == side.index:
         return
     wrong: list[str] = []
     told: i64 = tpdu.field("dst_ref")
-    if told != connection.cr_ref:
+    if told != connection.cr_ref and connection.cr_ref >= 0:
         wrong.append(f"destination reference 0x{told:04x}, the request has 0x{connection.cr_ref:04x}")
     told = tpdu.field("class_")
-    if told > connection.cr_class:
+    if told > connection.cr_class >= 0:
         wrong.append(f"class {told}, requested {connection.cr_class}")
     asked: i64 = connection.tpdu_size_asked or _LARGEST
     if tpdu.tpdu_size > asked:

@@ -6,6 +6,7 @@ from dissect.findings.reporter import Finding
 from tests.growth import assert_growth
 from tests.transactions.talk import (
     CLIENT,
+    CONFIRM,
     CONNECT,
     MS,
     SECOND,
@@ -292,6 +293,26 @@ def test_an_error_tpdu() -> None:
     assert finding.detail != ""
     talk.finish()
     assert talk.connections[0].iso_ended.startswith("ER from 10.0.0.2:102: ")
+
+
+@pytest.mark.parametrize(("slug", "octets"), [("cotp.disconnected", "028000"), ("cotp.error", "027000")])
+def test_a_tpdu_that_ends_before_its_reason(slug: str, octets: str) -> None:
+    talk = Talk()
+    talk.open()
+    talk.packet(SERVER, tpkt(bytes.fromhex(octets)))
+    (finding,) = found(talk, slug)
+    assert finding.detail.endswith("no reason given")
+    talk.finish()
+    assert talk.connections[0].iso_ended.endswith("from 10.0.0.2:102: no reason given")
+
+
+def test_a_request_without_what_it_is_to_be_compared_with() -> None:
+    talk = Talk()
+    talk.packet(CLIENT, tpkt(bytes.fromhex("02e000")))
+    talk.packet(SERVER, CONFIRM)
+    assert found(talk, "cotp.bad_confirm") == []
+    talk.finish()
+    assert talk.connections[0].cr_ref == -1
 
 
 @pytest.mark.parametrize("side", [CLIENT, SERVER])
