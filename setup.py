@@ -34,7 +34,8 @@ from setuptools.command.build_py import build_py
 from distutils.ccompiler import new_compiler  # isort: skip
 from distutils.sysconfig import customize_compiler, get_python_inc  # isort: skip
 
-#: The modules on the way of every byte. They import the standard library, mypy_extensions and each other, nothing else.
+#: The modules on the way of every byte. They import the standard library, mypy_extensions, librt and
+#: each other, nothing else.
 HOT: Final = (
     "dissect/anonymize/messages.py",
     "dissect/anonymize/rewrite_plan.py",
@@ -131,6 +132,7 @@ COLD: Final = (
 #: (docs/decisions/0002-one-source-compiled-by-mypyc.md).
 BUSIEST: Final = (
     "dissect/wire/codes.py",
+    "dissect/wire/digits.py",
     "dissect/wire/layout.py",
     "dissect/wire/octets.py",
     "dissect/wire/text.py",

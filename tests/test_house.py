@@ -98,6 +98,7 @@ PURE_IMPORTS: Final = frozenset(
         "heapq",
         "hmac",
         "itertools",
+        "librt",
         "math",
         "mypy_extensions",
         "operator",

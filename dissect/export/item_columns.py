@@ -271,7 +271,7 @@ class ItemColumns:
             self._add(float(u16(data, 0)), None)
             return
         if size > 4 or (size == 4 and kind in _SHORT):  # several
-            text = ",".join(number_texts(kind, data, False, size))
+            text = ",".join(number_texts(kind, data, size))
             if text and "n" not in text:  # NaN and the infinities are no numbers of JSON
                 self._add(None, f"[{text}]")
                 return

@@ -215,7 +215,7 @@ def value_text(transport_size: i64, data: bytes, fits: bool) -> tuple[str, str]:
         value = decode_value(transport_size, data)
         return f"<{data.hex(' ')}>", str(value) if isinstance(value, (str, float)) else ""
     if transport_size != REAL or _finite(data):
-        texts = number_texts(transport_size, data, False, size)
+        texts = number_texts(transport_size, data, size)
         if texts:
             return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]", ""
     return shown_value(int(transport_size), data, fits)

@@ -125,7 +125,7 @@ def content(asked: Item, data: bytes) -> str:
         return words.octets(data)
     if kind == BIT and size == 1:
         return "true" if data[0] & 1 else "false"
-    texts = number_texts(kind, data, False, words.SHOWN)
+    texts = number_texts(kind, data, words.SHOWN)
     if not texts:
         decoded = decode_value(kind, data)
         return words.octets(data) if decoded is None else words.value(decoded)

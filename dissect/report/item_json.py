@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from typing import Final
 
+from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.s7.items import Item
 from dissect.s7.parameters import UserdataHead
 from dissect.s7.tables import BIT, BYTE, SUCCESS, USERDATA_TYPES
-from dissect.s7.values import Value, decode_value, number_json, number_texts, spelled
+from dissect.s7.values import Value, decode_value, numbers_json, spelled, write_numbers
 from dissect.transactions.naming import NamedValue
-from dissect.wire.build import COMPILED
-from dissect.wire.text import HEX, SHORT, hexadecimal, json_text
+from dissect.wire.digits import write_hexadecimal
+from dissect.wire.text import SHORT, hexadecimal, json_text
 
 #: The return code of an item of which all is well, and what stands in front of its octets.
 _GOOD: Final = f'{SUCCESS},"data":"'
@@ -24,6 +25,11 @@ CODE: Final = f',"return_code":{_GOOD}'
 _NO_ITEM: Final = (
     '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null' + CODE
 )
+
+#: What stands between the octets of an item and their value, and behind that.
+_VALUE: Final = '","value":'
+_VALUE_OCTETS: Final = _VALUE.encode("ascii")
+_CLOSE: Final = 0x7D
 
 
 def value_text(value: Value) -> str:
@@ -46,16 +52,9 @@ def value_text(value: Value) -> str:
 
 def octets_value(transport_size: i64, octets: bytes) -> str:
     """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
-    size: i64 = len(octets)
-    if transport_size == BIT and size == 1:
+    if transport_size == BIT and len(octets) == 1:
         return "true" if octets[0] & 1 else "false"
-    single = number_json(transport_size, octets)
-    if single:
-        return single
-    texts = number_texts(transport_size, octets, True, size)
-    if texts:
-        return f"[{','.join(texts)}]"
-    return value_text(decode_value(transport_size, octets))
+    return numbers_json(transport_size, octets) or value_text(decode_value(transport_size, octets))
 
 
 def userdata_text(head: UserdataHead) -> str:
@@ -74,16 +73,20 @@ def userdata_text(head: UserdataHead) -> str:
 def item_text(item: Item) -> str:
     """Return the beginning of an item's object, up to its return code and, as it is nearly always, `_GOOD`."""
     if not item.fragment:
-        if item.transport_size < 0:
-            text = '"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
-        else:
-            text = (
-                f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
-                f',"transport_size":{item.transport_size},"count":{item.count}'
-            )
-        syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
-        item.fragment = f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text}{CODE}'
+        item.fragment = _item_beginning(item)
     return item.fragment
+
+
+def _item_beginning(item: Item) -> str:
+    if item.transport_size < 0:
+        text = '"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null'
+    else:
+        text = (
+            f'"area":{item.area},"db":{item.db},"start_bit":{item.start_bit}'
+            f',"transport_size":{item.transport_size},"count":{item.count}'
+        )
+    syntax = str(item.syntax_id) if item.syntax_id >= 0 else "null"
+    return f'{{"address":{json_text(item.address)},"syntax_id":{syntax},{text}{CODE}'
 
 
 def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
@@ -96,14 +99,29 @@ def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
             return f'{head}null,"value":null}}'
         head += '"'
     value = value_json(item, data) if item is not None else "null"
-    if COMPILED:  # what polling reads most: digits without a text of their own
-        size: i64 = len(data)
-        if size == 4:
-            begin, end = HEX[data[0]], HEX[data[3]]
-            return f'{head}{begin}{HEX[data[1]]}{HEX[data[2]]}{end}","value":{value}}}'
-        if size == 2:
-            return f'{head}{HEX[data[0]]}{HEX[data[1]]}","value":{value}}}'
-    return f'{head}{hexadecimal(data)}","value":{value}}}'
+    return f"{head}{hexadecimal(data)}{_VALUE}{value}}}"
+
+
+def write_good_item(out: BytesWriter, item: Item, data: bytes) -> None:
+    """Write `item_json` of an item of which all is well."""
+    if not item.head:
+        item.head = _item_beginning(item).encode("ascii")
+    out.write(item.head)
+    write_hexadecimal(out, data)
+    out.write(_VALUE_OCTETS)
+    size: i64 = len(data)
+    kind: i64 = item.transport_size
+    if item.size != size and not item.fits(size):
+        out.write(b"null")
+    elif kind == BIT and size == 1:
+        out.write(b"true" if data[0] & 1 else b"false")
+    elif not write_numbers(out, kind, data):
+        out.write(value_text(decode_value(kind, data)).encode("ascii"))
+    elif kind == BYTE:
+        text = spelled(data)
+        if text:
+            out.write(f',"text":{json_text(text)}'.encode("ascii"))
+    out.append(_CLOSE)
 
 
 def value_json(item: Item, data: bytes) -> str:

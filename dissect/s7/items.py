@@ -65,6 +65,7 @@ class Item:
         "count",
         "db",
         "fragment",
+        "head",
         "octets",
         "offset",
         "shown",
@@ -88,6 +89,7 @@ class Item:
         self.address: str = ""
         # Cached texts of reports, of the fields above; polling repeats the same items for hours.
         self.fragment: str = ""  # of JSON
+        self.head: bytes = b""  # the same, where lines are made of octets
         self.cell: str = ""  # of CSV
         self.shown: str = ""  # for a person
 

@@ -10,11 +10,12 @@ import math
 import struct
 from typing import Final
 
+from librt.strings import BytesWriter, read_f64_le, read_i64_le
 from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
+from dissect.wire.digits import MINUS, write_decimal, write_digits
 from dissect.wire.octets import u32
-from dissect.wire.text import THREE, decimal, fraction
 
 _FLOAT: Final = struct.Struct(">f")
 #: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
@@ -27,12 +28,21 @@ _FIRST_DIGITS: Final = bytes(
         for exponent, step in enumerate(_HALF_STEP)
     ]
 )
-#: What the last of the 24 bits counts, by exponent field.
-_LAST_BIT: Final[list[float]] = [2.0 ** (max(exponent, 1) - 127 - 23) for exponent in range(255)]
 #: The decimal exponent of the power of two of an exponent field, plus `_BIAS`. The number itself may have one more.
 _DECADE: Final = bytes([math.floor(math.log10(2.0 ** (exponent - 127))) + 64 for exponent in range(255)])
 _BIAS: Final = 64
-_TENS: Final[list[float]] = [10.0**power for power in range(64)]
+
+
+def _doubles(numbers: list[float]) -> bytes:
+    """Return numbers as compiled code reads them without making objects."""
+    return struct.pack(f"<{len(numbers)}d", *numbers)
+
+
+#: `_HALF_STEP`; what the last of the 24 bits counts, by exponent field; powers of ten.
+_HALF_STEPS: Final = _doubles(_HALF_STEP)
+_LAST_BITS: Final = _doubles([2.0 ** (max(exponent, 1) - 127 - 23) for exponent in range(255)])
+_TENS: Final = _doubles([10.0**power for power in range(64)])
+_WHOLE_TENS: Final = struct.pack("<18q", *[10**power for power in range(18)])
 #: As `_shortest` packs what it found: exponent plus `_BIAS` in the lowest bits, above it the count of digits, the power of ten
 #: that the last of them counts plus `_BIAS`, and the digits.
 _EXPONENT_BITS: Final = 8
@@ -40,16 +50,17 @@ _COUNT_BITS: Final = 4
 _POWER_AT: Final = _EXPONENT_BITS + _COUNT_BITS
 _DIGITS_AT: Final = _POWER_AT + 8
 _UNDECIDED: Final = -1
-#: Digits behind the point that `fraction` writes, and the powers of ten up to it.
-_MOST_BEHIND: Final = 6
-_WHOLE_TENS: Final[list[int]] = [10**power for power in range(_MOST_BEHIND + 1)]
 #: The greatest power of ten that is a double without rounding.
 _EXACT_POWER: Final = 22
 
-#: Exponents from which `repr` of a float writes 1e+16, and what it writes in front of small numbers.
+#: Exponents from which `repr` of a float writes 1e+16, and the least that is not written 1e-05.
 _REPR_EXPONENT: Final = 16
 _LEAST_EXPONENT: Final = -4
-_ZEROS: Final[list[str]] = ["0.", "0.0", "0.00", "0.000"]
+#: How a number is written: as %g does; so, but whole numbers with ``.0``, as JSON has it; as `repr` of the float does.
+_GENERAL: Final = 0
+_JSON: Final = 1
+_REPR: Final = 2
+_POINT: Final = 0x2E
 
 
 def real(octets: bytes) -> float:
@@ -73,7 +84,7 @@ def real_text(octets: bytes) -> str:
         word: i64 = u32(octets, 0)
         found = _shortest(word)
         if found != _UNDECIDED:
-            return _written(word, found, False)
+            return _written(word, found, _GENERAL)
     exact: float = _FLOAT.unpack(octets)[0]
     exponent: i64 = ((octets[0] & 0x7F) << 1) | (octets[1] >> 7)
     if exponent == 255:
@@ -105,15 +116,23 @@ def real_json(octets: bytes, at: i64 = 0) -> str:
         word: i64 = u32(octets, at)
         found = _shortest(word)
         if found != _UNDECIDED:
-            text = _written(word, found, False)
-            behind: i64 = -_power(found)
-            if behind > 0 and (found & 0xFF) >= _BIAS:  # digits on both sides of the point: most numbers
-                return text
-            return text if "." in text or "e" in text else text + ".0"
+            return _written(word, found, _JSON)
     text = real_text(octets[at : at + 4])
     if "." in text or "e" in text:
         return text
     return f'"{text}"' if "n" in text else text + ".0"
+
+
+def write_real_json(out: BytesWriter, octets: bytes, at: i64) -> None:
+    """Write `real_json` of the octets at ``at``."""
+    word: i64 = u32(octets, at)
+    found = _shortest(word)
+    if found != _UNDECIDED:
+        _write(out, word, found, _JSON)
+    elif word == 0:
+        out.write(b"0.0")
+    else:
+        out.write(real_json(octets, at).encode("ascii"))
 
 
 def real_repr(octets: bytes) -> str:
@@ -124,7 +143,7 @@ def real_repr(octets: bytes) -> str:
             return "-0.0" if word else "0.0"
         found = _shortest(word)
         if found != _UNDECIDED:
-            return _written(word, found, True)
+            return _written(word, found, _REPR)
     text = real_text(octets)
     return text if "." in text and "e" not in text else repr(float(text))
 
@@ -135,22 +154,23 @@ def _shortest(word: i64) -> i64:
     if exponent == 0 or exponent == 255:
         return _UNDECIDED
     mantissa: i64 = (word & 0x7FFFFF) | 0x800000
-    size: float = float(mantissa) * _LAST_BIT[exponent]
-    half_step: float = _HALF_STEP[exponent]
+    size: float = float(mantissa) * read_f64_le(_LAST_BITS, 8 * exponent)
+    half_step: float = read_f64_le(_HALF_STEPS, 8 * exponent)
     if mantissa == 0x800000 and exponent > 1:
         half_step *= 0.5
     decade: i64 = _DECADE[exponent] - _BIAS
     if decade >= -1:
-        if size >= _TENS[decade + 1]:
+        if size >= _ten(decade + 1):
             decade += 1
-    elif size * _TENS[-1 - decade] >= 1.0:
+    elif size * _ten(-1 - decade) >= 1.0:
         decade += 1
     digits: i64 = _FIRST_DIGITS[exponent]
     number: i64 = 0
     power: i64 = 0
     while True:
         power = digits - 1 - decade
-        scaled: float = size * _TENS[power] if power >= 0 else size / _TENS[-power]
+        ten: float = _ten(power if power >= 0 else -power)
+        scaled: float = size * ten if power >= 0 else size / ten
         number = int(scaled)
         over: float = scaled - float(number)
         if over > 0.50001:
@@ -159,7 +179,7 @@ def _shortest(word: i64) -> i64:
             return _UNDECIDED
         if digits == 9:
             break
-        told: float = float(number) / _TENS[power] if power >= 0 else float(number) * _TENS[-power]
+        told: float = float(number) / ten if power >= 0 else float(number) * ten
         away: float = (told - size) / half_step
         if away < 0.0:
             away = -away
@@ -168,12 +188,17 @@ def _shortest(word: i64) -> i64:
         if away < 1.00001:
             return _UNDECIDED
         digits += 1
-    if float(number) >= _TENS[digits]:
+    if float(number) >= _ten(digits):
         decade += 1  # rounded up to the next power of ten
     while number % 10 == 0:
         number //= 10
         power -= 1
     return (number << _DIGITS_AT) | ((_BIAS - power) << _POWER_AT) | (digits << _EXPONENT_BITS) | (decade + _BIAS)
+
+
+def _ten(power: i64) -> float:
+    """Return a power of ten, 0 to 63."""
+    return read_f64_le(_TENS, 8 * power)
 
 
 def _power(found: i64) -> i64:
@@ -184,33 +209,52 @@ def _power(found: i64) -> i64:
 def _double(word: i64, found: i64, power: i64) -> float:
     """Return what `_shortest` found as a double: product or quotient of two that are exact is the nearest to the decimal."""
     number: float = float(found >> _DIGITS_AT)
-    number = number * _TENS[power] if power >= 0 else number / _TENS[-power]
+    number = number * _ten(power) if power >= 0 else number / _ten(-power)
     return -number if word >> 31 else number
 
 
-def _written(word: i64, found: i64, as_repr: bool) -> str:
-    """Return what `_shortest` found as %g writes it, or as `repr` writes the float that this is."""
+def _written(word: i64, found: i64, form: i64) -> str:
+    """Return what `_write` writes."""
+    out = BytesWriter()
+    _write(out, word, found, form)
+    return out.getvalue().decode("ascii")
+
+
+def _write(out: BytesWriter, word: i64, found: i64, form: i64) -> None:
+    """Write what `_shortest` found in one of the forms above."""
     exponent: i64 = (found & 0xFF) - _BIAS
     number: i64 = found >> _DIGITS_AT
-    if exponent >= 0:  # most numbers: digits on both sides of the point
-        behind: i64 = -_power(found)
-        if 0 < behind <= _MOST_BEHIND:
-            tens: i64 = _WHOLE_TENS[behind]
-            text = fraction(number // tens, number % tens, behind)
-            return f"-{text}" if word >> 31 else text
-    text = decimal(number)
-    count: i64 = len(text)
-    most: i64 = (found >> _EXPONENT_BITS) & 0x0F
-    if as_repr:
-        most = _REPR_EXPONENT
-    sign = "-" if word >> 31 else ""
+    power: i64 = _power(found)
+    if word >> 31:
+        out.append(MINUS)
+    tens: i64
+    most: i64 = _REPR_EXPONENT
+    if form != _REPR:
+        most = (found >> _EXPONENT_BITS) & 0x0F
     if exponent < _LEAST_EXPONENT or exponent >= most:
-        if count > 1:
-            text = f"{text[0]}.{text[1:]}"
-        power = THREE[exponent if exponent >= 0 else -exponent][1:]
-        return f"{sign}{text}e{'-' if exponent < 0 else '+'}{power}"
-    if exponent < 0:
-        return f"{sign}{_ZEROS[-1 - exponent]}{text}"
-    if count > exponent + 1:
-        return f"{sign}{text[: exponent + 1]}.{text[exponent + 1 :]}"
-    return f"{sign}{text}{'0' * (exponent + 1 - count)}{'.0' if as_repr else ''}"
+        behind: i64 = exponent - power
+        tens = _whole_ten(behind)
+        write_decimal(out, number // tens)
+        if behind:
+            out.append(_POINT)
+            write_digits(out, number % tens, behind)
+        out.write(b"e-" if exponent < 0 else b"e+")
+        write_digits(out, exponent if exponent >= 0 else -exponent, 2)
+    elif exponent < 0:
+        out.write(b"0.")
+        write_digits(out, number, -power)
+    elif power < 0:  # most numbers: digits on both sides of the point
+        tens = _whole_ten(-power)
+        whole: i64 = number // tens
+        write_decimal(out, whole)
+        out.append(_POINT)
+        write_digits(out, number - whole * tens, -power)
+    else:
+        write_decimal(out, number * _whole_ten(power))
+        if form != _GENERAL:
+            out.write(b".0")
+
+
+def _whole_ten(power: i64) -> i64:
+    """Return a power of ten, 0 to 17."""
+    return read_i64_le(_WHOLE_TENS, 8 * power)

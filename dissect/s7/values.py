@@ -10,11 +10,13 @@ import struct
 from codecs import utf_16_be_decode
 from typing import Final
 
+from librt.strings import BytesWriter
 from mypy_extensions import i64
 
-from dissect.s7.singles import real, real_json, real_repr
+from dissect.s7.singles import real, real_json, real_repr, write_real_json
 from dissect.s7.tables import BIT, BYTE, CHAR, DINT, DWORD, ELEMENT_OCTETS, INT, REAL, WCHAR, WORD
 from dissect.wire.build import COMPILED
+from dissect.wire.digits import write_decimal
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import SHORT, civil, decimal
 
@@ -95,11 +97,8 @@ _TEXT_SIZES: Final = bytes([{BYTE: 1, WORD: 2, INT: 2, DWORD: 4, DINT: 4, REAL: 
 _LETTERS: Final[dict[int, str]] = {BYTE: "B", WORD: "H", INT: "h", DWORD: "I", DINT: "i"}
 
 
-def number_texts(transport_size: i64, octets: bytes, as_json: bool, most: i64) -> list[str]:
-    """Return the first ``most`` elements as text, one by one; nothing where they are no numbers or the size does not fit.
-
-    A REAL is written as `real_json` or as `real_repr` has it.
-    """
+def number_texts(transport_size: i64, octets: bytes, most: i64) -> list[str]:
+    """Return the first ``most`` elements as `repr` writes them; nothing where they are no numbers or the size does not fit."""
     texts: list[str] = []
     step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
     size: i64 = len(octets)
@@ -113,41 +112,73 @@ def number_texts(transport_size: i64, octets: bytes, as_json: bool, most: i64) -
         while at < end:
             texts.append(SHORT[octets[at]])
             at += 1
-    if transport_size == REAL and as_json:
+    if transport_size == REAL:
         while at < end:
-            texts.append(real_json(octets, at))
+            texts.append(real_repr(octets if size == 4 else octets[at : at + 4]))
             at += 4
     while at < end:
-        texts.append(_element_text(transport_size, octets, at, as_json))
+        texts.append(decimal(_whole(transport_size, octets, at)))
         at += step
     return texts
 
 
-def number_json(transport_size: i64, octets: bytes) -> str:
-    """Return the only element as JSON, as `number_texts` has it; empty where octets are not those of one number."""
+def numbers_json(transport_size: i64, octets: bytes) -> str:
+    """Return what `write_numbers` writes; empty where that is nothing."""
+    if COMPILED:
+        out = BytesWriter()
+        return out.getvalue().decode("ascii") if write_numbers(out, transport_size, octets) else ""
+    step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
     size: i64 = len(octets)
-    if size == 0 or transport_size < 0 or transport_size > 255 or size != _TEXT_SIZES[transport_size]:
+    if step == 0 or size == 0 or size % step:
         return ""
-    if transport_size == BYTE:
-        return SHORT[octets[0]]
-    return _element_text(transport_size, octets, 0, True)
-
-
-def _element_text(transport_size: i64, octets: bytes, at: i64, as_json: bool) -> str:
     if transport_size == REAL:
-        if as_json:
-            return real_json(octets, at)
-        return real_repr(octets if len(octets) == 4 else octets[at : at + 4])
+        told = ",".join([real_json(octets, at) for at in range(0, size, 4)])
+    else:
+        told = ",".join(map(str, struct.unpack(f">{size // step}{_LETTERS[transport_size]}", octets)))
+    return f"[{told}]" if size > step else told
+
+
+def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes) -> bool:
+    """Write the elements as JSON, an only one without brackets; False where they are no numbers or the size does not fit."""
+    step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
+    size: i64 = len(octets)
+    if step == 0 or size == 0 or size % step:
+        return False
+    if size > step:
+        out.append(_BEGIN)
+    at: i64 = 0
+    while at < size:
+        if at:
+            out.append(_COMMA)
+        if transport_size == BYTE:
+            write_decimal(out, octets[at])
+        elif transport_size == REAL:
+            write_real_json(out, octets, at)
+        else:
+            write_decimal(out, _whole(transport_size, octets, at))
+        at += step
+    if size > step:
+        out.append(_END)
+    return True
+
+
+_BEGIN: Final = 0x5B
+_COMMA: Final = 0x2C
+_END: Final = 0x5D
+
+
+def _whole(transport_size: i64, octets: bytes, at: i64) -> i64:
+    """Return a number of two or four octets."""
     number: i64
     if transport_size == WORD or transport_size == INT:
         number = u16(octets, at)
         if transport_size == INT and number >= 0x8000:
             number -= 0x10000
-        return decimal(number)
+        return number
     number = u32(octets, at)
     if transport_size == DINT and number >= 0x80000000:
         number -= 0x100000000
-    return decimal(number)
+    return number
 
 
 def spelled(octets: bytes) -> str:

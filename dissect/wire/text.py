@@ -34,7 +34,6 @@ SHORT: Final[list[str]] = [str(number) for number in range(1000)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
 #: The same with a point behind.
 POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
-_TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
 #: Bytes as two hexadecimal digits.
 HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
 
@@ -48,22 +47,6 @@ def decimal(number: i64) -> str:
     if number < 1_000_000:
         return SHORT[number // 1000] + THREE[number % 1000]
     return f"{SHORT[number // 1_000_000]}{THREE[number // 1000 % 1000]}{THREE[number % 1000]}"
-
-
-def fraction(whole: i64, rest: i64, digits: i64) -> str:
-    """Return ``whole``, a point, and ``rest`` as one to six ``digits``; neither is negative."""
-    begin = POINT[whole] if whole < 1000 else decimal(whole) + "."
-    if digits == 1:
-        return begin + SHORT[rest]
-    if digits == 2:
-        return begin + _TWO[rest]
-    if digits == 3:
-        return begin + THREE[rest]
-    if digits == 4:
-        return f"{begin}{THREE[rest // 10]}{SHORT[rest % 10]}"
-    if digits == 5:
-        return f"{begin}{THREE[rest // 100]}{_TWO[rest % 100]}"
-    return f"{begin}{THREE[rest // 1000]}{THREE[rest % 1000]}"
 
 
 def hexadecimal(octets: bytes) -> str:

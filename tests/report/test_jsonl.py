@@ -46,7 +46,11 @@ class Both(Kept):
     def transaction(self, transaction: Transaction) -> None:
         """Keep a transaction and its line."""
         super().transaction(transaction)
-        self.lines.append(parsed(self._transactions.line(transaction)))
+        line = self._transactions.line(transaction)
+        assert line == self._transactions._any_line(transaction)
+        if self._transactions._is_usual(transaction):  # written by another road when compiled
+            assert self._transactions._polled(transaction) == line
+        self.lines.append(parsed(line))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Keep the line of a PDU."""

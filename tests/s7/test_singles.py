@@ -6,9 +6,10 @@ import struct
 
 from hypothesis import given
 from hypothesis import strategies as st
+from librt.strings import BytesWriter
 
 from dissect.s7 import singles
-from dissect.s7.singles import real, real_json, real_repr, real_text
+from dissect.s7.singles import real, real_json, real_repr, real_text, write_real_json
 from tests.cases import each
 
 
@@ -120,8 +121,8 @@ def test_native_arithmetic_gives_the_same_digits(octets: bytes) -> None:
     word = int.from_bytes(octets, "big")
     found = singles._shortest(word)
     if found >= 0:
-        assert singles._written(word, found, False) == text
-        assert singles._written(word, found, True) == repr(float(text))
+        assert singles._written(word, found, singles._GENERAL) == text
+        assert singles._written(word, found, singles._REPR) == repr(float(text))
         power = singles._power(found)
         assert abs(int(power)) > singles._EXACT_POWER or singles._double(word, found, power) == float(text)
 
@@ -133,7 +134,7 @@ def test_native_arithmetic_around_powers_of_ten() -> None:
         for word in range(middle - 40, middle + 40):
             text = exact_text(word.to_bytes(4, "big"))
             found = singles._shortest(word)
-            assert found < 0 or singles._written(word, found, False) == text
+            assert found < 0 or singles._written(word, found, singles._GENERAL) == text
 
 
 def test_native_arithmetic_decides_nearly_always() -> None:
@@ -145,6 +146,9 @@ def test_native_arithmetic_decides_nearly_always() -> None:
 def test_as_json_and_as_python(octets: bytes) -> None:
     number = real(octets)
     assert real_repr(octets) == repr(number)
+    out = BytesWriter()
+    write_real_json(out, b"\xff" + octets + b"\xff", 1)
+    assert out.getvalue().decode("ascii") == real_json(octets)
     read = json.loads(real_json(octets))
     if math.isfinite(number):
         assert isinstance(read, float)

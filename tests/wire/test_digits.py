@@ -1,9 +1,63 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from hypothesis import example, given
 from hypothesis import strategies as st
+from librt.strings import BytesWriter
 
+from dissect.wire.digits import write_decimal, write_digits, write_hexadecimal
 from dissect.wire.text import decimal, hexadecimal
+
+
+def written(write: Callable[..., None], *arguments: int | bytes) -> str:
+    """Return what is written behind what the buffer holds."""
+    out = BytesWriter()
+    out.write(b"<")
+    write(out, *arguments)
+    out.write(b">")
+    text = out.getvalue().decode("ascii")
+    assert text[0] + text[-1] == "<>"
+    return text[1:-1]
+
+
+#: Of all counts of digits alike.
+NUMBERS = st.integers(0, 18).flatmap(lambda digits: st.integers(0, 10**digits))
+
+
+@given(NUMBERS, st.booleans())
+def test_decimal(number: int, negative: bool) -> None:
+    signed = -number if negative else number
+    assert written(write_decimal, signed) == str(signed)
+
+
+def test_decimal_where_a_digit_more_begins() -> None:
+    for digits in range(19):
+        for number in (10**digits - 1, 10**digits, 10**digits + 1):
+            assert written(write_decimal, number) == str(number)
+
+
+@given(NUMBERS, st.integers(0, 4))
+def test_digits(number: int, more: int) -> None:
+    count = len(str(number)) + more
+    assert written(write_digits, number, count) == str(number).rjust(count, "0")
+
+
+def test_no_digits() -> None:
+    assert written(write_digits, 0, 0) == ""
+
+
+@given(st.binary(max_size=40))
+def test_hexadecimal(octets: bytes) -> None:
+    assert written(write_hexadecimal, octets) == octets.hex()
+
+
+def test_each_octet_as_hexadecimal() -> None:
+    for octets in (bytes(range(256)), bytes(range(255)), *(bytes((octet,)) for octet in range(256))):
+        assert written(write_hexadecimal, octets) == octets.hex()
+
+
+# ---- as text -------------------------------------------------------------------------------------------------------
 
 
 @given(st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(0, 2_000_000_000)))

@@ -202,7 +202,7 @@ class CsvRows:
             value = SHORT[data[0]] if size == 1 else data.hex(" ")
             text = spelled(data)
             return f"{label},,{code},{value},{quoted(cell(text)) if text else ''},,{hexadecimal(data)}"
-        texts = number_texts(item.transport_size, data, False, size)
+        texts = number_texts(item.transport_size, data, size)
         if not texts:
             value = quoted(plain_cell(decode_value(item.transport_size, data)))
         else:

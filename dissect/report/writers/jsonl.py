@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Final
 
+from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
@@ -18,7 +19,7 @@ from dissect.iso.tables import DT, ED
 from dissect.iso.tsap import Tsap
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
-from dissect.report.item_json import CODE, item_json, item_text, userdata_text, value_json, with_tags
+from dissect.report.item_json import CODE, item_json, item_text, userdata_text, value_json, with_tags, write_good_item
 from dissect.report.operations import operation_json
 from dissect.report.plus import plus_pdu_line
 from dissect.report.scd import scd_json, scd_line_json
@@ -44,6 +45,8 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import NO_CODE
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
+from dissect.wire.build import COMPILED
+from dissect.wire.digits import write_decimal, write_digits
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
@@ -60,10 +63,13 @@ PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 _ITEMS: Final = ',"items":['
-#: What stands around the items of a transaction of which all is well.
-_WELL: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null{_ITEMS}'
-_NO_ERRORS: Final = '],"errors":[]}'
+#: What stands between latency and items of a transaction of which all is well, and behind those.
+_WELL: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null{_ITEMS}'.encode("ascii")
+_NO_ERRORS: Final = b'],"errors":[]}'
+_HEAD_OCTETS: Final = _HEAD.encode("ascii")
+_COMMA: Final = 0x2C
 _SECOND_NS: Final = 1_000_000_000
+_SECOND_DIGITS: Final = 9
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
 
@@ -101,9 +107,11 @@ class TransactionLines(Observer):
         self._ends: dict[int, str] = {}
         self._latest: i64 = 0  # thousands of packets
         self._latest_text: str = ""
-        self._counted: i64 = 0  # thousands of transactions
-        self._counted_text: str = ""
-        self._polls: list[str] = [""] * 256  # by function: what a job has between its reference and its packet
+        self._out: BytesWriter = BytesWriter()
+        self._starts: dict[int, bytes] = {}
+        self._second: str = ""
+        self._second_octets: bytes = b""
+        self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
 
     def transaction(self, transaction: Transaction) -> None:
@@ -118,55 +126,77 @@ class TransactionLines(Observer):
 
     def line(self, transaction: Transaction) -> str:
         """Return the line of one transaction, without a line end."""
-        if (
+        if COMPILED and self._is_usual(transaction):
+            return self._polled(transaction)
+        return self._any_line(transaction)
+
+    def _is_usual(self, transaction: Transaction) -> bool:
+        """Tell whether a transaction is a read or write of which all is well, as most are."""
+        function: i64 = transaction.parameters.function
+        return (
             transaction.outcome == ANSWERED
             and transaction.rosctr == JOB
             and not transaction.reason
             and not transaction.has_errors
             and transaction.carried is None
             and self.locate is None
-            and (transaction.parameters.function == READ_VAR or transaction.parameters.function == WRITE_VAR)
-            and transaction.request_frame
-            and transaction.response_frame
-        ):
-            return self._polled(transaction)
-        return self._any_line(transaction)
+            and (function == READ_VAR or function == WRITE_VAR)
+            and transaction.request_frame != 0
+            and transaction.response_frame != 0
+        )
 
     def _polled(self, transaction: Transaction) -> str:
-        """Return the line of a read or write of which all is well: most there are. What does not vary is put together once."""
-        parameters = transaction.parameters
-        function: i64 = parameters.function
-        poll = self._polls[function]
-        if not poll:
-            poll = f',"rosctr":{SHORT[JOB]},"function":{function_text(parameters)},"request_frame":'
-            self._polls[function] = poll
-        number: i64 = transaction.number
-        thousands: i64 = number // 1000
-        if thousands != self._counted:
-            self._counted = thousands
-            self._counted_text = str(thousands) if thousands else ""
-        reference: i64 = transaction.pdu_ref
-        asked: i64 = transaction.request_frame
-        told: i64 = transaction.response_frame
+        """Return the line of a usual transaction. What does not vary is put together once."""
+        out = self._out
+        out.truncate(0)
+        out.write(_HEAD_OCTETS)
+        write_decimal(out, transaction.number)
+        out.write(self._start(transaction.connection, transaction.asked_by))
+        write_decimal(out, transaction.pdu_ref)
+        out.write(self._poll(transaction.parameters))
+        write_decimal(out, transaction.request_frame)
+        out.write(b',"response_frame":')
+        write_decimal(out, transaction.response_frame)
+        out.write(b',"request_time":"')
         time_ns: i64 = transaction.request_ns
-        rest: i64 = time_ns % _SECOND_NS
-        latency: i64 = transaction.response_ns - time_ns
-        before = ""
-        behind: str
-        if latency < 1000 or latency >= _SECOND_NS:
-            behind = decimal(latency)
-        else:
-            behind = THREE[latency % 1000]
-            latency //= 1000
-            before = SHORT[latency] if latency < 1000 else SHORT[latency // 1000] + THREE[latency % 1000]
-        return (
-            f"{_HEAD}{self._counted_text}{_below(number)}{self._connection(transaction.connection, transaction.asked_by)}"
-            f"{SHORT[reference // 1000] if reference >= 1000 else ''}{_below(reference)}{poll}"
-            f'{self._thousands(asked)}{_below(asked)},"response_frame":{self._thousands(told)}{_below(told)}'
-            f',"request_time":"{self._clock.iso_second(time_ns)}'
-            f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{before}{behind}'
-            f"{_WELL}{self._items(transaction)}{_NO_ERRORS}"
-        )
+        second = self._clock.iso_second(time_ns)
+        if second is not self._second:
+            self._second = second
+            self._second_octets = second.encode("ascii")
+        out.write(self._second_octets)
+        write_digits(out, time_ns % _SECOND_NS, _SECOND_DIGITS)
+        out.write(b'Z","latency_ns":')
+        write_decimal(out, transaction.response_ns - time_ns)
+        out.write(_WELL)
+        octets = transaction.good_octets()
+        if octets is None:
+            out.write(self._items(transaction).encode("ascii"))
+        else:  # nearly always; each item meets its own octets without an object in between
+            items = transaction.parameters.items
+            for index in range(len(octets)):
+                if index:
+                    out.append(_COMMA)
+                write_good_item(out, items[index], octets[index])
+        out.write(_NO_ERRORS)
+        return out.getvalue().decode("ascii")
+
+    def _poll(self, parameters: Parameters) -> bytes:
+        """Return what a job has between its reference and its packet."""
+        function: i64 = parameters.function
+        if not self._polls[function]:
+            text = f',"rosctr":{JOB},"function":{function_text(parameters)},"request_frame":'
+            self._polls[function] = text.encode("ascii")
+        return self._polls[function]
+
+    def _start(self, connection: Connection, asked_by: i64) -> bytes:
+        """Return `_connection` as octets."""
+        key: i64 = connection.number * 2 + asked_by
+        found = self._starts.get(key)
+        if found is None:
+            if len(self._starts) >= _MAX_CACHED:
+                self._starts.clear()
+            found = self._starts[key] = self._connection(connection, asked_by).encode("ascii")
+        return found
 
     def _any_line(self, transaction: Transaction) -> str:
         asked: i64 = transaction.request_frame

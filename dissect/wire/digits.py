@@ -1,0 +1,79 @@
+"""Numbers and octets as ASCII, written into the buffer that a compiled line is put together in.
+
+Two decimal digits are looked up and stored at once, eight hexadecimal ones made by one calculation: no text is allocated,
+measured or joined on the way. Interpreted, a call costs more than a text does, so that this is for compiled callers.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from librt.strings import BytesWriter, read_i16_le, read_i32_be, write_i16_le, write_i32_le, write_i64_be
+from mypy_extensions import i32, i64, u8
+
+_TWO: Final = "".join([f"{number:02d}" for number in range(100)]).encode("ascii")
+_TWO_HEX: Final = bytes(range(256)).hex().encode("ascii")
+_ZERO: Final = 0x30
+MINUS: Final = 0x2D
+
+
+def write_decimal(out: BytesWriter, number: i64) -> None:
+    """Write ``str(number)``, of more than -2**63."""
+    if number < 0:
+        out.append(MINUS)
+        number = -number
+    if number < 10:
+        out.append(u8(_ZERO + number))
+    elif number < 100:
+        write_i16_le(out, read_i16_le(_TWO, 2 * number))
+    elif number < 1000:
+        out.append(u8(_ZERO + number // 100))
+        write_i16_le(out, read_i16_le(_TWO, number % 100 * 2))
+    elif number < 10_000:
+        _write_four(out, number)
+    else:
+        write_decimal(out, number // 10_000)
+        _write_four(out, number % 10_000)
+
+
+def write_digits(out: BytesWriter, number: i64, count: i64) -> None:
+    """Write a number that is not negative with ``count`` digits, zeros in front of those that it has."""
+    if count > 4:
+        write_digits(out, number // 10_000, count - 4)
+        number %= 10_000
+        count = 4
+    if count == 4:
+        _write_four(out, number)
+    elif count == 3:
+        out.append(u8(_ZERO + number // 100))
+        write_i16_le(out, read_i16_le(_TWO, number % 100 * 2))
+    elif count == 2:
+        write_i16_le(out, read_i16_le(_TWO, 2 * number))
+    elif count == 1:
+        out.append(u8(_ZERO + number))
+
+
+def _write_four(out: BytesWriter, number: i64) -> None:
+    """Write four digits: two pairs side by side, of each the tens (by 103 / 1024) before the ones."""
+    pairs: i64 = number // 100 | number % 100 << 16
+    tens: i64 = pairs * 103 >> 10 & 0x000F000F
+    write_i32_le(out, i32(0x30303030 + (tens | pairs - 10 * tens << 8)))
+
+
+def write_hexadecimal(out: BytesWriter, octets: bytes) -> None:
+    """Write ``octets.hex()``."""
+    size: i64 = len(octets)
+    at: i64 = 0
+    while at + 4 <= size:
+        # Each half octet gets an octet of its own; those above nine then go from behind "9" on to "a".
+        spread: i64 = i64(read_i32_be(octets, at)) & 0xFFFFFFFF
+        spread = (spread << 16 | spread) & 0x0000FFFF0000FFFF
+        spread = (spread << 8 | spread) & 0x00FF00FF00FF00FF
+        spread = (spread << 4 | spread) & 0x0F0F0F0F0F0F0F0F
+        letters: i64 = (spread + 0x0606060606060606) >> 4 & 0x0101010101010101
+        write_i64_be(out, spread + 0x3030303030303030 + letters * 0x27)
+        at += 4
+    while at < size:
+        octet: i64 = octets[at]
+        write_i16_le(out, read_i16_le(_TWO_HEX, 2 * octet))
+        at += 1
