@@ -37,6 +37,8 @@ from distutils.sysconfig import customize_compiler, get_python_inc  # isort: ski
 #: The modules on the way of every byte. They import the standard library, mypy_extensions, librt and
 #: each other, nothing else.
 HOT: Final = (
+    "dissect/anonymize/account.py",
+    "dissect/anonymize/checksum.py",
     "dissect/anonymize/messages.py",
     "dissect/anonymize/rewrite_plan.py",
     "dissect/anonymize/rewriter.py",
@@ -48,6 +50,7 @@ HOT: Final = (
     "dissect/golden/usual.py",
     "dissect/wire/*.py",
     "dissect/source/packet.py",
+    "dissect/source/packet_blocks.py",
     "dissect/source/pcap.py",
     "dissect/source/pcapng.py",
     "dissect/source/ring_blocks.py",
@@ -154,6 +157,8 @@ BUSIEST: Final = (
 
 #: What else a packet or a transaction of any protocol passes through.
 BUSY: Final = (
+    "dissect/anonymize/account.py",
+    "dissect/anonymize/checksum.py",
     "dissect/anonymize/messages.py",
     "dissect/anonymize/rewrite_plan.py",
     "dissect/anonymize/rewriter.py",
@@ -167,6 +172,7 @@ BUSY: Final = (
     "dissect/wire/part.py",
     "dissect/wire/varint.py",
     "dissect/source/packet.py",
+    "dissect/source/packet_blocks.py",
     "dissect/source/pcapng.py",
     "dissect/source/ring_blocks.py",
     "dissect/tcp/stream.py",

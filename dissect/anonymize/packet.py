@@ -26,23 +26,20 @@ _NOP: Final = 1
 
 
 class Packets:
-    """Makes packets anew. ``told`` counts what happens."""
+    """Makes packets anew. ``told`` counts what happens; ``usual`` is for the packets that nearly every one is."""
 
     def __init__(self, survey: Survey, addresses: AddressMap, choices: Choices, told: Account) -> None:
         self._survey = survey
         self._addresses = addresses
         self._others = choices.keep_others
         self._account = told
-        self._usual = UsualPackets(survey.tracks, addresses, told)
+        self.usual = UsualPackets(survey.tracks, addresses, told)
 
     def renew(self, frame: int, octets: bytes, link_type: int) -> bytes | Fragment | None:
-        """Return what is written in the place of packet ``frame``; None when nothing is. Never raises.
+        """Return what is written in the place of packet ``frame``, which is no usual one; None when nothing is. Never raises.
 
         A `Fragment` is what is written once its datagram is whole (`whole`).
         """
-        made = self._usual.renew(frame, octets, link_type)
-        if made is not None:
-            return made
         end = len(octets)
         at, vlan = link.find_ip(octets, 0, end, link_type)
         if at == link.UNSUPPORTED:
@@ -111,7 +108,7 @@ class Packets:
 
     def _link_again(self, head: bytes, link_type: int) -> bytes:
         """Return `_link` of a header, which comes with many packets."""
-        links = self._usual.links
+        links = self.usual.links
         made = links.get((link_type, head))
         if made is None:
             if len(links) >= MAX_CACHED:
@@ -168,7 +165,7 @@ class Packets:
             self._extensions(octets, new, at + 40, end, octets[at + 6])
             return
         new[at : at + 12] = octets[at : at + 12]
-        was, becomes, made = self._usual.pair(octets[at + 12 : at + 20])
+        was, becomes, made = self.usual.pair(octets[at + 12 : at + 20])
         new[at + 12 : at + 20] = made
         if end > at + 20:
             new[at + 20 : end] = bytes((_NOP,)) * (end - at - 20)
@@ -286,7 +283,7 @@ class Packets:
         start, end = int(packet.start), int(packet.end)
         size = end - start + int(packet.missing)
         stored = int(u16(octets, at))
-        was, becomes, addresses = self._usual.pair(packet.addresses)
+        was, becomes, addresses = self.usual.pair(packet.addresses)
         left = stored - was - (size >> 16) - (size & 0xFFFF) - int(packet.protocol)
         if stored and packet.protocol != 1 and left % ONES:  # neither none, nor one that a network card was to work out
             old, made = octets[start:end], bytes(new[start:end])

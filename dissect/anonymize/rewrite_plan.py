@@ -52,6 +52,4 @@ class RewritePlan:
     def zero(self, begin: int, end: int, kind: str) -> None:
         """The octets are set to zero, which is what becomes of all that nothing is said of."""
         if begin < min(end, len(self.octets)):
-            octets = self.octets[begin:end]
-            if octets.count(0) != len(octets):
-                self.account.mask(kind, octets)
+            self.account.mask(kind, self.octets[begin:end])

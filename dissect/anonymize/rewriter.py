@@ -10,12 +10,16 @@ from mypy_extensions import i64
 from dissect.anonymize.account import Account
 from dissect.anonymize.fragments import Fragment, Fragments
 from dissect.anonymize.packet import Packets
+from dissect.anonymize.usual_packet import UsualPackets
 from dissect.source.packet import PacketSink
+from dissect.source.packet_blocks import PacketBlocks
 from dissect.source.pcapng_writer import PcapngWriter
 
 #: Octets of packets that wait behind a fragment whose datagram is not whole yet.
 MAX_WAITING: Final = 32 * 1024 * 1024
 _COST: Final = 256
+#: Octets of blocks that go to the writer together.
+_TOGETHER: Final = 65_536
 #: The last time that can be read back, in 2262: where a reader puts what is later.
 _LAST_NS: Final = 2**63 - 1
 
@@ -38,12 +42,15 @@ class Rewriter(PacketSink):
 
     def __init__(self, packets: Packets, writer: PcapngWriter, told: Account, shift_ns: int = 0) -> None:
         self._packets = packets
+        self._usual: UsualPackets = packets.usual
         self._writer = writer
         self._account = told
         self._shift_ns = shift_ns
         self._fragments = Fragments()
         self._waiting: deque[_Waiting] = deque()
         self._size = 0
+        self._blocks: PacketBlocks | None = None  # of packets with this link type
+        self._link_type = -1
 
     def comment(self, text: str) -> None:
         """A comment is let go: nobody knows what it says."""
@@ -56,7 +63,10 @@ class Rewriter(PacketSink):
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
         """Take a packet."""
         self._account.packets += 1
-        new = self._packets.renew(self._account.packets, buf[start:end], int(link_type))
+        octets = buf[start:end]
+        new: bytes | Fragment | None = self._usual.renew(self._account.packets, octets, int(link_type))
+        if new is None:
+            new = self._packets.renew(self._account.packets, octets, int(link_type))
         if new is None:
             return
         if not self._waiting and isinstance(new, bytes):
@@ -78,6 +88,8 @@ class Rewriter(PacketSink):
         while self._fragments.give_up():
             pass
         self._drain()
+        if self._blocks is not None:
+            self._writer.put(self._blocks)
 
     def _drain(self) -> None:
         """Write what waits for nothing."""
@@ -99,4 +111,13 @@ class Rewriter(PacketSink):
 
     def _write(self, time_ns: int, octets: bytes, wire_length: int, link_type: int) -> None:
         self._account.written += 1
-        self._writer.packet(min(time_ns + self._shift_ns, _LAST_NS), octets, wire_length, link_type)
+        blocks = self._blocks
+        if blocks is None or link_type != self._link_type:
+            if blocks is not None:
+                self._writer.put(blocks)
+            blocks = self._writer.blocks(link_type)
+            self._blocks = blocks
+            self._link_type = link_type
+        blocks.add(min(time_ns + self._shift_ns, _LAST_NS), octets, wire_length)
+        if blocks.octets >= _TOGETHER:
+            self._writer.put(blocks)

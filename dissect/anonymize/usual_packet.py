@@ -93,7 +93,7 @@ class UsualPackets:
                 new_sum += total(new)
                 payload = new
         padding = octets[stop:]
-        if padding and padding.count(0) != len(padding):
+        if padding:
             self._account.mask(account.PADDING, padding)
             padding = bytes(len(padding))
         return b"".join((

@@ -259,6 +259,7 @@ class Connections:
         self.foreign.forget(side.connection)
         exchange.watch.end(side.connection, reason)
         exchange.observer.connection_closed(side.connection)
+        side.connection.let_go()
 
 
 class Recognition(Protocol):

@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+from array import array
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -32,8 +33,10 @@ from dissect.transactions.transaction import Transaction
 _OURS: Final = "dissect."
 #: What is sent as it is, and what as the list of what it holds.
 _PLAIN: Final = frozenset((type(None), bool, int, float, str, bytes))
+_KINDS: Final[tuple[type, ...]] = (list, tuple, set, frozenset, deque, dict, OrderedDict, array)
 _HOLDERS: Final[dict[str, Callable[[list[Any]], Any]]] = {
-    kind.__name__: kind for kind in (list, tuple, set, frozenset, deque, dict, OrderedDict)
+    **{kind.__name__: kind for kind in _KINDS},
+    array.__name__: lambda numbers: array("q", numbers),
 }
 #: Marks of an object by its place in `Sent.objects`, of a class of ours that is a tuple, and of a rule by its slug.
 _OBJECT: Final = "object"
@@ -45,7 +48,7 @@ _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 
 #: Attributes that are not sent, by class: they are what a new object has.
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
-    "Connection": frozenset(("begun", "naming", "open_requests", "operations", "subscriptions", "traits")),
+    "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
     "Analysis": frozenset(("pipeline",)),
     "CarvedBlock": frozenset(("activation", "operation")),
     "Inventory": frozenset(("_open", "files", "pipeline")),
@@ -91,7 +94,7 @@ class _Sender:
         if kind in _PLAIN:
             return value
         name = kind.__name__
-        if _HOLDERS.get(name) is kind:
+        if kind in _KINDS:
             inner = list(value.items()) if kind is dict or kind is OrderedDict else value
             plain = self.plain
             return name, [each if type(each) in _PLAIN else plain(each) for each in inner]

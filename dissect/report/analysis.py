@@ -6,6 +6,7 @@ Answer times are exact for the first 16,384, then within one part in 128 (docs/d
 from __future__ import annotations
 
 import heapq
+from array import array
 from typing import Any, Final
 
 from mypy_extensions import i64
@@ -46,7 +47,7 @@ class Latencies:
         self.count: i64 = 0
         self.smallest: i64 = 0
         self.largest: i64 = 0
-        self._recent: list[int] = []
+        self._recent: array[int] = array("q")  # a list would keep an object for each
         self._buckets: list[int] | None = None
 
     def add(self, latency_ns: i64) -> None:
@@ -82,10 +83,11 @@ class Latencies:
         rank: int = max(1, int(-(-(q * int(self.count)) // 1)))
         buckets = self._buckets
         if buckets is None:
-            self._recent.sort()
+            ordered = sorted(self._recent)
+            self._recent = array("q", ordered)  # in order, so that the next quantile is soon found
             if q == 0.5 and self.count % 2 == 0:
-                return (self._recent[rank - 1] + self._recent[rank]) // 2
-            return self._recent[rank - 1]
+                return (ordered[rank - 1] + ordered[rank]) // 2
+            return ordered[rank - 1]
         self._fold(len(self._recent))
         seen = 0
         for bucket, count in enumerate(buckets):

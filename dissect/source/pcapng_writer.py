@@ -12,9 +12,9 @@ import struct
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from dissect.source.packet_blocks import MAX_COUNT, PacketBlocks, Told, plain_block
 from dissect.source.pcapng import (
     DECRYPTION_SECRETS,
-    ENHANCED_PACKET,
     IF_NAME,
     IF_TSRESOL,
     INTERFACE,
@@ -49,14 +49,10 @@ _BYTE_ORDER: Final = 0x1A2B3C4D
 _OPTION: Final = struct.Struct("<HH")
 _SECTION_HEAD: Final = struct.Struct("<IHHq")
 _INTERFACE_HEAD: Final = struct.Struct("<HxxI")
-_PACKET_HEAD: Final = struct.Struct("<IIIIIII")
 _PAIR: Final = struct.Struct("<II")
 _TIME_HALVES: Final = struct.Struct("<III")
 _U32: Final = struct.Struct("<I")
-#: What fills a block up, by the octets of a packet beyond a multiple of four.
-_PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
 _MASK: Final = 0xFFFFFFFF
-_MAX_COUNT: Final = 2**64 - 1
 
 #: Rights of a new capture file: nobody else's business on a shared machine, captures hold passwords.
 CAPTURE_MODE: Final = 0o640
@@ -106,18 +102,8 @@ def packet_block(
     ``wire_length`` is put up to the size of ``octets`` where it is less. ValueError when the packet is larger than a block
     that readers believe (16 MiB).
     """
-    size = len(octets)
-    behind = _PADDING[size & 3]
-    if comments:
-        behind += _options([(OPT_COMMENT, text) for text in _comments(comments, room)])
-    total = 32 + size + len(behind)
-    if total > MAX_BLOCK:
-        raise ValueError(f"a packet of {size} bytes is larger than a pcapng block may be ({MAX_BLOCK} bytes)")
-    if not 0 <= time_ns <= _MAX_COUNT:
-        time_ns = 0 if time_ns < 0 else _MAX_COUNT
-    wire_length = max(wire_length, size)
-    head = _PACKET_HEAD.pack(ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, wire_length)
-    return b"".join((head, octets, behind, head[4:8]))  # the size of the block stands at both ends
+    options = _options([(OPT_COMMENT, text) for text in _comments(comments, room)]) if comments else b""
+    return plain_block(interface, time_ns, octets, wire_length, options)
 
 
 def secrets_block(text: bytes) -> bytes:
@@ -127,7 +113,7 @@ def secrets_block(text: bytes) -> bytes:
     return _block(DECRYPTION_SECRETS, _PAIR.pack(TLS_KEY_LOG, len(text)) + text + bytes(-len(text) % 4))
 
 
-def _statistics_block(number: int, told: _Told) -> bytes:
+def _statistics_block(number: int, told: Told) -> bytes:
     """Return an Interface Statistics Block: from when to when, how many packets, and what was lost where that is known."""
     first = told.first_ns
     last = told.last_ns
@@ -137,7 +123,7 @@ def _statistics_block(number: int, told: _Told) -> bytes:
     ]
     for code, count in ((_ISB_RECEIVED, told.received), (_ISB_DROPPED, told.dropped)):
         if count >= 0:
-            options.append((code, struct.pack("<Q", min(count, _MAX_COUNT))))
+            options.append((code, struct.pack("<Q", min(count, MAX_COUNT))))
     options.append((_ISB_DELIVERED, struct.pack("<Q", told.packets)))
     return _block(_STATISTICS, _TIME_HALVES.pack(number, last >> 32, last & _MASK) + _options(options))
 
@@ -183,29 +169,6 @@ def _block(kind: int, body: bytes) -> bytes:
 # ---- the file -------------------------------------------------------------------------------------------------------
 
 
-class _Told:
-    """What is known of one interface when the file ends."""
-
-    __slots__ = ("dropped", "first_ns", "last_ns", "packets", "received")
-
-    def __init__(self) -> None:
-        self.first_ns = 0
-        self.last_ns = 0
-        self.packets = 0
-        self.received = -1
-        self.dropped = -1
-
-    def count(self, time_ns: int) -> None:
-        """Take note of a packet."""
-        if self.packets == 0:
-            self.first_ns = self.last_ns = min(max(time_ns, 0), _MAX_COUNT)
-        elif time_ns > self.last_ns:
-            self.last_ns = min(time_ns, _MAX_COUNT)
-        elif time_ns < self.first_ns:
-            self.first_ns = max(time_ns, 0)
-        self.packets += 1
-
-
 class PcapngWriter:
     """A pcapng file being written, block by block.
 
@@ -234,7 +197,7 @@ class PcapngWriter:
         self._gathered: list[bytes] = []
         self._held = 0
         self._interfaces: dict[tuple[int, str], int] = {}
-        self._told: list[_Told] = []
+        self._told: list[Told] = []
         self._secrets: list[bytes] = []  # blocks that wait for the first interface
         self._owned = path != "-"
         self._whole = 0  # octets of the file up to the last whole block
@@ -271,7 +234,7 @@ class PcapngWriter:
             block = interface_block(link_type, name)
             number = len(self._told)
             self._interfaces[link_type, name] = number
-            self._told.append(_Told())
+            self._told.append(Told())
             self._put(block)
             for secrets in self._secrets:
                 self._put(secrets)
@@ -294,6 +257,17 @@ class PcapngWriter:
         self._put(packet_block(number, time_ns, octets, wire_length, comments))
         self._told[number].count(time_ns)
         self.packets += 1
+
+    def blocks(self, link_type: int) -> PacketBlocks:
+        """Return what gathers packets of the interface with this link type, for `put`."""
+        number = self.interface(link_type)
+        return PacketBlocks(number, self._told[number])
+
+    def put(self, blocks: PacketBlocks) -> None:
+        """Add the packets that were gathered; what they came behind must have been added before."""
+        if blocks.packets:
+            self.packets += blocks.packets
+            self._put(blocks.take())
 
     def secrets(self, text: bytes) -> None:
         """Add a TLS key log for the packets that follow. Whoever gets the file can read what they encrypt.

@@ -66,6 +66,9 @@ ISO_TSAP_PORT: Final = 102
 #: Distinct SZL-IDs, and blocks that were loaded, that are remembered of a connection.
 MAX_REMEMBERED: Final = 256
 
+#: The open requests of a connection that is over. Its sides are forgotten, so that nothing opens another one.
+_NONE_OPEN: Final[list[OpenRequests]] = [OpenRequests(), OpenRequests()]
+
 
 class Writes:
     """The latest writes of a connection: how many they are, and a sample of them.
@@ -91,17 +94,25 @@ class Traits:
     are said once for a connection; ``szl_ids`` are what was asked for, ``loaded`` the blocks that were loaded, by name.
     """
 
-    __slots__ = ("inquiries", "loaded", "pace_ns", "refusals", "szl_ids", "told", "writes", "written")
+    __slots__ = ("_writes", "inquiries", "loaded", "pace_ns", "refusals", "szl_ids", "told", "written")
 
     def __init__(self) -> None:
         self.written: i64 = 0
-        self.writes: Writes = Writes()
+        self._writes: Writes | None = None
         self.pace_ns = 0
         self.inquiries = 0
         self.refusals = 0
         self.told: set[str] = set()
         self.szl_ids: set[int] = set()
         self.loaded: dict[str, Activation] = {}
+
+    @property
+    def writes(self) -> Writes:
+        """Its latest writes."""
+        found = self._writes
+        if found is None:
+            found = self._writes = Writes()
+        return found
 
     def first(self, slug: str) -> bool:
         """Return whether ``slug`` is said for the first time on this connection, and remember that it was."""
@@ -120,7 +131,10 @@ class Connection:
     """
 
     __slots__ = (
+        "_operations",
         "_setup_by",
+        "_subscriptions",
+        "_traits",
         "answered",
         "begun",
         "bound",
@@ -154,7 +168,6 @@ class Connection:
         "number",
         "open_at_end",
         "open_requests",
-        "operations",
         "orphans",
         "pdu_length",
         "pdus",
@@ -167,13 +180,11 @@ class Connection:
         "setup_seen",
         "state",
         "still_open",
-        "subscriptions",
         "tcp",
         "tls",
         "told",
         "tpdu_size",
         "tpdu_size_asked",
-        "traits",
         "tsap_called",
         "tsap_calling",
         "udp",
@@ -229,10 +240,10 @@ class Connection:
         self.setup_open: bool = False  # a setup was asked and not answered yet
         self.pdu_length: i64 = 0  # granted, 0 while unknown
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
-        self.operations: OpenOperations = OpenOperations()
-        self.traits: Traits = Traits()
-        #: What its cyclic and test jobs send, by job (`dissect.transactions.results`).
-        self.subscriptions: dict[int, Subscription] = {}
+        # Made when they are first asked for, and let go at the end: many connections need none of them.
+        self._operations: OpenOperations | None = None
+        self._traits: Traits | None = None
+        self._subscriptions: dict[int, Subscription] | None = None
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
@@ -271,6 +282,38 @@ class Connection:
     def missed(self) -> i64:
         """Requests whose answer was due and did not come (`Transaction.missed`)."""
         return self.unanswered - self.still_open
+
+    @property
+    def operations(self) -> OpenOperations:
+        """The operations that go on."""
+        found = self._operations
+        if found is None:
+            found = self._operations = OpenOperations()
+        return found
+
+    @property
+    def traits(self) -> Traits:
+        """What it has been used for so far."""
+        found = self._traits
+        if found is None:
+            found = self._traits = Traits()
+        return found
+
+    @property
+    def subscriptions(self) -> dict[int, Subscription]:
+        """What its cyclic and test jobs send, by job (`dissect.transactions.results`)."""
+        found = self._subscriptions
+        if found is None:
+            found = self._subscriptions = {}
+        return found
+
+    def let_go(self) -> None:
+        """It is over and everybody was told: keep what reports say of it, and nothing that it worked with."""
+        self.open_requests = _NONE_OPEN
+        self._operations = None
+        self._traits = None
+        self._subscriptions = None
+        self.begun = None
 
     def role(self, side: i64) -> str:
         """Name a side: ``client`` or ``server``."""
