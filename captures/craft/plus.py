@@ -50,6 +50,8 @@ QUALIFIER: Final = b"\0\0\x04\xe8" + build_members(
     [(1257, Value(0, RID, 0)), (1258, Value(0, AID, 0)), (1259, Value(0, UDINT, 0))]
 )
 FILL: Final = bytes(4)
+#: What refuses an item: the object was not found.
+NOT_FOUND: Final = bytes.fromhex("ffffffffffffffff f4")
 OPERATING_STATE: Final = [0x80150002, 4, 48, 52, 0, 2237, 3486]
 
 
@@ -185,10 +187,7 @@ def block(rid: int, class_id: int, name: str, number_: int, language: int) -> Pl
 def plus_plant(case: Case) -> None:
     panel = Session(case, "192.0.2.30", 49210, 0x386)
     panel.begin("ServerSession_10000000", "HMI RT OMS+", "PANEL-3", "operator", 2)
-    panel.integrity += 1
-    panel.ask(EXPLORE, DB.to_bytes(4, "big") + b"\0\1\1\0\0\0" + number(panel.integrity) + FILL + b"\0")
-    integrity = number(panel.integrity + panel.sequence)
-    panel.tell(EXPLORE, b"\0" + DB.to_bytes(4, "big") + integrity + build_object(declaration()) + FILL)
+    explore(panel)
     wanted = [
         one for at, lid in enumerate((LEVEL[1], PUMP[1], 99), 1) for one in (0x80040002, at, 0, DB, 0, VALUES, lid)
     ]
@@ -222,6 +221,52 @@ def plus_plant(case: Case) -> None:
     write(panel, 75)
     case.find("security.write")
     panel.leave()
+
+
+@crafts(
+    "Answers of an S7comm-plus CPU that do not fit: a read and a write are answered with items that nobody asked for, one item "
+    "comes twice, one is left out; two values contradict the declaration that passed, by their type and by their size. The "
+    "client ends its session by deleting object 0, as s7commplus does."
+)
+def plus_answers(case: Case) -> None:
+    panel = Session(case, "192.0.2.31", 49230, 0x390)
+    panel.begin("ServerSession_10000001", "HMI RT OMS+", "PANEL-4", "operator", 2)
+    explore(panel)
+    asked = (SETPOINT[1], LEVEL[1])
+    values = (Value(0, INT, 60), Value(0, REAL, 42.5))
+    answers: list[list[tuple[int, Value]]] = [
+        [(1, values[0]), (2, values[1])],
+        [(1, values[0]), (2, values[1]), (3, values[0])],
+        [(1, values[0]), (1, values[0]), (2, values[1])],
+        [(2, values[1])],
+        [(1, Value(0, DINT, 70000)), (2, Value(ARRAY, REAL, [42.5, 1.0]))],
+    ]
+    for items in answers:
+        panel.ask(GET_MULTI_VARIABLES, addresses(*asked) + QUALIFIER + panel.end())
+        said = b"".join([number(at) + build_value(value) for at, value in items])
+        panel.tell(GET_MULTI_VARIABLES, b"\0" + said + b"\0\0" + panel.end(True))
+        if sorted([at for at, _ in items]) != [1, 2]:
+            case.find("transaction.count_mismatch")
+    panel.ask(
+        SET_MULTI_VARIABLES,
+        addresses(SETPOINT[1]) + number(1) + build_value(values[0]) + b"\0" + QUALIFIER + panel.end(),
+    )
+    panel.tell(SET_MULTI_VARIABLES, b"\x13" + number(7) + NOT_FOUND + b"\0" + panel.end(True))
+    case.count(item_errors=1)
+    case.find("transaction.item_error")
+    case.find("transaction.count_mismatch")
+    case.find("security.write")
+    panel.ask(DELETE_OBJECT, bytes(4) + b"\0" + QUALIFIER + panel.end())
+    panel.tell(DELETE_OBJECT, b"\0" + bytes(4) + FILL)
+    panel.talk.close()
+
+
+def explore(panel: Session) -> None:
+    """Read the declaration of DB1."""
+    panel.integrity += 1
+    panel.ask(EXPLORE, DB.to_bytes(4, "big") + b"\0\1\1\0\0\0" + number(panel.integrity) + FILL + b"\0")
+    integrity = number(panel.integrity + panel.sequence)
+    panel.tell(EXPLORE, b"\0" + DB.to_bytes(4, "big") + integrity + build_object(declaration()) + FILL)
 
 
 def poll(panel: Session, value: int) -> None:

@@ -13,14 +13,18 @@ from dissect.s7.tables import AREA_LETTERS, DB_AREAS, READ_VAR, SYNTAX_IDS, WRIT
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, block_name
 from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PlusParameters
+from dissect.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.transactions import payloads as carried
 from dissect.transactions.connection import Connection
+from dissect.transactions.plus_operations import addresses_in
 from dissect.transactions.transaction import PUSH, Transaction
 
 #: Addresses of client and server, without ports: those of a client change with each connection.
 Pair = tuple[str, str]
 
 _MAX_CACHED: Final = 4096
+#: Octets of the largest read of S7comm-plus whose addresses are remembered.
+_LARGEST: Final = 2048
 #: Connections whose pair is remembered: findings may come after the connection they are about.
 _MAX_CONNECTIONS: Final = 16384
 #: Characters of a TSAP: real ones have a few octets, the wire allows 254.
@@ -47,22 +51,53 @@ class Subject:
 
 
 class Subjects:
-    """Subjects by parameter block, which polling repeats for hours. Bounded: when it is full it starts over."""
+    """Subjects by parameter block, which polling repeats for hours. Bounded: when it is full it starts over.
+
+    Those of S7comm-plus, where what it is about stands in the contents, are known by what they say, and reads, of which there
+    are many, by the octets of their addresses.
+    """
 
     def __init__(self) -> None:
         self._known: dict[Parameters, Subject] = {}
+        self._read: dict[bytes, Subject] = {}
+        self._said: dict[tuple[int, tuple[str, ...], bool], Subject] = {}
 
     def of(self, transaction: Transaction) -> Subject:
         """Return what a transaction is about."""
         parameters = transaction.parameters
         if isinstance(parameters, PlusParameters):
-            return _plus_subject(transaction, parameters.statistics_name)  # what it is about stands in its contents
+            return self._plus(transaction, parameters)
         known = self._known.get(parameters)
         if known is None:
             if len(self._known) >= _MAX_CACHED:
                 self._known.clear()
             known = _subject(transaction)
             self._known[parameters] = known
+        return known
+
+    def _plus(self, transaction: Transaction, parameters: PlusParameters) -> Subject:
+        size = transaction.request_size
+        if parameters.code != GET_MULTI_VARIABLES or transaction.outcome == PUSH or not 0 < size <= _LARGEST:
+            return self._of_names(transaction, parameters)
+        asked = addresses_in(transaction.request_octets)
+        known = self._read.get(asked)
+        if known is None:
+            if len(self._read) >= _MAX_CACHED:
+                self._read.clear()
+            known = self._of_names(transaction, parameters)
+            self._read[asked] = known
+        return known
+
+    def _of_names(self, transaction: Transaction, parameters: PlusParameters) -> Subject:
+        key = (int(parameters.code), _plus_areas(transaction), transaction.outcome == PUSH)
+        known = self._said.get(key)
+        if known is None:
+            if len(self._said) >= _MAX_CACHED:
+                self._said.clear()
+            _, names, push = key
+            reads, writes = ((), names) if transaction.function in WRITES else (names, ())
+            known = Subject(parameters.statistics_name, reads, writes, push)
+            self._said[key] = known
         return known
 
 
@@ -76,15 +111,13 @@ def _subject(transaction: Transaction) -> Subject:
     return Subject(parameters.function_name, reads, writes, transaction.outcome == PUSH)
 
 
-def _plus_subject(transaction: Transaction, function: str) -> Subject:
+def _plus_areas(transaction: Transaction) -> tuple[str, ...]:
     """Return the blocks and areas of an S7comm-plus read, write or notification; attributes of objects are none."""
-    names = tuple(dict.fromkeys([
+    return tuple(dict.fromkeys([
         AREAS.get(item.address.area) or block_name(item.address.area)
         for item in transaction.plus_items()
         if item.address is not None and (item.address.area in AREAS or item.address.area >> 16 in BLOCK_KINDS)
     ]))  # fmt: skip
-    reads, writes = ((), names) if transaction.function in WRITES else (names, ())
-    return Subject(function, reads, writes, transaction.outcome == PUSH)
 
 
 def area_names(item: Item) -> list[str]:

@@ -34,8 +34,9 @@ from dissect.s7plus.events import (
     take,
 )
 from dissect.s7plus.program import Program
+from dissect.s7plus.refusals import count_mismatch
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import GET_MULTI_VARIABLES, PARTIAL_ERROR
+from dissect.s7plus.tables import GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
@@ -96,8 +97,13 @@ class PlusWatch:
         if function < 0 and (session.subscriptions or connection.mid_stream):
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
         self._sessions.take(session, transaction)
-        if function == GET_MULTI_VARIABLES and transaction.outcome == ANSWERED:
-            self._operations.polled(session, transaction)
+        if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
+            if function == GET_MULTI_VARIABLES:
+                self._operations.polled(session, transaction)
+            octets = transaction.response_octets
+            wrong = count_mismatch(function, transaction.request_octets, octets, transaction.skimmed)
+            if wrong:
+                self._note("transaction.count_mismatch", transaction, wrong)
         facts = take(session, function, transaction.request_octets, transaction.response_octets, transaction.skimmed)
         if facts is not None:
             for event in facts.events:

@@ -37,6 +37,11 @@ class PlusProof:
         self._asked: dict[tuple[int, int, int], int] = {}
 
     @property
+    def met(self) -> bool:
+        """True when there was a PDU of S7comm-plus, whole or not."""
+        return bool(self.pdus or self.cut or self.unknown)
+
+    @property
     def holds(self) -> bool:
         """True when all that was looked at holds."""
         return self.read == self.pdus and self.true == self.pairs
@@ -49,6 +54,15 @@ class PlusProof:
             f"S7comm-plus: {self.read} of {self.pdus} whole PDUs read to their last byte{cut}; "
             f"{self.true} of {self.pairs} response ids = request id + sequence number"
         )
+
+    def add(self, other: PlusProof) -> None:
+        """Add what another capture proves; its faults stay with it."""
+        self.pdus += other.pdus
+        self.cut += other.cut
+        self.unknown += other.unknown
+        self.read += other.read
+        self.pairs += other.pairs
+        self.true += other.true
 
     def take(self, octets: bytes, frame: int, connection: int, side: int, cut: bool) -> None:
         """Take a PDU: its frames one behind the other."""

@@ -10,6 +10,7 @@ from dissect.oracle import facts
 from dissect.oracle.compare import Comparison, Difference
 from dissect.oracle.entry import Known
 from dissect.oracle.known import KNOWN
+from dissect.oracle.plus import PlusProof
 from dissect.report import words
 from dissect.wire.text import encodable, printable
 
@@ -50,7 +51,7 @@ class Verification:
         lines += [
             f"  {words.count(count, 'PDU')} not compared: {why}" for why, count in comparison.not_comparable.items()
         ]
-        if comparison.plus.pdus or comparison.plus.cut or comparison.plus.unknown:
+        if comparison.plus.met:
             lines.append(f"  {comparison.plus}")
             lines += [f"  {printable(fault)}" for fault in comparison.plus.faults]
         for difference in comparison.differences:
@@ -62,6 +63,11 @@ class Verification:
         """Yield the totals, and what is known of Wireshark with how often it was met."""
         files = "1 file" if len(self.files) == 1 else f"{len(self.files)} files"
         yield f"{files}, tshark {self.tshark}: {_counts([comparison for _, comparison in self.files])}"
+        plus = PlusProof()
+        for _, comparison in self.files:
+            plus.add(comparison.plus)
+        if plus.met:
+            yield f"  {plus}"
         for id_, count in self.known.most_common():
             entry = _ENTRIES[id_]
             yield f"  {count:6}  {id_}: {entry.what} {entry.side}: {entry.why}"

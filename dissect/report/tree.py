@@ -165,7 +165,7 @@ def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple
     for part in found.parts:
         indent = "  " * part.depth
         yield f"    {indent}{part.layout.name}{f': {shortened(part.note, _NOTE)}' if part.note else ''}"
-        for value in part.values:
+        for value in part.read():  # not kept: there may be many
             begin = pdu.place(int(value.offset))
             stop = pdu.place(max(int(value.offset), int(value.end) - 1)) + 1
             where = span(begin + base, stop + base)

@@ -99,8 +99,9 @@ class Contents:
     """The contents of one PDU. What a function does not have stays empty, or -1.
 
     ``items`` are values by the number of their item (in a notification by its reference), ``refusals`` return values by the
-    same. ``begun`` are the objects where one of them ends too soon or is wrong somewhere, as far as they were read. ``blobs``
-    are the compressed ones, ``pieces`` the octets of a stream, one range of offsets within the data each.
+    same. ``items_left_out`` of so many items that a tree ends before them are counted only. ``begun`` are the objects where one
+    of them ends too soon or is wrong somewhere, as far as they were read. ``blobs`` are the compressed ones, ``pieces`` the
+    octets of a stream, one range of offsets within the data each.
     """
 
     __slots__ = (
@@ -113,6 +114,7 @@ class Contents:
         "ids",
         "integrity_id",
         "items",
+        "items_left_out",
         "list",
         "malformed",
         "method",
@@ -145,6 +147,7 @@ class Contents:
         self.ids: list[int] = []
         self.addresses: list[Address] = []
         self.items: list[tuple[int, Value]] = []
+        self.items_left_out = 0
         self.refusals: list[tuple[int, int]] = []
         self.value: Value | None = None
         self.objects: list[PlusObject] = []
@@ -152,6 +155,11 @@ class Contents:
         self.list: list[Member] = []
         self.pieces: list[tuple[int, int]] = []
         self.blobs: list[tuple[int, int]] = []
+
+    @property
+    def item_count(self) -> int:
+        """How many items there are, with those that were left out."""
+        return len(self.items) + self.items_left_out
 
     @property
     def notes(self) -> list[str]:

@@ -209,7 +209,10 @@ def _read_all(session: PlusSession, function: int, request: bytes, response: byt
     told = _read(response, facts, _state_items(function, asked[1])) if response else None
     answer = told[1] if told is not None and told[0].function == function else None
     good = answer is None or (told is not None and told[0].return_code < 0x8000)
-    _judge(session, facts, function, asked[1], answer, good)
+    if function == DELETE_OBJECT:
+        _gone(session, facts, asked[1].object_id, asked[0].session_id, good)
+    else:
+        _judge(session, facts, function, asked[1], answer, good)
     return facts
 
 
@@ -240,7 +243,7 @@ def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
     if seen.authenticated:
         session.authenticated = True
     if function == DELETE_OBJECT:
-        _gone(session, facts, seen.deleted, True)
+        _gone(session, facts, seen.deleted, seen.session_id, True)
     return facts if facts.events else None
 
 
@@ -330,8 +333,6 @@ def _judge(
 ) -> None:
     if function == CREATE_OBJECT:
         _created(session, facts, asked, told, good)
-    elif function == DELETE_OBJECT:
-        _gone(session, facts, asked.object_id, good)
     elif function == EXPLORE:
         if told is not None and good:
             _explored(session, facts, told)
@@ -343,8 +344,10 @@ def _judge(
         _one(session, facts, function, asked, told, good)
 
 
-def _gone(session: PlusSession, facts: Facts, object_id: int, good: bool) -> None:
-    """An object is deleted."""
+def _gone(session: PlusSession, facts: Facts, object_id: int, session_id: int, good: bool) -> None:
+    """An object is deleted. Object 0 is the session of the request: the client of s7commplus ends it so (docs/s7plus.md)."""
+    if object_id == 0:
+        object_id = session_id
     block = block_name(object_id)
     if block:
         facts.events.append(Event(CHANGED, f"delete {block}", object_id))

@@ -17,6 +17,7 @@ from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.tables import REQUEST
 from dissect.s7plus.value_tables import BLOB, STRUCT, VARIANT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
+from dissect.s7plus.walk import MAX_PARTS
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
 
@@ -47,6 +48,9 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
             content = part.holding(HOLDS_VALUE)
             if content is not None:
                 _hide(part, int(content.offset), int(content.end), pdu, spans)
+    if pdu.opcode == REQUEST and len(found.parts) > MAX_PARTS:
+        rest = found.parts[-1]  # nobody knows which of it is a secret
+        spans.append((pdu.place(rest.offset), pdu.place(rest.end - 1) + 1))
     if found.value is not None and (named or _holds_secret(found.value)):
         found.value = Value(0, WSTRING, HIDDEN)
     if secret or any([value.type in _MAY_HOLD for _, value in found.items]):

@@ -25,7 +25,7 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_showing import as_json, value_said
+from dissect.s7plus.value_showing import as_json, octets_text, value_said
 from dissect.s7plus.value_tables import WSTRING
 from dissect.s7plus.values import Packed, Value
 from dissect.wire.codes import CodeTable
@@ -45,11 +45,13 @@ class PlusItem:
 
     ``return_code`` is 0 when all is well, -1 when no answer says, else the lower 16 bits of a return value, in a notification
     0x13 or 0x03; ``codes`` names it.
-    ``found`` is what the program calls it, where that passed; ``note`` says in what the value or the checksum of its symbol
-    contradicts that, or that the answer leaves the item out. A number that comes several times makes several items.
+    ``found`` is what the program calls it, where that passed. A value that contradicts its declaration has none: ``fits`` is
+    False, it is shown as its octets, and ``note`` says what contradicts. ``note`` also says that the checksum of the symbol
+    does, or that the answer leaves the item out, or has it though nobody asked. A number that comes several times makes
+    several items.
     """
 
-    __slots__ = ("address", "codes", "data", "found", "note", "number", "program", "return_code", "value")
+    __slots__ = ("address", "codes", "data", "fits", "found", "note", "number", "program", "return_code", "value")
 
     def __init__(self, number: int, address: Address | None, value: Value | None, return_code: int) -> None:
         self.number = number
@@ -58,6 +60,7 @@ class PlusItem:
         self.return_code = return_code
         self.codes: CodeTable = RETURN_CODES
         self.data: bytes | None = None
+        self.fits = True
         self.found: Found | None = None
         self.program: Program | None = None
         self.note = ""
@@ -75,6 +78,8 @@ class PlusItem:
         """The value in few words, empty when there is none."""
         if self.value is None:
             return ""
+        if not self.fits:
+            return octets_text(self.data) if self.data is not None else ""
         if self._is_plain:
             return value_said(self.value, self._last_id)
         text = self._program_value()
@@ -93,7 +98,9 @@ class PlusItem:
 
     @property
     def json_value(self) -> object:
-        """The value as JSON-ready data, None when there is none."""
+        """The value as JSON-ready data, None when there is none, or it contradicts its declaration."""
+        if not self.fits:
+            return None
         if self.value is not None and self._is_plain:
             return as_json(self.value)
         text = self._program_value()
@@ -124,18 +131,18 @@ class PlusItem:
     def _program_value(self) -> str | None:
         if self.value is None or self.program is None:
             return None
-        return program_value(self.found, self.value, self.program)
+        return program_value(self.found, self.value)
 
     def _members(self) -> dict[str, object] | None:
         """Return the members of a structure of the program by name."""
         content = self.value.content if self.value is not None else None
-        if self.program is None or self.note or not isinstance(content, Packed):
+        if self.program is None or not isinstance(content, Packed):
             return None
         return packed_members(content, self.program)
 
     def _elements(self) -> list[str | None] | None:
         """Return the elements of an array as they were declared."""
-        return program_values(self.found, self.value) if self.value is not None and not self.note else None
+        return program_values(self.found, self.value) if self.value is not None else None
 
     def understand(self, program: Program) -> None:
         """Take what the program says of the item: its name, and whether the value fits its declaration."""
@@ -147,10 +154,14 @@ class PlusItem:
         if self.found is None:
             self.note = program.doubt(address) or self.note
         elif self.value is not None:
-            self.note = contradiction(self.found, self.value, program)
             content = self.value.content
-            if not self.note and isinstance(content, Packed) and misfit(content, program):
-                self.note = "its bytes do not fit the declaration"
+            wrong = contradiction(self.found, self.value, program)
+            if not wrong and isinstance(content, Packed) and misfit(content, program):
+                wrong = "its bytes do not fit the declaration"
+            if wrong:
+                self.note = f"{wrong}; its address is that of {symbol(address, self.found)}"
+                self.fits = False
+                self.found = None
 
 
 class Half:
@@ -179,11 +190,10 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
         if session is not None:
             item.understand(session.program)
         if item.value is not None and (address.lids[-1] if address.lids else address.sub_area) in SECRETS:
-            item.value, item.data, item.note = (
-                Value(0, WSTRING, HIDDEN),
-                None,
-                "",
-            )  # an answer to a read does not say so itself
+            item.value = Value(0, WSTRING, HIDDEN)  # an answer to a read does not say so itself
+            item.data = None
+            item.note = ""
+            item.fits = True
     return items
 
 
@@ -238,6 +248,8 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
             if not writes and value is None and code == 0:
                 item.return_code = -1
                 item.note = "the answer holds neither a value nor a refusal"
+            if item.address is None:
+                item.note = "the request has no such item"
             item.data = _data(value, source)
             items.append(item)
     return items

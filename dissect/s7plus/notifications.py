@@ -7,6 +7,7 @@ from dissect.s7plus.contents import Contents
 from dissect.s7plus.ending import read_notification_end
 from dissect.s7plus.message import SHORT_HEADS, PlusPdu
 from dissect.s7plus.objects import objects_of, read_elements
+from dissect.s7plus.pieces import take_item
 from dissect.s7plus.tables import (
     OBJECTS_ITEM,
     PLAIN_VALUE_ITEM,
@@ -74,12 +75,10 @@ def _items(walk: Walk, found: Contents) -> None:
             return
         if kind == VALUE_ITEM:
             reference = walk.fixed(4, "reference")
-            layout = layouts.NOTIFIED_VALUE
-            found.items.append((reference, read_value(walk, layout, at, f"{reference}: " if walk.shown else "")))
+            take_item(walk, found, reference, layouts.NOTIFIED_VALUE, at)
         elif kind == VALUE_ITEM_VLQ:
             reference = walk.number(VLQ, "reference")
-            layout = layouts.NOTIFIED_VALUE_VLQ
-            found.items.append((reference, read_value(walk, layout, at, f"{reference}: " if walk.shown else "")))
+            take_item(walk, found, reference, layouts.NOTIFIED_VALUE_VLQ, at)
         elif kind in {REFUSED_ITEM, REFUSED_ITEM_3}:
             reference = walk.fixed(4, "reference")
             walk.spend(STEP, "reference")

@@ -13,6 +13,7 @@ from dissect.s7plus.skipping import is_wanted, passed
 from dissect.s7plus.value_reading import read_members, read_value
 from dissect.s7plus.walk import STEP, FormatError, Walk, Wanted
 from dissect.wire.codes import coded
+from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ, VLQ64
 
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
@@ -170,7 +171,7 @@ def take_values(walk: Walk, found: Contents, count: int) -> None:
         number = walk.number(VLQ, "item")
         if walk.wanted is not None and not _is_asked_for(walk.wanted, found, number) and passed(walk):
             continue
-        found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
+        take_item(walk, found, number, layouts.ITEM_VALUE, at)
 
 
 def _is_asked_for(wanted: Wanted, found: Contents, number: int) -> bool:
@@ -192,6 +193,15 @@ def _item_number(walk: Walk) -> int:
     return number
 
 
+def take_item(walk: Walk, found: Contents, number: int, layout: Layout, at: int) -> None:
+    """Read the value of an item, whose part begins at ``at``. Raises `FormatError`."""
+    value = read_value(walk, layout, at, f"{number}: " if walk.shown else "")
+    if walk.full:
+        found.items_left_out += 1
+    else:
+        found.items.append((number, value))
+
+
 def take_values_to_end(walk: Walk, found: Contents) -> None:
     """Read numbers with values up to the number 0."""
     at = walk.at
@@ -199,7 +209,7 @@ def take_values_to_end(walk: Walk, found: Contents) -> None:
     while number := _item_number(walk):
         if items is not None and number not in items and passed(walk):
             continue
-        found.items.append((number, read_value(walk, layouts.ITEM_VALUE, at, f"{number}: " if walk.shown else "")))
+        take_item(walk, found, number, layouts.ITEM_VALUE, at)
         at = walk.at
 
 

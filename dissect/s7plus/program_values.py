@@ -1,6 +1,6 @@
 """Values as the program means them: the type that a variable was declared with, over the one it is sent with (docs/s7plus.md).
 
-Used only where the declaration passed in the capture. A value that contradicts its declaration stays as it was sent, and
+Used only where the declaration passed in the capture. A value that contradicts its declaration is shown as its octets, and
 `contradiction` says why.
 """
 
@@ -51,16 +51,16 @@ _LENGTHS: Final = 2
 _BITS: Final = frozenset((1, 40))
 
 
-def program_value(found: Found | None, value: Value, program: Program) -> str | None:
-    """Return a value as its declaration means it, None where it says nothing else than the value itself, or does not fit.
+def program_value(found: Found | None, value: Value) -> str | None:
+    """Return a value as its declaration means it, None where it says nothing else than the value itself.
 
-    A DTL says itself that it is one.
+    The value must not contradict its declaration. A DTL says itself that it is one.
     """
     content = value.content
     if isinstance(content, Packed):
         return dtl_text(content.octets) if content.id == DTL_STRUCT and len(content.octets) == DTL_SIZE else None
     variable = found.variable if found is not None else None
-    if found is None or variable is None or contradiction(found, value, program):
+    if variable is None:
         return None
     if variable.datatype in {STRING, WSTRING, DATE_AND_TIME}:
         numbers = [one for one in content if isinstance(one, int)] if isinstance(content, list) else []

@@ -1,4 +1,7 @@
-"""Whether a response or a notification refuses items: found without reading it whole, because it is asked of every one."""
+"""Which items an answer has: whether it refuses any, and whether they are those that were asked for.
+
+Both are asked of every answer, so that most of them are not read whole for it.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +10,34 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parsed
+from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.program import CODE, TYPE_INFO
-from dissect.s7plus.skimming import REFUSES, SOUND, WORDS, skim
+from dissect.s7plus.skimming import REFUSES, SOUND, VALUES, WORDS, skim
 from dissect.s7plus.skipping import marks
 from dissect.s7plus.tables import (
     GET_MULTI_VARIABLES,
     NOTIFICATION,
+    PARTIAL_ERROR,
     REFUSED_ITEM,
     REFUSED_ITEM_3,
     SET_MULTI_VARIABLES,
+    V3,
     refuses,
 )
 from dissect.s7plus.walk import MAX_WORK
-from dissect.wire.varint import VLQ64, read_varint
+from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: What objects hold that matters: the code of a block, or the names of variables.
 _MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)))
+#: What a return code plus 1 takes in what `skim` says.
+_CODES: Final = 0x1FFFF
+#: Where a request with a list of items says how many there are, and how much further back in version 3.
+_COUNT: Final = 4 + REQUEST_SIZE + 4
+_DIGEST: Final = 33
+#: Items that are named.
+_NAMED: Final = 3
 
 
 def glimpse(octets: bytes) -> i64:
@@ -37,7 +51,7 @@ def answered(octets: bytes, skimmed: i64) -> tuple[int, bool]:
     ``skimmed`` is what `glimpse` says of it. Never raises.
     """
     if skimmed & SOUND:
-        code: int = (skimmed >> WORDS) - 1
+        code: int = (skimmed >> WORDS & _CODES) - 1
         return code, refuses(code) or skimmed & REFUSES != 0
     pdu = parsed(octets)
     return pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu)
@@ -59,3 +73,49 @@ def notifies_refusal(octets: bytes, skimmed: i64) -> bool:
     if pdu.opcode != NOTIFICATION or (REFUSED_ITEM not in pdu.body and REFUSED_ITEM_3 not in pdu.body):
         return False
     return bool(parse_contents(pdu, False, MAX_WORK).refusals)
+
+
+def count_mismatch(function: i64, request: bytes, response: bytes, skimmed: i64) -> str:
+    """Return in which items the answer to a read or write of several variables differs from its request; empty for none.
+
+    ``skimmed`` is what `glimpse` says of the response. Halves that are not whole, or contradict themselves, are not compared.
+    Never raises.
+    """
+    if skimmed & SOUND:
+        if function == SET_MULTI_VARIABLES and not skimmed & REFUSES:
+            return ""
+        at: i64 = _COUNT + (_DIGEST if len(request) > 1 and request[1] == V3 else 0)
+        if skimmed >> VALUES > 0 and read_varint(request, at, len(request), VLQ)[0] == skimmed >> VALUES:
+            return ""
+    return _compared(function, parsed(request), parsed(response))
+
+
+def _compared(function: i64, request: PlusPdu, response: PlusPdu) -> str:
+    asked = _sound_contents(function, request)
+    told = _sound_contents(function, response)
+    if asked is None or told is None or (refuses(response.return_code) and response.return_code != PARTIAL_ERROR):
+        return ""
+    wanted = range(1, len(asked.addresses) + 1)
+    counts: dict[int, int] = {}
+    for number in [*[number for number, _ in told.items], *[number for number, _ in told.refusals]]:
+        counts[number] = counts.get(number, 0) + 1
+    wrong = [f"item {number}, which was not requested" for number in counts if number not in wanted]
+    wrong += [f"item {number} ({counts[number]} times)" for number in wanted if counts.get(number, 1) > 1]
+    if function == GET_MULTI_VARIABLES:
+        wrong += [f"no item {number}" for number in wanted if number not in counts]
+    if not wrong:
+        return ""
+    more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
+    return f"requested {_items(len(wanted))}, the answer has {', '.join(wrong[:_NAMED])}{more}"
+
+
+def _items(count: int) -> str:
+    return f"{count} item{'' if count == 1 else 's'}"
+
+
+def _sound_contents(function: i64, pdu: PlusPdu) -> Contents | None:
+    """Return the contents of a PDU of this function, None when they are not all there or contradict themselves."""
+    if not pdu.whole or pdu.malformed or pdu.function != function:
+        return None
+    found = parse_contents(pdu, False, MAX_WORK)
+    return found if found.whole and not found.malformed else None

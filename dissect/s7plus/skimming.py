@@ -55,6 +55,9 @@ REFUSES: Final = 4
 #: How many bits such words take. Above them stand the lower 16 bits of the return value of a response, plus 1; 0 for none.
 WORDS: Final = 8
 _CODE: Final = 0xFFFF
+#: Above which bits stands how many values an answer has, where they are numbered from 1; 0 where they are not, or some are
+#: refused. Below that is all the rest.
+VALUES: Final = 32
 _NO_CODE: Final = -1
 
 _BIT_7: Final = 0x80
@@ -73,8 +76,9 @@ _TIME: Final = 8
 def skim(octets: bytes, marks: bytes) -> i64:
     """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
 
-    Else `SOUND`, with `REFUSES` and what ``marks`` says of the objects in it (`Skipper.seen`), and above `WORDS` bits the
-    return code plus 1; 0 for contents that nobody judges: of what is no whole PDU, or of a function whose body is not known.
+    Else `SOUND`, with `REFUSES` and what ``marks`` says of the objects in it (`Skipper.seen`), above `WORDS` bits the return
+    code plus 1, and above `VALUES` bits how many values there are; 0 for contents that nobody judges: of what is no whole PDU,
+    or of a function whose body is not known.
     """
     at, end = one_frame(octets)
     if at >= 0:
@@ -129,6 +133,7 @@ class Body:
     __slots__ = (
         "_end",
         "_marks",
+        "_numbered",
         "_octets",
         "_refused",
         "_version",
@@ -145,6 +150,7 @@ class Body:
         self._version: i64 = 0
         self._marks = b""
         self._refused: i64 = 0  # `REFUSES`, once an item is
+        self._numbered: i64 = 0  # as far as they are numbered from 1
         self.integrity_id: i64 = -1
         self.object_id: i64 = -1
         self.ids: list[int] = []
@@ -158,6 +164,7 @@ class Body:
         self._version = version
         self._marks = marks
         self._refused = 0
+        self._numbered = 0
         self.integrity_id = -1
         self.object_id = -1
         if self.ids:
@@ -173,6 +180,8 @@ class Body:
             result = 0
             if self.known:
                 result = SOUND | skipper.seen | self._refused | code + 1 << WORDS
+                if self._numbered > 0 and not self._refused:
+                    result |= self._numbered << VALUES
         self._octets = b""
         skipper.begin(b"", 0, 0)
         _FREE.append(self)
@@ -351,12 +360,17 @@ class Body:
         return True
 
     def _items(self) -> bool:
-        """Pass over numbers and values up to the number 0."""
+        """Pass over numbers and values up to the number 0, counting them while they are numbered from 1."""
         skipper = self.skipper
+        count: i64 = 0
         while True:
             number = skipper.number()
             if number <= 0:
+                self._numbered = count
                 return number == 0
+            if number != count + 1:
+                count = -2  # and stays negative
+            count += 1
             if not skipper.value(0):
                 return False
 

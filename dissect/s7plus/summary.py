@@ -34,39 +34,52 @@ _NAMED: Final = 8
 def summary(pdu: PlusPdu, found: Contents) -> list[str]:
     """Return what a PDU is about: a few texts, none where its head says it all."""
     if pdu.opcode == NOTIFICATION:
-        said = [f"{reference}: {value_text(value)}" for reference, value in found.items]
-        said += [f"{reference}: refused" for reference, _ in found.refusals]
-        return _some(said + [object_text(one) for one in found.objects])
+        said = _items(found)
+        said += [f"{reference}: refused" for reference, _ in found.refusals[:_NAMED]]
+        said += _objects(found.objects)
+        return _some(said, found.item_count + len(found.refusals) + len(found.objects))
     if pdu.opcode == REQUEST:
-        return _some(_asked(pdu, found))
-    said = [f"{number}: {value_text(value)}" for number, value in found.items]
-    said += [f"{number}: {return_note(value)}" for number, value in found.refusals]
+        return _asked(pdu, found)
+    said = _items(found)
+    said += [f"{number}: {return_note(value)}" for number, value in found.refusals[:_NAMED]]
+    count = found.item_count + len(found.refusals) + len(found.objects)
     if found.value is not None:
         said.append(value_text(found.value))
+        count += 1
     if pdu.function in {CREATE_OBJECT, GET_LINK}:
-        said += [short_name(id_) for id_ in found.ids]
-    return _some(said + [object_text(one) for one in found.objects])
+        said += [short_name(id_) for id_ in found.ids[:_NAMED]]
+        count += len(found.ids)
+    return _some(said + _objects(found.objects), count)
+
+
+def _items(found: Contents) -> list[str]:
+    return [f"{number}: {value_text(value)}" for number, value in found.items[:_NAMED]]
+
+
+def _objects(objects: list[PlusObject]) -> list[str]:
+    return [object_text(one) for one in objects[:_NAMED]]
 
 
 def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
     function = pdu.function
     if function in {GET_MULTI_VARIABLES, SET_MULTI_VARIABLES}:
         values = dict(found.items)
-        return [
+        labels = [
             f"{address.label}{f' = {value_text(values[number])}' if number in values else ''}"
-            for number, address in enumerate(found.addresses, 1)
+            for number, address in enumerate(found.addresses[:_NAMED], 1)
         ]
+        return _some(labels, len(found.addresses))
     if found.object_id < 0:
-        return [object_text(one) for one in found.objects]
+        return _some(_objects(found.objects), len(found.objects))
     if function == CREATE_OBJECT:
-        return [f"in {short_name(found.object_id)}", *[object_text(one) for one in found.objects]]
+        return _some([f"in {short_name(found.object_id)}", *_objects(found.objects)], 1 + len(found.objects))
     if function == DELETE_OBJECT or function == EXPLORE:
         return [short_name(found.object_id)]
     if function == INVOKE:
         return [short_name(found.method)]
     address = single_address(found)
     if address is None:
-        return [object_text(one) for one in found.objects]
+        return _some(_objects(found.objects), len(found.objects))
     written = f" = {value_said(found.value, found.ids[-1])}" if found.value is not None else ""
     streamed = sum([end - begin for begin, end in found.pieces])
     return [f"{address.label}{written}{f', {streamed} bytes streamed' if streamed else ''}"]
@@ -87,5 +100,6 @@ def object_text(found: PlusObject) -> str:
     return f"{short_name(found.class_id)} {short_name(found.rid)}{f' {name!r}' if name else ''}"
 
 
-def _some(said: list[str]) -> list[str]:
-    return said if len(said) <= _NAMED else [*said[:_NAMED], f"and {len(said) - _NAMED} more"]
+def _some(said: list[str], count: int) -> list[str]:
+    """Return the first of ``count`` texts, and how many more there are; the first of each kind are in ``said``."""
+    return said if count <= _NAMED else [*said[:_NAMED], f"and {count - _NAMED} more"]

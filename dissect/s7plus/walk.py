@@ -15,7 +15,7 @@ from dissect.wire.varint import VLQ64, read_varint
 
 #: Levels of objects and values inside each other; the deepest in captures have seven.
 MAX_DEPTH: Final = 40
-#: Parts that are kept of one PDU; what comes after them is read, and shown as octets.
+#: Parts that are kept of one PDU; what comes after them is read and counted, and shown as octets.
 MAX_PARTS: Final = 100_000
 #: What a value, an object, a variable, an address or a refusal costs; an element of an array and an id cost 1.
 STEP: Final = 5
@@ -70,7 +70,8 @@ class Walk:
     fault of its sender; such a walk is ``hurried``, and compressed blobs are inflated only where they may swell (`may_swell`),
     and none behind the first that is unsound.
     ``wanted`` is what somebody will ask for, None for everything.
-    ``blobs`` are (offset, end) of these blobs, ``faults`` what does not stop the walk.
+    ``blobs`` are (offset, end) of these blobs, ``faults`` what does not stop the walk, ``uncut`` counts the parts after
+    `MAX_PARTS`.
     """
 
     __slots__ = (
@@ -87,6 +88,7 @@ class Walk:
         "parts",
         "parts_end",
         "shown",
+        "uncut",
         "wanted",
     )
 
@@ -100,6 +102,7 @@ class Walk:
         self.shown = shown
         self.parts: list[Part] = []
         self.parts_end = at  # of the last part
+        self.uncut = 0
         self.depth = 0
         self.blobs: list[tuple[int, int]] = []
         self.faults: list[FormatError] = []
@@ -114,6 +117,11 @@ class Walk:
     def left(self) -> int:
         """Octets that are still there."""
         return self.end - self.at
+
+    @property
+    def full(self) -> bool:
+        """True when no more is shown: what was read only to be shown need not be kept."""
+        return self.shown and len(self.parts) >= MAX_PARTS
 
     def need(self, size: int, field: str) -> None:
         """Raise `FormatError` unless ``size`` octets are there."""
@@ -185,7 +193,10 @@ class Walk:
 
     def part(self, layout: Layout, start: int, note: str = "", deeper: int = 0) -> None:
         """Cut the part that begins at ``start`` and ends here."""
-        if not self.shown or len(self.parts) >= MAX_PARTS:
+        if not self.shown:
+            return
+        if self.full:
+            self.uncut += 1
             return
         part = Part(layout, self.octets, start, self.at)
         part.note = note
@@ -206,5 +217,7 @@ class Walk:
         if self.parts_end < self.end and self.shown:
             surplus = fault is not None and fault.reason == "trailing_octets"
             part = Part(SURPLUS if surplus else OCTETS, self.octets, self.parts_end, self.end)
+            if self.uncut:
+                part.note = f"{self.uncut} more parts (values, addresses, ids …) left out of this view"
             self.parts.append(part)
         self.at = self.end

@@ -92,7 +92,7 @@ def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int
     return left_out
 
 
-def _addresses_in(octets: bytes) -> bytes:
+def addresses_in(octets: bytes) -> bytes:
     """Return what a read asks for: its body up to the qualifier."""
     size: i64 = len(octets)
     begin: i64 = _BODY
@@ -208,7 +208,7 @@ class PlusOperations:
     def polled(self, session: PlusSession, transaction: Transaction) -> None:
         """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""
         octets = transaction.request_octets
-        key = int(transaction.connection.number), _addresses_in(octets)
+        key = int(transaction.connection.number), addresses_in(octets)
         poll = self._polls.get(key)
         if poll is None:
             if len(self._polls) >= MAX_POLLS:

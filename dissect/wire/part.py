@@ -45,9 +45,13 @@ class Part:
         """The fields, read on demand."""
         values = self._values
         if values is None:
-            values = self.layout.read(self._octets, self.offset, self.end)
+            values = self.read()
             self._values = values
         return values
+
+    def read(self) -> list[FieldValue]:
+        """Return the fields without keeping them, for who goes over many parts once."""
+        return self._values if self._values is not None else self.layout.read(self._octets, self.offset, self.end)
 
     def find(self, name: str) -> FieldValue | None:
         """Return the field called ``name``, None when the part was cut before it or has none."""

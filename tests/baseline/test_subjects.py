@@ -41,14 +41,28 @@ def test_polling_is_one_subject() -> None:
     assert (seen.found[1].reads, seen.found[1].writes) == (("DB10",), ())
 
 
+def test_polling_in_s7comm_plus_is_one_subject() -> None:
+    seen = Seen()
+    run = Run([str(ROOT / "captures" / "crafted" / "plus-plant.pcapng")], seen)
+    while run.step():
+        pass
+    reads = [one for one in seen.found if one.function == "S7comm-plus GetMultiVariables"]
+    assert [(one.reads, one.writes, one.is_push) for one in reads] == [(("DB1",), (), False)] * 4
+    assert len({id(one) for one in reads}) == 1
+    pushes = [one for one in seen.found if one.is_push and one.reads]
+    assert len(pushes) > 4
+    assert len({id(one) for one in pushes}) == len({one.reads for one in pushes})
+
+
 def test_what_is_remembered_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subjects, "_MAX_CACHED", 2)
     monkeypatch.setattr(subjects, "_MAX_CONNECTIONS", 3)
     seen = Seen()
-    for path in sorted((ROOT / "captures").glob("*.pcapng")):
+    for path in [*sorted((ROOT / "captures").glob("*.pcapng")), ROOT / "captures" / "crafted" / "plus-plant.pcapng"]:
         run = Run([str(path)], seen)
         while run.step():
-            assert len(seen.subjects._known) <= 2
+            known = seen.subjects
+            assert max(len(known._known), len(known._read), len(known._said)) <= 2
     wire = Wire(seen)
     seen.pairs = Pairs()
     for number in range(5):

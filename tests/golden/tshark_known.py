@@ -125,6 +125,7 @@ ROWS: Final = [
     Row("crafted/ip-headers", "6", {_ORPHAN: 1}, "lost-by-tcp"),
     Row("crafted/look-alikes", "1-6", {}, "no-dissector-plus"),
     Row("crafted/netlink", "connection 1, 1-5", {}, "no-dissector-ibh"),
+    Row("crafted/plus-answers", "1-10", {}, "no-dissector-plus"),
     Row("crafted/plus-plant", "1-24", {}, "no-dissector-plus"),
     Row("s7plus/s7commplus", "connection 1, 1-13", {}, "no-dissector-plus"),
     Row("s7plus/s7commplus-tls", "connection 1, 1-13", {}, "no-dissector-plus"),

@@ -99,11 +99,21 @@ def test_the_lines_of_verify() -> None:
     comparison = Comparison()
     assert len(verification.take("a.pcap", comparison)) == 1
     assert verification.holds
+    comparison = Comparison()
     comparison.plus = proof((REQUEST, 0), (answer(7, 6), 1))
     lines = verification.take("b.pcap", comparison)
     assert lines[1].startswith("  S7comm-plus: 2 of 2 whole PDUs read")
     assert lines[2].startswith("  frame 2 S7comm-plus Response")
     assert not verification.holds
+    assert len([line for line in verification.summary() if "S7comm-plus" in line]) == 1
+    comparison = Comparison()
+    comparison.plus = proof((REQUEST, 0), (answer(7, 5), 1), (framed(asked(7, INIT_SSL, body=bytes(4))), 0))
+    comparison.plus.take(REQUEST[:-9], 9, 1, 0, True)
+    verification.take("c.pcap", comparison)
+    assert list(verification.summary())[1] == (
+        "  S7comm-plus: 4 of 4 whole PDUs read to their last byte, 1 not whole, 1 of functions whose body is not known; "
+        "1 of 2 response ids = request id + sequence number"
+    )
     files = verification.as_dict()["files"]
     assert isinstance(files, list)
     assert files[1]["s7plus"] == {"pdus": 2, "read": 2, "cut": 0, "unknown": 0, "pairs": 1, "true": 0}

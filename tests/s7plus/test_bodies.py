@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.hiding import shown_contents, without_secrets
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import PlusObject, build_object
 from dissect.s7plus.pieces import return_details
+from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -358,6 +360,39 @@ def test_the_parts_of_a_pdu_are_bounded() -> None:
     assert (found.malformed, found.whole, len(found.parts)) == ([], True, MAX_PARTS + 1)
     assert found.parts[-1].layout.name == "octets"
     assert found.parts[-1].end == len(pdu.data)
+    # Of the parts before them there are four, and behind them the ends of two lists, the qualifier, an octet and the id.
+    said = found.parts[-1].note
+    assert said.endswith("more parts (values, addresses, ids …) left out of this view")
+    assert 1000 < int(said.split()[0]) < 1020
+
+
+def test_items_behind_the_last_part_are_counted_and_not_kept() -> None:
+    body = bodies.multi_got([(1, Value(0, USINT, 0))] * (MAX_PARTS + 500), [])
+    pdu = PlusPdu(b"", 0, 0, 0, 0)
+    pdu.version, pdu.opcode, pdu.function, pdu.whole = 2, 0x32, GET_MULTI_VARIABLES, True
+    pdu.data = told(1, GET_MULTI_VARIABLES, body)
+    found = parse_contents(pdu)
+    assert (found.malformed, found.whole, len(found.parts)) == ([], True, MAX_PARTS + 1)
+    assert (len(found.items), found.item_count) == (MAX_PARTS - 2, MAX_PARTS + 500)
+    assert summary(pdu, found)[-1] == f"and {MAX_PARTS + 492} more"
+    whole = parse_contents(pdu, shown=False)
+    assert (len(whole.items), whole.items_left_out) == (MAX_PARTS + 500, 0)
+    assert summary(pdu, whole) == summary(pdu, found)
+
+
+def test_octets_behind_the_last_part_of_a_request_are_not_shown() -> None:
+    """They may hold a password, which only a part would tell."""
+    secret = bodies.number(1846) + b"\0\x15\4word"
+    members = b"\x07\0\0" * MAX_PARTS + secret
+    value = b"\0\x17\0\0\0\1" + members + b"\0"
+    body = bodies.rid(52) + b"\1\x07" + value + bodies.QUALIFIER + b"\0" + bodies.end(9)
+    data = asked(1, SET_VARIABLE, body=body)
+    frames = [data[at : at + 60000] for at in range(0, len(data), 60000)]
+    pdu = parse_plus(b"".join([framed(frame, 2, trailer=frame is frames[-1]) for frame in frames]))
+    found, spans = shown_contents(pdu)
+    assert len(found.parts) == MAX_PARTS + 1
+    shown = without_secrets(pdu, spans)
+    assert (b"word" in pdu.octets, b"word" in shown, len(shown)) == (True, False, len(pdu.octets))
 
 
 def test_the_work_on_a_pdu_can_be_bounded() -> None:

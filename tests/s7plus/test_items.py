@@ -25,6 +25,7 @@ from dissect.s7plus.tables import (
     SET_VARIABLE,
     refuses,
 )
+from dissect.s7plus.value_showing import octets_text
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, UINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
 from tests.cases import each
@@ -88,6 +89,7 @@ def test_an_answer_that_does_not_fit_its_request_hides_nothing() -> None:
     assert [item.data for item in items] == [b"\0\5", b"\0\7", None]
     items = joined(GET_MULTI_VARIABLES, bodies.get_multi(LEVEL), bodies.multi_got([(1, FIVE), (9, seven)], [(8, LOST)]))
     assert told_of(items) == [(level, "Int 5", 0), ("item 8", "", 0xFFF4), ("item 9", "UInt 7", 0)]
+    assert [item.note for item in items] == ["", "the request has no such item", "the request has no such item"]
 
 
 def test_a_write_of_several_variables() -> None:
@@ -178,11 +180,13 @@ def test_values_as_the_program_means_them(datatype: int, value: Value, text: str
     one.program.learn([type_of(0x92000003, ("name", variable(14, datatype)))])
     address = Address(0, 0x8A0E0003, 2550, [14])
     (item,) = joined(GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, value)], []), one)
-    assert item.label == 'DB3."name"'
-    if text is None:
-        assert item.json_value == value.content
+    if text is None:  # the declaration is contradicted: octets, and no name
+        assert (item.label, item.json_value, item.fits) == ("DB3 LID 14", None, False)
+        assert item.data == build_value(value)[2:]
+        assert item.text == octets_text(item.data)
+        assert item.note.endswith('; its address is that of DB3."name"')
     else:
-        assert item.json_value == text
+        assert (item.label, item.json_value, item.note) == ('DB3."name"', text, "")
         assert repr(text) in item.text
 
 

@@ -19,8 +19,9 @@ from dissect.s7plus.program import Program
 from dissect.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
 from dissect.s7plus.program_values import DTL_STRUCT
 from dissect.s7plus.value_tables import ARRAY, DINT, INT, STRUCT, TIMESPAN, TIMESTAMP, UINT, ULINT, USINT
-from dissect.s7plus.values import Packed, Struct, Value
+from dissect.s7plus.values import Packed, Struct, Value, build_value
 from dissect.s7plus.variables import Variable
+from dissect.wire.text import shortened
 from tests.s7plus.strategies import variables
 from tests.s7plus.test_program import type_of
 
@@ -41,6 +42,7 @@ def item_of(
     program = Program()
     program.learn([type_of(DB, *declared), *types])
     item = PlusItem(1, Address(0, 0x8A0E0003, 2550, list(lids)), value, 0)
+    item.data = build_value(value)[2:]
     item.understand(program)
     json.dumps(item.json_value, allow_nan=False)
     return item
@@ -90,6 +92,8 @@ def test_a_dtl_says_itself_what_it_is() -> None:
 
 
 # ---- structures of the program --------------------------------------------------------------------------------------
+
+MISFIT: Final = "its bytes do not fit the declaration"
 
 MEMBERS: Final = (
     ("open", variable(1, 1, 8, (0, 1), bits=3)),
@@ -142,15 +146,16 @@ def test_members_at_their_classic_offsets() -> None:
 @pytest.mark.parametrize("size", [0, 1, 7, len(OPTIMISED) - 1])
 def test_too_few_octets_contradict_the_declaration(size: int) -> None:
     item = tank(OPTIMISED[:size])
-    assert item.json_value == {"id": TANK, "time": 5, "octets": OPTIMISED[:size].hex()}
-    assert item_text(item).endswith("(its bytes do not fit the declaration)")
+    octets = build_value(packed(OPTIMISED[:size]))[2:]
+    assert (item.json_value, item.data) == (None, octets)
+    assert item.note == f'{MISFIT}; its address is that of DB3."tank"'
+    assert item_text(item).startswith(f"DB3 LID 1 = {octets[:16].hex(' ')}")
 
 
 def test_a_string_inside_that_is_not_the_declared_one() -> None:
-    item = tank(OPTIMISED.replace(b"\3\2HV", b"\2\2HV"))
-    assert item.note == "its bytes do not fit the declaration"
-    item = tank(OPTIMISED.replace(b"\3\2HV", b"\3\4HV"))
-    assert item.note == "its bytes do not fit the declaration"
+    for octets in (b"\2\2HV", b"\3\4HV"):
+        item = tank(OPTIMISED.replace(b"\3\2HV", octets))
+        assert (item.fits, item.note.partition(";")[0]) == (False, MISFIT)
 
 
 def test_a_structure_whose_type_did_not_pass_keeps_its_octets_and_is_no_contradiction() -> None:
@@ -158,7 +163,8 @@ def test_a_structure_whose_type_did_not_pass_keeps_its_octets_and_is_no_contradi
     item = item_of(packed(b"abc"), declared)
     assert (item.note, item.json_value) == ("", {"id": TANK, "time": 5, "octets": b"abc".hex()})
     other = item_of(packed(b"abc", 0x91000009), declared)
-    assert other.note == "declared as the structure 0x91000007, sent as 0x91000009"
+    assert other.note.startswith("declared as the structure 0x91000007, sent as 0x91000009; ")
+    assert (other.label, other.json_value) == ("DB3 LID 1", None)
 
 
 def test_structures_inside_each_other_without_end() -> None:
@@ -233,10 +239,15 @@ def test_what_contradicts_its_declaration_is_said(
     declared: Variable, lids: tuple[int, ...], value: Value, note: str
 ) -> None:
     item = item_of(value, ("t", declared), lids=lids)
-    assert item.note == note
-    assert item_text(item).endswith(f"({note})") == bool(note)
+    assert item.data == build_value(value)[2:]
+    assert item.fits == (not note)
     if note:
-        assert item.json_value == value.content
+        assert item.note == f'{note}; its address is that of DB3."t"{"[1]" if len(lids) > 1 else ""}'
+        assert (item.label, item.json_value) == (f"DB3 LID {'.'.join([str(lid) for lid in lids])}", None)
+        said = item.data.hex(" ") or "(empty)"
+        assert item_text(item) == f"{item.label} = {said} ({shortened(item.note, 100)})"
+    else:
+        assert (item.note, item.label.startswith('DB3."t"')) == ("", True)
 
 
 def test_a_checksum_that_differs_is_said_with_the_item() -> None:

@@ -45,6 +45,17 @@ def test_a_session() -> None:
     assert told_of(talk) == [("session", "HMI RT OMS+ on panel (HMI), CPU 6ES7 215-1AG40-0XB0 V4.3", "done", 2, 0)]
 
 
+@pytest.mark.parametrize("body", [bodies.delete_object(0), bodies.rid(0)], ids=["whole", "as s7commplus sends it"])
+def test_a_session_that_ends_with_object_0(body: bytes) -> None:
+    """It is that of the request: another one goes on, and one whose end is refused."""
+    for session, answer, result in ((0x387, b"\0", "done"), (0x388, b"\0", "running"), (0x387, DENIED, "running")):
+        talk = begun()
+        log_in(talk)
+        talk.ask(framed(asked(2, DELETE_OBJECT, session, body=body), 1))
+        talk.tell(framed(told(2, DELETE_OBJECT, answer + bodies.rid(0) + bodies.FILL), 1))
+        assert [one[2] for one in told_of(talk)] == [result]
+
+
 def test_a_session_that_goes_on() -> None:
     talk = begun()
     log_in(talk)

@@ -214,7 +214,7 @@ def test_s7comm_plus_reads_and_notifications() -> None:
 
 
 def test_a_value_of_s7comm_plus_that_contradicts_its_declaration() -> None:
-    """The row and its line say so beside the value."""
+    """The row and its line say so beside the bytes, at the address without its name."""
     address = Address(0, 0x8A0E0001, 2550, [14])
     talk = begun()
     kind = type_of(0x92000001, ("level", variable(14, 5)))
@@ -228,10 +228,11 @@ def test_a_value_of_s7comm_plus_that_contradicts_its_declaration() -> None:
     rows = rows_of(talk)
     assert [(row.address, row.value, row.remark) for row in rows] == [
         ('DB1."level"', 5, ""),
-        ('DB1."level"', 1.5, "declared Int, sent as Real"),
+        ("DB1 LID 14", None, 'declared Int, sent as Real; its address is that of DB1."level"'),
     ]
     assert line_end(rows[0], "level") == "level = 5"
-    assert line_end(rows[1], "level") == "level = 1.5  was 5  [declared Int, sent as Real]"
+    said = 'declared Int, sent as Real; its address is that of DB1."level"'
+    assert line_end(rows[1], "level") == f"level = 3f c0 00 00  [{said}]"
 
 
 def test_scd_reads_writes_and_pdos() -> None:
