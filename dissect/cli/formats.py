@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
 import click
@@ -81,11 +82,15 @@ def format_option(kind: str, *, optional: bool = False, help: str = "") -> Calla
 
 def write_out(lines: Iterable[str | Line]) -> None:
     """Write what a format made: text as it is, lines with a style as the terminal wants them."""
-    pieces = list(lines)
-    if pieces and isinstance(pieces[0], str):
-        write(cast("list[str]", pieces))
+    source = iter(lines)
+    first = next(source, None)
+    if first is None:
+        return
+    whole = chain((first,), source)
+    if isinstance(first, str):
+        write(cast("Iterable[str]", whole))
     else:
-        write_lines(cast("list[Line]", pieces))
+        write_lines(cast("list[Line]", list(whole)))
 
 
 def write_outcome(format_: Format, kind: str, outcome: Outcome) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
@@ -31,47 +32,57 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
     With several files every packet number counts within its file, and the file's name stands beside it. ``interrupted`` says
     that reading was broken off.
     """
+    return {
+        name: list(value) if isinstance(value, Iterator) else value
+        for name, value in analysis_sections(analysis, interrupted)
+    }
+
+
+def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator[tuple[str, object]]:
+    """Yield the names and values of `analysis_as_dict`; a long list is an iterator, whose objects are made one by one."""
     pipeline = analysis.pipeline
     if pipeline is None:
         raise ValueError("this Analysis is empty: call take() first, or use dissect.analyze()")
     described = analysis.sections()
+    described["scd"] = described.get("scd")
     clock = Clock()
     places = Places(analysis.files, len(analysis.files) > 1)
     lines = TransactionLines()
     if places.several:
         lines.locate = places.locate
+    yield "schema", ANALYSIS_SCHEMA
+    yield "interrupted", interrupted
+    yield "files", [_file(file) for file in analysis.files]
+    yield "selection", analysis.part.as_dict() if analysis.part is not None else None
+    yield "first_time", clock.iso(pipeline.first_ns) if pipeline.frames else None
+    yield "last_time", clock.iso(pipeline.now_ns) if pipeline.frames else None
+    yield "packets", _packets(pipeline)
     connections = sorted(analysis.connections, key=_number)
+    yield "connections", (connection_as_dict(connection, places) for connection in connections)
+    yield "connections_not_listed", analysis.connections_not_listed
+    yield from described.items()
+    yield "devices", [station_as_dict(station) for station in stations_that_state(analysis.stations)]
+    yield "transactions", _transactions(analysis)
+    yield "latency_ns", {**analysis.latencies.as_dict(), "exact": analysis.latencies.exact}
+    yield "operations", {kind: dict(sorted(counts.items())) for kind, counts in sorted(analysis.operations.items())}
+    yield "functions", [_function(code, statistics) for code, statistics in sorted(analysis.functions.items())]
+    yield "failed", (json.loads(lines.line(transaction)) for transaction in analysis.failed)
+    yield "slowest", (json.loads(lines.line(transaction)) for transaction in analysis.slowest())
+    yield "findings", dict(sorted(analysis.finding_counts.items()))
+    yield "finding_details", (finding_as_dict(finding, places) for finding in by_weight(analysis.findings))
+    yield "loss", _loss(pipeline)
+
+
+def _transactions(analysis: Analysis) -> dict[str, object]:
     return {
-        "schema": ANALYSIS_SCHEMA,
-        "interrupted": interrupted,
-        "files": [_file(file) for file in analysis.files],
-        "selection": analysis.part.as_dict() if analysis.part is not None else None,
-        "first_time": clock.iso(pipeline.first_ns) if pipeline.frames else None,
-        "last_time": clock.iso(pipeline.now_ns) if pipeline.frames else None,
-        "packets": _packets(pipeline),
-        "connections": [connection_as_dict(connection, places) for connection in connections],
-        "connections_not_listed": analysis.connections_not_listed,
-        **described,
-        "scd": described.get("scd"),
-        "devices": [station_as_dict(station) for station in stations_that_state(analysis.stations)],
-        "transactions": {
-            "total": analysis.total,
-            "answered": analysis.answered,
-            "unanswered": analysis.unanswered,
-            "still_open": analysis.still_open,
-            "orphan_answers": analysis.orphans,
-            "unsolicited": analysis.unsolicited,
-            "with_errors": analysis.with_errors,
-            "unanswered_reasons": dict(sorted(analysis.unanswered_reasons.items())),
-        },
-        "latency_ns": {**analysis.latencies.as_dict(), "exact": analysis.latencies.exact},
-        "operations": {kind: dict(sorted(counts.items())) for kind, counts in sorted(analysis.operations.items())},
-        "functions": [_function(code, statistics) for code, statistics in sorted(analysis.functions.items())],
-        "failed": [json.loads(lines.line(transaction)) for transaction in analysis.failed],
-        "slowest": [json.loads(lines.line(transaction)) for transaction in analysis.slowest()],
-        "findings": dict(sorted(analysis.finding_counts.items())),
-        "finding_details": [finding_as_dict(finding, places) for finding in by_weight(analysis.findings)],
-        "loss": _loss(pipeline),
+        "total": analysis.total,
+        "answered": analysis.answered,
+        "unanswered": analysis.unanswered,
+        "still_open": analysis.still_open,
+        "orphan_answers": analysis.orphans,
+        "unsolicited": analysis.unsolicited,
+        "with_errors": analysis.with_errors,
+        "unanswered_reasons": dict(sorted(analysis.unanswered_reasons.items())),
     }
 
 

@@ -48,6 +48,10 @@ class Outcome(ABC):
     def as_dict(self) -> Mapping[str, object]:
         """Return it as JSON-ready values."""
 
+    def sections(self) -> Iterable[tuple[str, object]]:
+        """Return the names and values of `as_dict`; what is a long list there may be an iterator here."""
+        return self.as_dict().items()
+
 
 class Tested(Protocol):
     """An outcome that formats of tests take."""
@@ -80,5 +84,38 @@ def text_outcome(outcome: Outcome) -> Iterable[str | Line]:
 
 
 def json_outcome(outcome: Outcome) -> Iterator[str | Line]:
-    """Yield an outcome as JSON: ASCII without control characters but the line feeds of its layout."""
-    yield json.dumps(outcome.as_dict(), **outcome.layout).replace("\x7f", "\\u007f")
+    """Yield an outcome as JSON: ASCII without control characters but the line feeds of its layout.
+
+    What a long report is made of is never there all at once: each part is a piece, and each object of a long list.
+    """
+    layout = outcome.layout
+    if "indent" not in layout:
+        yield _json(outcome.as_dict(), layout)
+        return
+    pad = " " * layout["indent"]
+    piece, behind = "{", ""
+    for name, value in outcome.sections():
+        yield piece + behind
+        behind = ","
+        piece = f"{pad}{_json(name, layout)}: "
+        if not isinstance(value, Iterator):
+            piece += _json(value, layout, pad)
+            continue
+        piece += "["
+        between = ""
+        for one in value:
+            yield piece + between
+            between = ","
+            piece = pad * 2 + _json(one, layout, pad * 2)
+        if between:
+            yield piece
+            piece = pad
+        piece += "]"
+    yield piece
+    yield "}"
+
+
+def _json(value: object, layout: Mapping[str, Any], before: str = "") -> str:
+    """Return a value as JSON, with ``before`` in front of each of its lines but the first."""
+    text = json.dumps(value, **layout).replace("\x7f", "\\u007f")
+    return text.replace("\n", f"\n{before}") if before else text

@@ -45,3 +45,9 @@ class Summary(Outcome):
         from dissect.report.contract import analysis_as_dict
 
         return analysis_as_dict(self.analysis, self.interrupted)
+
+    def sections(self) -> Iterable[tuple[str, object]]:
+        """Return its parts."""
+        from dissect.report.contract import analysis_sections
+
+        return analysis_sections(self.analysis, self.interrupted)
