@@ -37,8 +37,8 @@ from distutils.sysconfig import customize_compiler, get_python_inc  # isort: ski
 #: The modules on the way of every byte. They import the standard library, mypy_extensions, librt and
 #: each other, nothing else.
 HOT: Final = (
-    "dissect/anonymize/account.py",
     "dissect/anonymize/checksum.py",
+    "dissect/anonymize/masked.py",
     "dissect/anonymize/messages.py",
     "dissect/anonymize/rewrite_plan.py",
     "dissect/anonymize/rewriter.py",
@@ -157,8 +157,8 @@ BUSIEST: Final = (
 
 #: What else a packet or a transaction of any protocol passes through.
 BUSY: Final = (
-    "dissect/anonymize/account.py",
     "dissect/anonymize/checksum.py",
+    "dissect/anonymize/masked.py",
     "dissect/anonymize/messages.py",
     "dissect/anonymize/rewrite_plan.py",
     "dissect/anonymize/rewriter.py",

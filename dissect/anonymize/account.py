@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.anonymize.masked import Masked
 from dissect.wire.text import printable
 
 #: How values are treated (`Choices.values`).
@@ -116,15 +117,16 @@ class Choices:
 class Account:
     """Counts by kind. A field counts once for each message that brings it, however often its packets were sent.
 
-    ``replaced``: fields that got something else; ``masked``: (fields, octets) set to zero; ``kept``: fields that hold something
-    of the plant and were left because they were chosen to be; ``dropped``: packets that were not written, by reason;
-    ``caveats``: what went beyond a bound, with how often. All are named as in `KINDS`, `REASONS` and `CAVEATS`.
-    ``bindings``: what bindings of SCD must say to fit the written capture.
+    ``replaced``: fields that got something else; ``masked``: (fields, octets) set to zero, which ``hidden`` counts; ``kept``:
+    fields that hold something of the plant and were left because they were chosen to be; ``dropped``: packets that were not
+    written, by reason; ``caveats``: what went beyond a bound, with how often. All are named as in `KINDS`, `REASONS` and
+    `CAVEATS`. ``bindings``: what bindings of SCD must say to fit the written capture.
     """
 
     def __init__(self) -> None:
         self.replaced: dict[str, int] = {}
-        self.masked: dict[str, tuple[int, int]] = {}
+        self.hidden = Masked()
+        self.masked = self.hidden.counts
         self.kept: dict[str, int] = {}
         self.dropped: dict[str, int] = {}
         self.caveats: dict[str, int] = {}
@@ -141,9 +143,7 @@ class Account:
 
     def mask(self, kind: str, octets: bytes) -> None:
         """Octets are set to zero; those that were zero need no word."""
-        if octets.count(0) != len(octets):
-            fields, size = self.masked.get(kind, (0, 0))
-            self.masked[kind] = (fields + 1, size + len(octets))
+        self.hidden.add(kind, octets)
 
     def keep(self, kind: str) -> None:
         """A field is left because that was asked for."""

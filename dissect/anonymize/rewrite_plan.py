@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dissect.anonymize.account import Account
+from dissect.anonymize.masked import Masked
 
 
 class RewritePlan:
@@ -11,11 +12,12 @@ class RewritePlan:
     ``octets`` of a piece is None where the message's own stay.
     """
 
-    __slots__ = ("account", "octets", "pieces")
+    __slots__ = ("_hidden", "account", "octets", "pieces")
 
     def __init__(self, octets: bytes, account: Account) -> None:
         self.octets = octets
         self.account = account
+        self._hidden: Masked = account.hidden
         self.pieces: list[tuple[int, int, bytes | None]] = []
 
     def keep(self, begin: int, end: int) -> None:
@@ -52,4 +54,4 @@ class RewritePlan:
     def zero(self, begin: int, end: int, kind: str) -> None:
         """The octets are set to zero, which is what becomes of all that nothing is said of."""
         if begin < min(end, len(self.octets)):
-            self.account.mask(kind, self.octets[begin:end])
+            self._hidden.add(kind, self.octets[begin:end])

@@ -25,17 +25,37 @@ class Finding:
     ``time_ns`` the time of the last of them, ``detail`` what was seen this time.
     """
 
-    __slots__ = ("connection", "detail", "frames", "rule", "time_ns")
+    __slots__ = ("_first_frame", "_frames", "_last_frame", "connection", "detail", "rule", "time_ns")
 
     def __init__(self, rule: Rule, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
         self.rule = rule
         self.connection: i64 = connection
-        self.frames = frames
+        # Thousands are kept, and most are shown by one packet or two, which need no list and no objects.
+        self._frames: list[int] | None = None
+        self._first_frame: i64 = 0
+        self._last_frame: i64 = 0
         self.time_ns: i64 = time_ns
         self.detail = detail
+        self.frames = frames
 
     def __repr__(self) -> str:
         return f"Finding({self.rule.slug!r}, connection={self.connection}, frames={self.frames})"
+
+    @property
+    def frames(self) -> list[int]:
+        """The packets that show it, a list of its own."""
+        if self._frames is not None:
+            return list(self._frames)
+        if not self._first_frame:
+            return []
+        return [self._first_frame, self._last_frame] if self._last_frame else [self._first_frame]
+
+    @frames.setter
+    def frames(self, frames: list[int]) -> None:
+        few = 0 < len(frames) <= 2 and 0 not in frames
+        self._frames = None if few or not frames else list(frames)
+        self._first_frame = frames[0] if few else 0
+        self._last_frame = frames[1] if few and len(frames) == 2 else 0
 
     @property
     def slug(self) -> str:
@@ -57,7 +77,7 @@ class Reporter:
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self.fresh: list[Finding] = []
-        self._detailed: dict[tuple[str, int], int] = {}
+        self._detailed: dict[str, dict[int, int]] = {}  # by slug and connection
         self._detailed_all: dict[str, int] = {}
 
     def wants(self, slug: str, connection: i64) -> bool:
@@ -66,11 +86,13 @@ class Reporter:
         in_all = self._detailed_all.get(slug, 0)
         if in_all >= MAX_DETAILED_ALL:
             return False
-        key = (slug, connection)
-        here = self._detailed.get(key, 0)
+        if slug not in self._detailed:
+            self._detailed[slug] = {}
+        by_connection = self._detailed[slug]
+        here = by_connection.get(connection, 0)
         if here >= MAX_DETAILED:
             return False
-        self._detailed[key] = here + 1
+        by_connection[connection] = here + 1
         self._detailed_all[slug] = in_all + 1
         return True
 

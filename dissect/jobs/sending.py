@@ -49,7 +49,7 @@ _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 #: Attributes that are not sent, by class: they are what a new object has.
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
-    "Analysis": frozenset(("pipeline",)),
+    "Analysis": frozenset(("_asked", "pipeline")),
     "CarvedBlock": frozenset(("activation", "operation")),
     "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),
@@ -180,15 +180,15 @@ def _value(plain: Any, objects: list[Any]) -> Any:
 @cache
 def _moves(name: str) -> bool:
     """Return whether an attribute of this name may hold a number that counts over all files."""
-    return name.endswith("frame") or name in {"frames", "number", "connection", "detail"}
+    return name.endswith("frame") or name in {"_frames", "frames", "number", "connection", "detail"}
 
 
 def _moved(obj: Any, name: str, value: Any, offsets: Offsets) -> Any:
     """Return an attribute with the numbers of the whole in it."""
     if name.endswith("frame"):
         return value + offsets.packets if value > 0 else value
-    if name == "frames":
-        return [frame + offsets.packets for frame in value]
+    if name in {"_frames", "frames"}:
+        return None if value is None else [frame + offsets.packets for frame in value]
     if name == "number" and isinstance(obj, Connection):
         return value + offsets.connections
     if name == "number" and isinstance(obj, Transaction):
@@ -246,6 +246,7 @@ _TAKEN: Final[dict[type, Callable[[Any], tuple[Any, ...]]]] = {
     UserdataHead: lambda head: (head.type, head.group, head.subfunction, head.sequence),
     Stretch: lambda stretch: (stretch.value, stretch.source, stretch.first_frame, stretch.first_ns),
     Ending: lambda _: (),
+    Finding: lambda finding: (finding.rule, finding.connection, finding.frames, finding.time_ns, finding.detail),
 }
 
 

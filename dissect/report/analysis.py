@@ -16,10 +16,12 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
+from dissect.s7.tables import USERDATA
 from dissect.s7plus.parameters import PlusParameters
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import Book, Fact
 from dissect.transactions.connection import Connection
+from dissect.transactions.ending import Ending
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 
@@ -264,6 +266,7 @@ class Analysis(Observer):
         self._latest: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
+        self._asked: dict[tuple[int, bytes], Parameters] = {}  # what they asked last, by ROSCTR and octets
         self.connections_not_listed: i64 = 0
         self.findings: list[Finding] = []
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
@@ -355,8 +358,26 @@ class Analysis(Observer):
         """Keep a connection for the list."""
         if len(self.connections) < MAX_CONNECTIONS:
             self.connections.append(connection)
+            if connection.ending is not None:
+                self._share(connection, connection.ending)
         else:
             self.connections_not_listed += 1
+
+    def _share(self, connection: Connection, ending: Ending) -> None:
+        """What several connections asked last is kept once."""
+        connection.last_request = ending.last_request = self._once(ending.last_request)
+        connection.last_answer = ending.last_answer = self._once(ending.last_answer)
+        connection.last_error = ending.last_error = self._once(ending.last_error)
+
+    def _once(self, asked: Parameters | None) -> Parameters | None:
+        if asked is None or asked.rosctr > USERDATA:
+            return asked  # others are more than their octets say
+        key = (int(asked.rosctr), asked.octets)
+        known = self._asked.get(key)
+        if known is None:
+            self._asked[key] = asked
+            return asked
+        return known
 
     def operation(self, operation: Operation) -> None:
         """Count an operation by its kind and result."""

@@ -16,6 +16,7 @@ ends, how the connection began and how it ended.
 
 from __future__ import annotations
 
+import sys
 from typing import Final
 
 from mypy_extensions import i64
@@ -373,7 +374,7 @@ class Endpoint:
     def host(self) -> str:
         """The address without the port, as text."""
         if not self._host:
-            self._host = address_text(self.address)
+            self._host = sys.intern(address_text(self.address))  # that of a station is there once
         return self._host
 
     def __repr__(self) -> str:
@@ -399,12 +400,12 @@ class TcpConnection:
     """
 
     __slots__ = (
+        "_silent",
         "ended",
         "ended_by",
         "ended_frame",
         "ended_ns",
         "ends",
-        "fin_seen",
         "first_frame",
         "first_ns",
         "heard",
@@ -430,7 +431,7 @@ class TcpConnection:
         self.last_frame: i64 = frame
         self.last_ns: i64 = time_ns
         self.packets: i64 = 0
-        self.fin_seen: list[bool] = [False, False]
+        self._silent: i64 = 0  # a bit for each side that sends nothing more
         self.ended: str = ""
         self.ended_by: i64 = -1
         self.ended_frame: i64 = 0
@@ -487,7 +488,7 @@ class TcpConnection:
             self.ended_by = side
             self.ended_frame = frame
             self.ended_ns = time_ns
-        self.fin_seen[side] = True
+        self._silent |= 1 << side
         return True
 
     def _fits(self, side: i64, seq: i64, window: i64) -> bool:
@@ -511,11 +512,10 @@ class TcpConnection:
             self.reset_by = side
             self.reset_frame = frame
             self.reset_ns = time_ns
-        self.fin_seen[0] = True
-        self.fin_seen[1] = True
+        self._silent = 3
         return True
 
     @property
     def closed(self) -> bool:
         """True when neither side sends anything more."""
-        return self.fin_seen[0] and self.fin_seen[1]
+        return self._silent == 3
