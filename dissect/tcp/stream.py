@@ -16,7 +16,6 @@ ends, how the connection began and how it ended.
 
 from __future__ import annotations
 
-import sys
 from typing import Final
 
 from mypy_extensions import i64
@@ -374,7 +373,7 @@ class Endpoint:
     def host(self) -> str:
         """The address without the port, as text."""
         if not self._host:
-            self._host = sys.intern(address_text(self.address))  # that of a station is there once
+            self._host = address_text(self.address)
         return self._host
 
     def __repr__(self) -> str:
