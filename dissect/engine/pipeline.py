@@ -270,6 +270,8 @@ class Pipeline(PacketSink):
         if side is None or word & 7:  # SYN, FIN, RST
             self._link = buf[start : start + 12]
             return self._lifecycle(side, buf[start + 26 : start + 38], 0, seq, ack, word & 0x3F, buf[data:stop], 0)
+        if data == stop:
+            return self._segment(side, seq, ack, word, b"", 0)
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
 
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:

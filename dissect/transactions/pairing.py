@@ -474,16 +474,15 @@ class Dialogue:
             if older is not None and not (
                 _holes(side) and contradicts(older, rosctr, parameters, buf, at, size, data_at)
             ):
-                wrong = mismatch(older.parameters, parameters)
-                return self._complete(older, wrong, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns)
+                self.open -= 1
+                if mismatch(older.parameters, parameters):
+                    older.flags |= FUNCTION_MISMATCH
+                older.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+                self._answered(older, parameters, data_at)
+                return older
             if older is not None:
                 self._give_up(older, side, REFERENCE_REUSED)
             waiting = None
-        misfit: bool = False
-        if waiting is not None and (
-            parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA
-        ):
-            misfit = mismatch(waiting.parameters, parameters)
         if waiting is None or (_holes(side) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
             # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
@@ -495,31 +494,16 @@ class Dialogue:
         if waiting.superseded is not None:  # what was asked before it would have been answered by now
             for lost in requests.drop_superseded(waiting):
                 self._give_up(lost, side, REFERENCE_REUSED)
-        return self._complete(
-            requests.take(key, waiting), misfit, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns
-        )
-
-    def _complete(
-        self,
-        transaction: Transaction,
-        misfit: bool,
-        side: Side,
-        rosctr: i64,
-        parameters: Parameters,
-        buf: bytes,
-        at: i64,
-        size: i64,
-        data_at: i64,
-        frame: i64,
-        time_ns: i64,
-    ) -> Transaction:
-        """Give an open request, out of the table already, the answer at hand."""
+        misfit: bool = False
+        if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
+            misfit = mismatch(waiting.parameters, parameters)
+        asked = requests.take(key, waiting)
         self.open -= 1
         if misfit:
-            transaction.flags |= FUNCTION_MISMATCH
-        transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-        self._answered(transaction, parameters, data_at)
-        return transaction
+            asked.flags |= FUNCTION_MISMATCH
+        asked.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+        self._answered(asked, parameters, data_at)
+        return asked
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """Look at the answer that a request has got, and count it."""
@@ -695,13 +679,23 @@ def contradicts(
         return True
     if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
         return False
-    trial = Transaction(0, request.connection, request.asked_by, request.rosctr, request.pdu_ref, request.parameters)
-    trial.response_buf = buf
-    trial.response_offset = at
-    trial.response_size = size
-    trial.response_rosctr = rosctr
-    check_answer(trial, parameters, data_at)
-    return trial.flags & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
+    # It has the answer on trial, and is left as it was: to make a transaction for that would cost more than to look.
+    flags: i64 = request.flags
+    request.flags = 0
+    request.response_buf = buf
+    request.response_offset = at
+    request.response_size = size
+    request.response_rosctr = rosctr
+    check_answer(request, parameters, data_at)
+    found: i64 = request.flags
+    request.flags = flags
+    request.has_errors = False
+    request.error_code = 0
+    request.response_buf = b""
+    request.response_offset = 0
+    request.response_size = 0
+    request.response_rosctr = 0
+    return found & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
 
 
 def _unseen(request: Transaction, answering: Side) -> bool:
