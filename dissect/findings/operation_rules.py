@@ -7,6 +7,7 @@ from typing import Final
 from dissect.findings.reporter import Reporter
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.parameters import HEADER_SIZE
 from dissect.s7.szl import SZL_HEAD, extract
 from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import GROUP_CPU, READ_SZL, SUCCESS
@@ -93,6 +94,7 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
     told = answer.userdata if answer is not None else None
     if (
         head is None
+        or answer is None
         or told is None
         or head.group != GROUP_CPU
         or head.subfunction != READ_SZL
@@ -101,11 +103,12 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
         return
     if told.last_data_unit != 0 or told.data_unit_ref != 0 or told.error_code or head.data_unit_ref > 0:
         return
-    response = transaction.response
-    if response is None:
-        return
-    payload = response.data[DATA_HEAD.size :]
-    if len(payload) < SZL_HEAD.size or response.data[0] != SUCCESS:
+    # The data block of the answer, in place because panels poll.
+    buf, at = transaction.response_buf, transaction.response_offset
+    data_at = at + HEADER_SIZE + len(answer.octets)
+    data = buf[data_at : min(at + transaction.response_size, data_at + u16(buf, at + 8))]
+    payload = data[DATA_HEAD.size :]
+    if len(payload) < SZL_HEAD.size or data[0] != SUCCESS:
         return
     szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
     size = len(payload) - SZL_HEAD.size

@@ -109,14 +109,15 @@ class Orphan:
 class OpenRequests:
     """The open requests of one asking side, and the answers to it that found none.
 
-    Most clients wait for each answer: the only open request needs no dictionary, and no key as an int object.
+    Most clients wait for each answer: the latest request needs no dictionary and no key as an int object, even where others
+    are open that will never be answered, because their answers were not captured.
     """
 
-    __slots__ = ("_given_up", "_only", "_only_key", "_table", "count", "orphans")
+    __slots__ = ("_given_up", "_latest", "_latest_key", "_table", "count", "orphans")
 
     def __init__(self) -> None:
-        self._only: Transaction | None = None  # while nothing else is open; `_table` is empty then
-        self._only_key: i64 = 0
+        self._latest: Transaction | None = None  # asked after all those of `_table`, until another one is
+        self._latest_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
@@ -125,27 +126,27 @@ class OpenRequests:
     @property
     def table(self) -> dict[int, Transaction]:
         """The open requests by their keys, in the order of asking; to be looked at, and changed in here only."""
-        only = self._only
-        if only is not None:
-            self._only = None
-            self._table[self._only_key] = only
+        latest = self._latest
+        if latest is not None:
+            self._latest = None
+            self._table[self._latest_key] = latest
         return self._table
 
     def find(self, key: i64) -> Transaction | None:
         """Return what is open under ``key``, the latest of several that are identical; None when nothing is."""
-        only = self._only
-        if only is None:
-            return self._table.get(key) if self._table else None
-        return only if key == self._only_key else None
+        latest = self._latest
+        if latest is not None and key == self._latest_key:
+            return latest
+        return self._table.get(key) if self._table else None
 
     def add(self, key: i64, transaction: Transaction) -> None:
         """Open a request under a key that nothing is open under."""
         self.count += 1
-        if self.count == 1:
-            self._only = transaction
-            self._only_key = key
-        else:
-            self.table[key] = transaction
+        before = self._latest
+        if before is not None:
+            self._table[self._latest_key] = before
+        self._latest = transaction
+        self._latest_key = key
 
     def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
         """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it)."""
@@ -217,8 +218,8 @@ class OpenRequests:
         self.count -= 1
         if found.earlier is not None:
             return _earliest_of(found)
-        if found is self._only:
-            self._only = None
+        if found is self._latest:
+            self._latest = None
         else:
             del self._table[key]
         return found
@@ -304,7 +305,14 @@ class OpenRequests:
         An identical request has the place of the one before it, so that some of them may be overlooked.
         """
         count: i64 = 0
-        for transaction in reversed(self.table.values()):
+        latest = self._latest
+        if latest is not None:
+            if latest.request_ns < time_ns or latest.request_frame <= frame:
+                return 0
+            count = 1  # one that is identical to another one is in the table
+        if count >= enough:
+            return count
+        for transaction in reversed(self._table.values()):
             link: Transaction | None = transaction
             while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
                 count += 1
