@@ -33,8 +33,8 @@ from dissect.iso.upper import (
     is_sound,
     stated_size,
 )
-from dissect.s7.parameters import PROTOCOL_ID, header_size
-from dissect.s7.tables import ACK_DATA, JOB, USERDATA
+from dissect.s7.parameters import PROTOCOL_ID
+from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -61,12 +61,14 @@ class IsoOnTcp(Protocol):
         self._s7: S7 = s7
         self._plus: Protocol = plus
         self._tls: Tls = tls
+        self._plain: bool = False  # nobody wants to see TPDUs, and no decoder TSDUs; known once packets come
         self.tpdus: Tally = Tally(17, DT, CR)  # by type, the last for TPDUs too short to have one
         self.tsdus: Tally = Tally(len(UPPER_NAMES), S7COMM, S7COMM_PLUS)
 
     def begin(self, side: Side, at_start: bool) -> None:
         """A connection speaks ISO-on-TCP; garbage before the first TPKT is reported only when nothing was missed."""
         side.connection.protocol = ""
+        self._plain = not self._exchange.observer.wants_tpdus and self._exchange.decoder is None
         peer = side.peer
         assert peer is not None
         side.framer.synced = at_start
@@ -155,14 +157,14 @@ class IsoOnTcp(Protocol):
             if reserved != 0 or tpdu != _PLAIN:
                 return 0
             stated += param_length
-        stated += header_size(rosctr) + 7
+        stated += 17
+        if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
+            stated += 2
         if stated != length or at + length > end or rosctr < JOB or (rosctr > ACK_DATA and rosctr != USERDATA):
             return 0
-        exchange = self._exchange
         connection = side.connection
         if (
-            exchange.observer.wants_tpdus
-            or exchange.decoder is not None
+            not self._plain
             or length - 4 > connection.dt_limit
             or connection.tls is not None
             or not side.assembler.clear
@@ -174,9 +176,9 @@ class IsoOnTcp(Protocol):
         try:
             self._s7.take(side, rosctr, pdu_ref, param_length, buf, at + 7, length - 7, frame, time_ns)
         except Exception as bug:
-            if exchange.strict:
+            if self._exchange.strict:
                 raise
-            exchange.note_bug(bug, frame, time_ns)
+            self._exchange.note_bug(bug, frame, time_ns)
         return length
 
     def _faults(self, side: Side, skipped: i64, frame: i64, time_ns: i64) -> None:

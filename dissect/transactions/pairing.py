@@ -109,8 +109,8 @@ class Orphan:
 class OpenRequests:
     """The open requests of one asking side, and the answers to it that found none.
 
-    Most clients wait for each answer: the latest request needs no dictionary and no key as an int object, even where others
-    are open that will never be answered, because their answers were not captured.
+    Most clients wait for each answer: the latest request needs no dictionary and no key as an int object, even beside others
+    whose answers were not captured.
     """
 
     __slots__ = ("_given_up", "_latest", "_latest_key", "_table", "count", "orphans")
@@ -309,9 +309,7 @@ class OpenRequests:
         if latest is not None:
             if latest.request_ns < time_ns or latest.request_frame <= frame:
                 return 0
-            count = 1  # one that is identical to another one is in the table
-        if count >= enough:
-            return count
+            count = 1  # what is identical to another one is in the table
         for transaction in reversed(self._table.values()):
             link: Transaction | None = transaction
             while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
