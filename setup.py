@@ -64,6 +64,7 @@ HOT: Final = (
     "dissect/findings/*.py",
     "dissect/engine/*.py",
     "dissect/live/events.py",
+    "dissect/stations/evidence.py",
     "dissect/stations/facts.py",
     "dissect/tags/index.py",
     "dissect/tags/model.py",
@@ -232,6 +233,7 @@ BUSY: Final = (
     "dissect/variables/model.py",
     "dissect/variables/tracker.py",
     "dissect/variables/writers.py",
+    "dissect/stations/evidence.py",
     "dissect/stations/facts.py",
 )
 

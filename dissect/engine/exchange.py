@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.observer import Observer
-from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays, judge_szl
+from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays
 from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SAMPLED, SecurityWatch
 from dissect.findings.session_rules import judge_grant
 from dissect.findings.station_rules import StationWatch
-from dissect.findings.transaction_rules import judge_transaction, judge_unanswered
+from dissect.findings.transaction_rules import judge_szl, judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import GROUP_CPU, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.stations.evidence import TELLING

@@ -7,12 +7,14 @@ In the order in which a byte passes:
 
 from __future__ import annotations
 
+import struct
 from typing import Final
 
 from mypy_extensions import i64
 
 from dissect.engine.connections import Connections
 from dissect.engine.exchange import Exchange
+from dissect.engine.s7 import S7
 from dissect.engine.tls import Tls
 from dissect.findings.session_rules import judge_disconnect, judge_error_tpdu
 from dissect.findings.transport_rules import judge_confirm, judge_data, judge_number, judge_order
@@ -29,12 +31,19 @@ from dissect.iso.upper import (
     classify,
     is_rdp_connect,
     is_sound,
+    stated_size,
 )
+from dissect.s7.parameters import PROTOCOL_ID
+from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
+from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 
+#: TPKT, DT and the header of an S7 PDU, read at once when interpreted; a DT with EOT and the first octet of S7.
+_FUSED: Final = struct.Struct(">xBHIB2xHHH")
+_PLAIN: Final = 0x02F08000 | PROTOCOL_ID
 #: TSDU counts that are described even when zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 
@@ -45,19 +54,21 @@ class IsoOnTcp(Protocol):
     ``s7``, ``plus`` and ``tls`` take the TSDUs that are theirs; a payload decoder may claim those of a connection before them.
     """
 
-    def __init__(self, exchange: Exchange, connections: Connections, s7: Protocol, plus: Protocol, tls: Tls) -> None:
+    def __init__(self, exchange: Exchange, connections: Connections, s7: S7, plus: Protocol, tls: Tls) -> None:
         super().__init__(ISO)
         self._exchange: Exchange = exchange
         self._connections: Connections = connections
-        self._s7: Protocol = s7
+        self._s7: S7 = s7
         self._plus: Protocol = plus
         self._tls: Tls = tls
+        self._plain: bool = False  # nobody wants to see TPDUs, and no decoder TSDUs; known once packets come
         self.tpdus: Tally = Tally(17, DT, CR)  # by type, the last for TPDUs too short to have one
         self.tsdus: Tally = Tally(len(UPPER_NAMES), S7COMM, S7COMM_PLUS)
 
     def begin(self, side: Side, at_start: bool) -> None:
         """A connection speaks ISO-on-TCP; garbage before the first TPKT is reported only when nothing was missed."""
         side.connection.protocol = ""
+        self._plain = not self._exchange.observer.wants_tpdus and self._exchange.decoder is None
         peer = side.peer
         assert peer is not None
         side.framer.synced = at_start
@@ -72,18 +83,19 @@ class IsoOnTcp(Protocol):
         end: i64 = at + size
         if framer.synced and framer.pending is None and framer.skip == 0:
             while end - at >= 7 and buf[at] == 3:
-                length: i64 = u16(buf, at + 2)
+                length: i64 = 0
+                if end - at > 16 and buf[at + 7] == PROTOCOL_ID:
+                    length = self._usual(side, buf, at, end, frame, time_ns)
+                    if length > 0:
+                        at += length
+                        continue
+                length = u16(buf, at + 2)
                 if length < 7 or at + length > end:
                     break
                 if buf[at + 4] != 2:
                     break
-                if length > 16 and buf[at + 7] == 0x32:
-                    # `stated_size` in place, one call less for each PDU.
-                    stated: i64 = u16(buf, at + 13) + u16(buf, at + 15) + 17
-                    rosctr: i64 = buf[at + 8]
-                    if rosctr == 2 or rosctr == 3:
-                        stated += 2
-                    if stated != length:
+                if length > 16 and buf[at + 7] == PROTOCOL_ID:
+                    if stated_size(buf, at + 7, at + length) != length - 7:
                         break
                 elif length > 7 and not is_sound(buf, at + 7, at + length):
                     break  # not simply one S7 PDU: what else its length covers is for the framer to see
@@ -119,6 +131,55 @@ class IsoOnTcp(Protocol):
                         raise
                     self._exchange.note_bug(bug, frame, time_ns)
                 del framer.ends[0]
+
+    def _usual(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> i64:
+        """Take the TPKT at ``at`` if it is one like nearly all: a DT with EOT, and in it one whole S7 PDU; return its size.
+
+        0 when it is not, and nothing was done. It goes past `_tpkt`, `_tsdu` and `message`, which would do no more than count:
+        nobody watches TPDUs, no decoder asks for the TSDU, no rule has something to say of a DT like this one, and nothing is
+        assembled or decrypted. 17 octets have to be there.
+        """
+        length: i64
+        rosctr: i64
+        pdu_ref: i64
+        param_length: i64
+        stated: i64
+        if COMPILED:
+            if buf[at + 1] != 0 or buf[at + 4] != 2 or buf[at + 5] != 0xF0 or buf[at + 6] != 0x80:
+                return 0
+            length = u16(buf, at + 2)
+            rosctr = buf[at + 8]
+            pdu_ref = u16(buf, at + 11)
+            param_length = u16(buf, at + 13)
+            stated = param_length + u16(buf, at + 15)
+        else:
+            reserved, length, tpdu, rosctr, pdu_ref, param_length, stated = _FUSED.unpack_from(buf, at)
+            if reserved != 0 or tpdu != _PLAIN:
+                return 0
+            stated += param_length
+        stated += 17
+        if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
+            stated += 2
+        if stated != length or at + length > end or rosctr < JOB or (rosctr > ACK_DATA and rosctr != USERDATA):
+            return 0
+        connection = side.connection
+        if (
+            not self._plain
+            or length - 4 > connection.dt_limit
+            or connection.tls is not None
+            or not side.assembler.clear
+        ):
+            return 0
+        side.framer.framed += length
+        self.tpdus.add(DT)
+        self.tsdus.add(S7COMM)
+        try:
+            self._s7.take(side, rosctr, pdu_ref, param_length, buf, at + 7, length - 7, frame, time_ns)
+        except Exception as bug:
+            if self._exchange.strict:
+                raise
+            self._exchange.note_bug(bug, frame, time_ns)
+        return length
 
     def _faults(self, side: Side, skipped: i64, frame: i64, time_ns: i64) -> None:
         number = side.connection.number

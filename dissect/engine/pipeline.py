@@ -5,7 +5,7 @@ no clock, file or thread in here, time comes in with each packet. In the order i
 
     Pipeline     frame → _packet → _segment           packets to octets in order, gaps reported as gaps
     IsoOnTcp     feed → _tpkt → _tsdu                  octets to messages (`dissect.engine.iso`)
-    S7           feed                                  messages to requests and responses (`dissect.engine.s7`)
+    S7           take                                  messages to requests and responses (`dissect.engine.s7`)
     Exchange     completed → done                      transactions and findings, to the `Observer` (`dissect.engine.exchange`)
 
 The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
@@ -270,6 +270,8 @@ class Pipeline(PacketSink):
         if side is None or word & 7:  # SYN, FIN, RST
             self._link = buf[start : start + 12]
             return self._lifecycle(side, buf[start + 26 : start + 38], 0, seq, ack, word & 0x3F, buf[data:stop], 0)
+        if data == stop:
+            return self._segment(side, seq, ack, word, b"", 0)
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
 
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
@@ -374,10 +376,11 @@ class Pipeline(PacketSink):
     # ---- segment → octets in order ----------------------------------------------------------------------------------
 
     def _segment(self, side: Side, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64) -> i64:
+        counters = self.counters
         tcp = side.tcp
         tcp.packets += 1
-        tcp.last_frame = self.counters.frames
-        tcp.last_ns = self.counters.now_ns
+        tcp.last_frame = counters.frames
+        tcp.last_ns = counters.now_ns
         peer = side.peer
         assert peer is not None
         if side.waiting or peer.waiting:
@@ -395,7 +398,7 @@ class Pipeline(PacketSink):
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
             half.passed(octets)
             side.end_seq = half.next_seq
-            self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
+            self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
             return accounts.PAYLOAD
         return self._irregular(side, seq, octets, missing)
 

@@ -46,29 +46,48 @@ class S7(Protocol):
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Take a whole PDU, whose first two octets were looked at: protocol id and a ROSCTR from 1 to 7."""
+        rosctr: i64 = buf[at + 1]
+        pdu_ref: i64 = 0
+        param_length: i64 = -1
+        if size >= HEADER_SIZE:
+            _, pdu_ref, param_length, data_length = read_header(buf, at)
+            if header_size(rosctr) + param_length + data_length != size or (rosctr > ACK_DATA and rosctr != USERDATA):
+                param_length = -1
+        self.take(side, rosctr, pdu_ref, param_length, buf, at, size, frame, time_ns)
+
+    def take(
+        self,
+        side: Side,
+        rosctr: i64,
+        pdu_ref: i64,
+        param_length: i64,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        frame: i64,
+        time_ns: i64,
+    ) -> None:
+        """Take a whole PDU of a known ROSCTR whose lengths add up; ``param_length`` is -1 for one that is not like that."""
         exchange = self._exchange
         connection = side.connection
         self.pdus += 1
-        rosctr: i64 = buf[at + 1]
         self.rosctrs.add(rosctr)
-        if connection.pdus == 0:
+        pdus: i64 = connection.pdus
+        if pdus == 0:
             self._first_pdu(connection, frame, time_ns)
-        connection.pdus += 1
-        if connection.pdus & (PACE - 1) == 0:
+        pdus += 1
+        connection.pdus = pdus
+        if pdus & (PACE - 1) == 0:
             exchange.watch.security.pace(connection, frame, time_ns)
         if exchange.observer.wants_pdus:
             exchange.observer.pdu(frame, time_ns, side, buf[at : at + size], False)
-        if size < 10:
+        if param_length < 0:
             self._damaged(side, buf[at : at + size], frame, time_ns)
             return
-        _, pdu_ref, param_length, data_length = read_header(buf, at)
         head: i64 = HEADER_SIZE
         if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
             head = ACK_HEADER_SIZE
         data_at: i64 = at + head + param_length
-        if data_at + data_length != at + size or (rosctr > ACK_DATA and rosctr != USERDATA):
-            self._damaged(side, buf[at : at + size], frame, time_ns)
-            return
         parameters = self._parameters.get(buf, at + head, data_at, rosctr)
         if parameters.function >= 0:
             self.functions.add(parameters.function)
@@ -157,7 +176,8 @@ class S7(Protocol):
                 if peer is not None:
                     open_now = _surely_open(side, peer, open_now)
                 judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
-        exchange.completed(done, frame, time_ns)
+        if done is not None or exchange.dialogue.also:
+            exchange.completed(done, frame, time_ns)
 
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
 

@@ -6,10 +6,6 @@ from typing import Final
 
 from dissect.findings.reporter import Reporter
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.szl import SZL_HEAD, extract
-from dissect.s7.szl_tables import HEAD_ONLY
-from dissect.s7.tables import GROUP_CPU, READ_SZL, SUCCESS
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
     BEYOND_END,
@@ -26,7 +22,6 @@ from dissect.transactions.operation import (
 )
 from dissect.transactions.results import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, Transaction
-from dissect.wire.octets import u16
 
 _TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND, LONG_ANSWER))
 #: An answer in parts that is longer than this does not end: no list of a device has so much.
@@ -84,35 +79,6 @@ def judge_loaded(judge: Reporter, connection: Connection, reason: str) -> None:
         if reason == CAPTURE_ENDED and connection.tcp.last_ns - loaded.time_ns <= _FORGOTTEN_NS:
             continue
         judge.note("block.not_activated", connection.number, loaded.frames, loaded.time_ns, loaded.name)
-
-
-def judge_szl(judge: Reporter, transaction: Transaction) -> None:
-    """Note an SZL answer, whole in one PDU, whose records do not fill it as its head states."""
-    head = transaction.parameters.userdata
-    answer = transaction.response_parameters
-    told = answer.userdata if answer is not None else None
-    if (
-        head is None
-        or told is None
-        or head.group != GROUP_CPU
-        or head.subfunction != READ_SZL
-        or transaction.has_errors
-    ):
-        return
-    if told.last_data_unit != 0 or told.data_unit_ref != 0 or told.error_code or head.data_unit_ref > 0:
-        return
-    response = transaction.response
-    if response is None:
-        return
-    payload = response.data[DATA_HEAD.size :]
-    if len(payload) < SZL_HEAD.size or response.data[0] != SUCCESS:
-        return
-    szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
-    size = len(payload) - SZL_HEAD.size
-    if extract(szl_id) != HEAD_ONLY and length * count > size:
-        detail = f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
-        judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
 
 
 def judge_strays(judge: Reporter, transaction: Transaction) -> None:

@@ -13,8 +13,11 @@ from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
 from dissect.s7.items import Item, odd_data_code
+from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import Pdu
-from dissect.s7.parameters import Parameters
+from dissect.s7.parameters import HEADER_SIZE, Parameters
+from dissect.s7.szl import SZL_HEAD, extract
+from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
@@ -23,9 +26,11 @@ from dissect.s7.tables import (
     CPU_SERVICES,
     DB_AREAS,
     FUNCTIONS,
+    GROUP_CPU,
     GROUP_PBC,
     JOB,
     NUMBERED_AREAS,
+    READ_SZL,
     RECORD_AREA,
     S7ANY,
     SUCCESS,
@@ -64,6 +69,7 @@ from dissect.transactions.transaction import (
     Transaction,
 )
 from dissect.wire.codes import coded
+from dissect.wire.octets import u16
 from dissect.wire.text import distance_text, duration_text
 
 #: Areas that have an element of their own, by the transport size of the same number.
@@ -164,6 +170,37 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
             _judge_items(judge, transaction)
         else:
             _judge_errors(judge, transaction)
+
+
+def judge_szl(judge: Reporter, transaction: Transaction) -> None:
+    """Note an SZL answer, whole in one PDU, whose records do not fill it as its head states."""
+    head = transaction.parameters.userdata
+    answer = transaction.response_parameters
+    told = answer.userdata if answer is not None else None
+    if (
+        head is None
+        or answer is None
+        or told is None
+        or head.group != GROUP_CPU
+        or head.subfunction != READ_SZL
+        or transaction.has_errors
+    ):
+        return
+    if told.last_data_unit != 0 or told.data_unit_ref != 0 or told.error_code or head.data_unit_ref > 0:
+        return
+    # The data block of the answer, in place because panels poll.
+    buf = transaction.response_buf
+    at: i64 = transaction.response_offset
+    data_at: i64 = at + HEADER_SIZE + len(answer.octets)
+    payload_at: i64 = data_at + DATA_HEAD.size
+    size: i64 = min(at + transaction.response_size, data_at + u16(buf, at + 8)) - payload_at - SZL_HEAD.size
+    if size < 0 or buf[data_at] != SUCCESS:
+        return
+    szl_id, length, count = u16(buf, payload_at), u16(buf, payload_at + 4), u16(buf, payload_at + 6)
+    if extract(szl_id) != HEAD_ONLY and length * count > size:
+        detail = f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
+        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
 
 
 def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:

@@ -23,7 +23,11 @@ TOLD: Final = (
 
 def stations_that_state(book: Book) -> list[Station]:
     """Return the stations that stated any of `TOLD`, by address."""
-    found = [station for station in book.stations.values() if any([station.latest(key) for key in TOLD])]
+    found = [
+        station
+        for station in book.stations.values()
+        if any([key in TOLD and station.latest(key) for _, key in station.facts])
+    ]
     return sorted(found, key=_host)
 
 

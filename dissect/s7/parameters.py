@@ -334,7 +334,7 @@ class ParameterCache:
     CAPACITY: Final = 8192
     OCTETS: Final = 512 * 1024
     #: Blocks of requests that are found without a dictionary, a power of two.
-    PLACES: Final = 2048
+    PLACES: Final = 8192
 
     def __init__(self) -> None:
         self._young: list[dict[bytes, Parameters]] = [{} for _ in range(8)]

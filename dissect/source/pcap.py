@@ -102,6 +102,8 @@ class ChunkReader(Reader):
         self._source: OctetSource = source
         self._buf: bytes = head
         self._pos: i64 = 0
+        self._rest: bytes = b""  # a chunk whose first octets, up to `_rest_at`, stand in `_buf` already
+        self._rest_at: i64 = 0
         self._need: i64 = 0
         self._done: bool = False
         self._oddities: dict[str, _Oddity] = {}
@@ -112,11 +114,13 @@ class ChunkReader(Reader):
         self._done = True
         self._buf = b""
         self._pos = 0
+        self._rest = b""
+        self._rest_at = 0
         self._source.close()
 
     def _offset(self, at: i64) -> i64:
         """Return where in the capture ``_buf[at]`` stands."""
-        return self.octets - len(self._buf) + at
+        return self.octets - len(self._rest) + self._rest_at - len(self._buf) + at
 
     def _fill(self, need: i64) -> bool:
         """Have at least ``need`` octets stand at ``_pos``; False when the source ends before."""
@@ -130,16 +134,45 @@ class ChunkReader(Reader):
         self._pos = 0
         try:
             while have < need:
-                piece = self._source.read(CHUNK)
-                if not piece:
-                    break
-                pieces.append(piece)
-                have += len(piece)
-                self.octets += len(piece)
+                if not self._rest:
+                    piece = self._source.read(CHUNK)
+                    if not piece:
+                        break
+                    self.octets += len(piece)
+                    self._rest = piece
+                    self._rest_at = 0
+                if have == 0:
+                    # The chunk stays where it is.
+                    self._buf = self._rest
+                    self._pos = self._rest_at
+                    have = len(self._buf) - self._pos
+                    self._rest = b""
+                    self._rest_at = 0
+                    if have >= need:
+                        return True
+                    pieces.append(self._buf[self._pos :])
+                    continue
+                # Of the chunk that a record ends in, only what belongs to it is copied.
+                stop: i64 = min(self._rest_at + need - have, len(self._rest))
+                pieces.append(self._rest[self._rest_at : stop])
+                have += stop - self._rest_at
+                if stop == len(self._rest):
+                    self._rest = b""
+                    stop = 0
+                self._rest_at = stop
         finally:
             # Also when a person interrupts the waiting: nothing that was taken is lost.
-            self._buf = pieces[0] if len(pieces) == 1 else b"".join(pieces)
+            if pieces:
+                self._buf = pieces[0] if len(pieces) == 1 else b"".join(pieces)
+                self._pos = 0
         return have >= need
+
+    def _goes_on(self) -> bool:
+        """Have the next record stand at ``_pos`` if all of it was read already; False when the source has to give more."""
+        left: i64 = len(self._rest) - self._rest_at
+        if left == 0 or self._done:
+            return False
+        return len(self._buf) - self._pos + left >= self._need and self._fill(self._need)
 
     def _finish(self, inside: str) -> None:
         """End where the source ended; ``inside`` says what is cut if octets are left over."""
@@ -206,6 +239,8 @@ class PcapReader(ChunkReader):
         if not self._begun:
             self._begin()
         self._scan(sink)
+        while self._goes_on():
+            self._scan(sink)
         self._tell()
         return not self._done
 

@@ -154,6 +154,8 @@ class PcapngReader(ChunkReader):
             self._finish(f"inside the block at byte {self._offset(self._pos)}{after}")
             return False
         self._scan(sink)
+        while self._goes_on():
+            self._scan(sink)
         self._tell()
         return not self._done
 

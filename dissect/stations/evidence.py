@@ -40,6 +40,7 @@ from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
+from dissect.wire.octets import u16
 from dissect.wire.part import Part
 
 #: Groups of userdata that say something of a station.
@@ -154,7 +155,7 @@ class Evidence:
 
 def _records(payload: bytes) -> list[Part]:
     """Cut the records of a list that is whole; those that are not there are left out."""
-    szl_id, length, count = (int.from_bytes(payload[at : at + 2], "big") for at in (0, 4, 6))
+    szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
     if extract(szl_id) == HEAD_ONLY or not length:
         return []
     parts = []

@@ -96,6 +96,8 @@ from dissect.wire.part import Part
 
 _NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)
 _MAX_NAME: Final = 200
+#: Jobs whose answers say something of a transfer; those of the others need not be read.
+_TELLING_ANSWERS: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD_PIECE))
 #: What a message that ends a transfer says when all went well.
 _GOOD: Final = 0
 
@@ -113,8 +115,10 @@ class Transfers:
         if request is None:
             return
         body = request.body
-        response = transaction.response
-        answer = response.body if response is not None else Body()
+        answer = Body()
+        if function in _TELLING_ANSWERS:
+            response = transaction.response
+            answer = response.body if response is not None else answer
         if function == REQUEST_DOWNLOAD:
             self._begin_download(transaction, body)
         elif function == DOWNLOAD_BLOCK:

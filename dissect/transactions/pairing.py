@@ -109,14 +109,15 @@ class Orphan:
 class OpenRequests:
     """The open requests of one asking side, and the answers to it that found none.
 
-    Most clients wait for each answer: the only open request needs no dictionary, and no key as an int object.
+    Most clients wait for each answer: the latest request needs no dictionary and no key as an int object, even beside others
+    whose answers were not captured.
     """
 
-    __slots__ = ("_given_up", "_only", "_only_key", "_table", "count", "orphans")
+    __slots__ = ("_given_up", "_latest", "_latest_key", "_table", "count", "orphans")
 
     def __init__(self) -> None:
-        self._only: Transaction | None = None  # while nothing else is open; `_table` is empty then
-        self._only_key: i64 = 0
+        self._latest: Transaction | None = None  # asked after all those of `_table`, until another one is
+        self._latest_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
@@ -125,27 +126,27 @@ class OpenRequests:
     @property
     def table(self) -> dict[int, Transaction]:
         """The open requests by their keys, in the order of asking; to be looked at, and changed in here only."""
-        only = self._only
-        if only is not None:
-            self._only = None
-            self._table[self._only_key] = only
+        latest = self._latest
+        if latest is not None:
+            self._latest = None
+            self._table[self._latest_key] = latest
         return self._table
 
     def find(self, key: i64) -> Transaction | None:
         """Return what is open under ``key``, the latest of several that are identical; None when nothing is."""
-        only = self._only
-        if only is None:
-            return self._table.get(key) if self._table else None
-        return only if key == self._only_key else None
+        latest = self._latest
+        if latest is not None and key == self._latest_key:
+            return latest
+        return self._table.get(key) if self._table else None
 
     def add(self, key: i64, transaction: Transaction) -> None:
         """Open a request under a key that nothing is open under."""
         self.count += 1
-        if self.count == 1:
-            self._only = transaction
-            self._only_key = key
-        else:
-            self.table[key] = transaction
+        before = self._latest
+        if before is not None:
+            self._table[self._latest_key] = before
+        self._latest = transaction
+        self._latest_key = key
 
     def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
         """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it)."""
@@ -217,8 +218,8 @@ class OpenRequests:
         self.count -= 1
         if found.earlier is not None:
             return _earliest_of(found)
-        if found is self._only:
-            self._only = None
+        if found is self._latest:
+            self._latest = None
         else:
             del self._table[key]
         return found
@@ -304,7 +305,12 @@ class OpenRequests:
         An identical request has the place of the one before it, so that some of them may be overlooked.
         """
         count: i64 = 0
-        for transaction in reversed(self.table.values()):
+        latest = self._latest
+        if latest is not None:
+            if latest.request_ns < time_ns or latest.request_frame <= frame:
+                return 0
+            count = 1  # what is identical to another one is in the table
+        for transaction in reversed(self._table.values()):
             link: Transaction | None = transaction
             while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
                 count += 1
@@ -474,16 +480,15 @@ class Dialogue:
             if older is not None and not (
                 _holes(side) and contradicts(older, rosctr, parameters, buf, at, size, data_at)
             ):
-                wrong = mismatch(older.parameters, parameters)
-                return self._complete(older, wrong, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns)
+                self.open -= 1
+                if mismatch(older.parameters, parameters):
+                    older.flags |= FUNCTION_MISMATCH
+                older.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+                self._answered(older, parameters, data_at)
+                return older
             if older is not None:
                 self._give_up(older, side, REFERENCE_REUSED)
             waiting = None
-        misfit: bool = False
-        if waiting is not None and (
-            parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA
-        ):
-            misfit = mismatch(waiting.parameters, parameters)
         if waiting is None or (_holes(side) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
             # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
@@ -495,31 +500,16 @@ class Dialogue:
         if waiting.superseded is not None:  # what was asked before it would have been answered by now
             for lost in requests.drop_superseded(waiting):
                 self._give_up(lost, side, REFERENCE_REUSED)
-        return self._complete(
-            requests.take(key, waiting), misfit, side, rosctr, parameters, buf, at, size, data_at, frame, time_ns
-        )
-
-    def _complete(
-        self,
-        transaction: Transaction,
-        misfit: bool,
-        side: Side,
-        rosctr: i64,
-        parameters: Parameters,
-        buf: bytes,
-        at: i64,
-        size: i64,
-        data_at: i64,
-        frame: i64,
-        time_ns: i64,
-    ) -> Transaction:
-        """Give an open request, out of the table already, the answer at hand."""
+        misfit: bool = False
+        if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
+            misfit = mismatch(waiting.parameters, parameters)
+        asked = requests.take(key, waiting)
         self.open -= 1
         if misfit:
-            transaction.flags |= FUNCTION_MISMATCH
-        transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-        self._answered(transaction, parameters, data_at)
-        return transaction
+            asked.flags |= FUNCTION_MISMATCH
+        asked.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+        self._answered(asked, parameters, data_at)
+        return asked
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """Look at the answer that a request has got, and count it."""
@@ -695,13 +685,23 @@ def contradicts(
         return True
     if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
         return False
-    trial = Transaction(0, request.connection, request.asked_by, request.rosctr, request.pdu_ref, request.parameters)
-    trial.response_buf = buf
-    trial.response_offset = at
-    trial.response_size = size
-    trial.response_rosctr = rosctr
-    check_answer(trial, parameters, data_at)
-    return trial.flags & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
+    # It has the answer on trial, and is left as it was: to make a transaction for that would cost more than to look.
+    flags: i64 = request.flags
+    request.flags = 0
+    request.response_buf = buf
+    request.response_offset = at
+    request.response_size = size
+    request.response_rosctr = rosctr
+    check_answer(request, parameters, data_at)
+    found: i64 = request.flags
+    request.flags = flags
+    request.has_errors = False
+    request.error_code = 0
+    request.response_buf = b""
+    request.response_offset = 0
+    request.response_size = 0
+    request.response_rosctr = 0
+    return found & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
 
 
 def _unseen(request: Transaction, answering: Side) -> bool:

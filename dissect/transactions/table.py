@@ -127,7 +127,7 @@ _VLAN: Final = 8
 #: Octets of a key of IPv4.
 _KEY4: Final = 8 + _PORTS
 #: Sides that are found without the dictionary, at first; four times as many whenever more than that are open.
-_PLACES: Final = 1024
+_PLACES: Final = 4096
 
 
 class Side:
@@ -260,6 +260,7 @@ class ConnectionTable:
         self._half_open: OrderedDict[bytes, _Syn] = OrderedDict()
         self._lingering: deque[Side] = deque()
         self._places: list[Side | None] = [None] * _PLACES
+        self._mask: i64 = _PLACES - 1
         self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
@@ -272,7 +273,7 @@ class ConnectionTable:
         sender: i64 = (u32(buf, at) << 16) | u16(buf, at + 8)
         receiver: i64 = (u32(buf, at + 4) << 16) | u16(buf, at + 10)
         places = self._places
-        place: i64 = ((sender ^ (sender >> 16)) + 5 * (receiver ^ (receiver >> 16))) & (len(places) - 1)
+        place: i64 = ((sender ^ (sender >> 16)) + 5 * (receiver ^ (receiver >> 16))) & self._mask
         side = places[place]
         if side is not None and side.sender == sender and side.receiver == receiver:
             return side
@@ -336,6 +337,7 @@ class ConnectionTable:
         self.sides[side0.key] = side0  # last: it stands for the connection, also where both ends have the same address
         if len(self.sides) > len(self._places):
             self._places = [None] * (4 * len(self._places))
+            self._mask = len(self._places) - 1
         return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import (
@@ -105,6 +105,7 @@ REASON_TEXTS: Final[dict[str, str]] = {
 _HEAD: Final = struct.Struct(">BBH")
 
 
+@mypyc_attr(free_list_len=1)  # the memory of one that is gone serves the next: most are over before another one begins
 class Transaction:
     """A request and its answer.
 

@@ -42,8 +42,15 @@ class Record(Observer):
 class Result:
     """A pipeline after some packets, with the record of what it told."""
 
-    def __init__(self, packets: Iterable[Packet], options: Options | None = None, *, finish: bool = True) -> None:
-        self.record = Record()
+    def __init__(
+        self,
+        packets: Iterable[Packet],
+        options: Options | None = None,
+        *,
+        finish: bool = True,
+        record: Record | None = None,
+    ) -> None:
+        self.record = record if record is not None else Record()
         self.pipeline = Pipeline(self.record, options if options is not None else Options(strict=True))
         for packet in packets:
             self.feed(packet)
