@@ -221,6 +221,7 @@ BUSY: Final = (
     "dissect/live/events.py",
     "dissect/report/analysis.py",
     "dissect/report/facets.py",
+    "dissect/report/plus.py",
     "dissect/report/tree.py",
     "dissect/report/tree_fields.py",
     "dissect/report/words.py",

@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import Final
 
 from librt.strings import BytesWriter
-from mypy_extensions import i64
+from mypy_extensions import i64, u8
 
 from dissect.s7.items import Item
 from dissect.s7.parameters import UserdataHead
-from dissect.s7.tables import BIT, BYTE, SUCCESS, USERDATA_TYPES
-from dissect.s7.values import Value, decode_value, numbers_json, spelled, write_numbers
+from dissect.s7.tables import BIT, BYTE, CHAR, SUCCESS, USERDATA_TYPES, WCHAR
+from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers
 from dissect.transactions.naming import NamedValue
-from dissect.wire.digits import write_hexadecimal
+from dissect.wire.digits import write_escape, write_hexadecimal
 from dissect.wire.text import SHORT, hexadecimal, json_text
 
 #: The return code of an item of which all is well, and what stands in front of its octets.
@@ -30,6 +30,12 @@ _NO_ITEM: Final = (
 _VALUE: Final = '","value":'
 _VALUE_OCTETS: Final = _VALUE.encode("ascii")
 _CLOSE: Final = 0x7D
+_QUOTE: Final = 0x22
+#: 1 for what JSON escapes of ASCII.
+_ESCAPED: Final = bytes([len(json_text(chr(code))) > 3 for code in range(128)])
+#: Units of UTF-16 of which two make a character: those bits of them, and what they are.
+_SURROGATES: Final = 0xF800
+_SURROGATE: Final = 0xD800
 
 
 def value_text(value: Value) -> str:
@@ -102,26 +108,55 @@ def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
     return f"{head}{hexadecimal(data)}{_VALUE}{value}}}"
 
 
-def write_good_item(out: BytesWriter, item: Item, data: bytes) -> None:
-    """Write `item_json` of an item of which all is well."""
+def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> None:
+    """Write `item_json` of an item of which all is well: its ``octets`` are ``size`` from ``at``."""
     if not item.head:
         item.head = _item_beginning(item).encode("ascii")
     out.write(item.head)
-    write_hexadecimal(out, data)
+    write_hexadecimal(out, octets, at, at + size)
     out.write(_VALUE_OCTETS)
-    size: i64 = len(data)
     kind: i64 = item.transport_size
     if item.size != size and not item.fits(size):
         out.write(b"null")
     elif kind == BIT and size == 1:
-        out.write(b"true" if data[0] & 1 else b"false")
-    elif not write_numbers(out, kind, data):
-        out.write(value_text(decode_value(kind, data)).encode("ascii"))
-    elif kind == BYTE:
-        text = spelled(data)
+        out.write(b"true" if octets[at] & 1 else b"false")
+    elif write_numbers(out, kind, octets, at, size):
+        text = spelled(octets[at : at + size]) if kind == BYTE and size >= LEAST_TEXT else ""
         if text:
             out.write(f',"text":{json_text(text)}'.encode("ascii"))
+    elif not _write_text(out, kind, octets, at, size):
+        out.write(value_text(decode_value(kind, octets[at : at + size])).encode("ascii"))
     out.append(_CLOSE)
+
+
+def _write_text(out: BytesWriter, kind: i64, octets: bytes, at: i64, size: i64) -> bool:
+    """Write characters as a JSON string; False, and nothing is written, where they are none, or not all one unit of UTF-16."""
+    step: i64 = 0
+    if kind == CHAR:
+        step = 1
+    elif kind == WCHAR:
+        step = 2
+    if step == 0 or size % step:
+        return False
+    begin = len(out)
+    out.append(_QUOTE)
+    end: i64 = at + size
+    while at < end:
+        unit: i64 = octets[at]
+        if step == 2:
+            unit = unit << 8 | octets[at + 1]
+        at += step
+        if unit >= 0x7F:
+            if unit & _SURROGATES == _SURROGATE:
+                out.truncate(begin)
+                return False
+            write_escape(out, unit)
+        elif _ESCAPED[unit]:
+            out.write(json_text(chr(unit))[1:-1].encode("ascii"))
+        else:
+            out.append(u8(unit))
+    out.append(_QUOTE)
+    return True
 
 
 def value_json(item: Item, data: bytes) -> str:

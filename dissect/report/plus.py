@@ -23,7 +23,7 @@ from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
-from dissect.wire.text import json_text, shortened
+from dissect.wire.text import hex_number, json_text, shortened
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
@@ -81,11 +81,11 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     """Return what a PDU says beside its function, in a few words each, safe to show."""
     said = []
     if pdu.session_id >= 0:
-        said.append(f"session 0x{pdu.session_id:08x}")
+        said.append(f"session {hex_number(pdu.session_id, 8)}")
     if pdu.opcode == REQUEST and not pdu.wants_response:
         said.append("expects no response")
     if pdu.subscription_id >= 0:
-        said.append(f"subscription 0x{pdu.subscription_id:08x}")
+        said.append(f"subscription {hex_number(pdu.subscription_id, 8)}")
         if pdu.sequence >= 0:
             said.append(f"number {pdu.sequence}")
     if pdu.return_code > 0:
@@ -240,7 +240,7 @@ def _address_json(address: Address) -> tuple[str, str, str]:
     elif address.area in S7_AREAS:
         area, db = str(S7_AREAS[address.area]), "0"
     if address.crc:
-        crc = f'"0x{address.crc:08x}"'
+        crc = f'"{hex_number(address.crc, 8)}"'
     path = ",".join([str(id_) for id_ in (address.area, address.sub_area, *address.lids)])
     return json_text(address.label), _where(area, db, start), f',"crc":{crc},"path":[{path}]'
 

@@ -213,7 +213,9 @@ def item_fill(size: i64, last: bool) -> i64:
 
     The same rule holds for request items and for data items (reference 3.5).
     """
-    return 0 if last else size & 1
+    if last:
+        return 0
+    return size & 1
 
 
 def data_size(transport_size: i64, length: i64) -> i64:

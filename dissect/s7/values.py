@@ -126,7 +126,7 @@ def numbers_json(transport_size: i64, octets: bytes) -> str:
     """Return what `write_numbers` writes; empty where that is nothing."""
     if COMPILED:
         out = BytesWriter()
-        return out.getvalue().decode("ascii") if write_numbers(out, transport_size, octets) else ""
+        return out.getvalue().decode("ascii") if write_numbers(out, transport_size, octets, 0, len(octets)) else ""
     step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
     size: i64 = len(octets)
     if step == 0 or size == 0 or size % step:
@@ -138,18 +138,18 @@ def numbers_json(transport_size: i64, octets: bytes) -> str:
     return f"[{told}]" if size > step else told
 
 
-def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes) -> bool:
-    """Write the elements as JSON, an only one without brackets; False where they are no numbers or the size does not fit."""
+def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, size: i64) -> bool:
+    """Write ``size`` octets from ``at`` as JSON: an array of their elements, an only one without brackets.
+
+    False, and nothing is written, where they are no numbers or the size does not fit.
+    """
     step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
-    size: i64 = len(octets)
     if step == 0 or size == 0 or size % step:
         return False
     if size > step:
         out.append(_BEGIN)
-    at: i64 = 0
-    while at < size:
-        if at:
-            out.append(_COMMA)
+    end: i64 = at + size
+    while True:
         if transport_size == BYTE:
             write_decimal(out, octets[at])
         elif transport_size == REAL:
@@ -157,6 +157,9 @@ def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes) -> bool:
         else:
             write_decimal(out, _whole(transport_size, octets, at))
         at += step
+        if at >= end:
+            break
+        out.append(_COMMA)
     if size > step:
         out.append(_END)
     return True

@@ -60,11 +60,9 @@ def _write_four(out: BytesWriter, number: i64) -> None:
     write_i32_le(out, i32(0x30303030 + (tens | pairs - 10 * tens << 8)))
 
 
-def write_hexadecimal(out: BytesWriter, octets: bytes) -> None:
-    """Write ``octets.hex()``."""
-    size: i64 = len(octets)
-    at: i64 = 0
-    while at + 4 <= size:
+def write_hexadecimal(out: BytesWriter, octets: bytes, at: i64, end: i64) -> None:
+    """Write ``octets[at:end].hex()``; IndexError where these are not there."""
+    while at + 4 <= end:
         # Each half octet gets an octet of its own; those above nine then go from behind "9" on to "a".
         spread: i64 = i64(read_i32_be(octets, at)) & 0xFFFFFFFF
         spread = (spread << 16 | spread) & 0x0000FFFF0000FFFF
@@ -73,7 +71,14 @@ def write_hexadecimal(out: BytesWriter, octets: bytes) -> None:
         letters: i64 = (spread + 0x0606060606060606) >> 4 & 0x0101010101010101
         write_i64_be(out, spread + 0x3030303030303030 + letters * 0x27)
         at += 4
-    while at < size:
+    while at < end:
         octet: i64 = octets[at]
         write_i16_le(out, read_i16_le(_TWO_HEX, 2 * octet))
         at += 1
+
+
+def write_escape(out: BytesWriter, unit: i64) -> None:
+    r"""Write a unit of UTF-16 as JSON escapes it, for example ``\u00e4``."""
+    out.write(b"\\u")
+    write_i16_le(out, read_i16_le(_TWO_HEX, unit >> 8 << 1))
+    write_i16_le(out, read_i16_le(_TWO_HEX, (unit & 0xFF) << 1))

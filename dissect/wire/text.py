@@ -70,6 +70,8 @@ def hex_number(number: i64, digits: i64) -> str:
         return f"0x{HEX[number]}"
     if digits == 4 and number < 0x10000:
         return f"0x{HEX[number // 256]}{HEX[number % 256]}"
+    if digits == 8 and number < 0x1_0000_0000:
+        return f"0x{HEX[number >> 24]}{HEX[(number >> 16) & 0xFF]}{HEX[(number >> 8) & 0xFF]}{HEX[number & 0xFF]}"
     return f"0x{f'{number:x}'.rjust(digits, '0')}"
 
 

@@ -8,13 +8,16 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.engine.pipeline import Options
-from dissect.report.item_json import octets_value, value_text
+from dissect.report.item_json import item_json, octets_value, value_text, write_good_item
 from dissect.report.writer import TransactionFeed
 from dissect.report.writers.jsonl import JsonlWriter, PduLines, TransactionLines
+from dissect.s7.items import parse_item
 from dissect.s7.message import parse_pdu
+from dissect.s7.tables import SUCCESS
 from dissect.s7.values import Value, decode_value
 from dissect.session import Run
 from dissect.transactions.table import Side
@@ -118,6 +121,22 @@ def test_value_text(value: Value, text: str) -> None:
 def test_octets_value_is_the_decoded_value(transport_size: int, octets: bytes) -> None:
     told = json.loads(octets_value(transport_size, octets))
     assert repr(told) == repr(json.loads(value_text(decode_value(transport_size, octets))))
+
+
+#: Characters of which JSON escapes some, surrogates among them, and halves of them.
+UNITS = st.lists(st.one_of(st.integers(0, 0x7F), st.integers(0xD7FF, 0xE000), st.integers(0, 0xFFFF)), max_size=6)
+
+
+@given(
+    st.integers(0, 255),
+    st.one_of(st.binary(max_size=40), UNITS.map(lambda units: struct.pack(f">{len(units)}H", *units))),
+)
+def test_good_items_are_written_as_items_are(transport_size: int, octets: bytes) -> None:
+    for count in (1, len(octets) // 2, len(octets)):
+        item = parse_item(struct.pack(">BBBBHHI", 0x12, 10, 0x10, transport_size, count, 1, 0x84 << 24), 0)
+        out = BytesWriter()
+        write_good_item(out, item, b"\xff" + octets + b"\xff", 1, len(octets))
+        assert out.getvalue().decode("ascii") == item_json(item, SUCCESS, octets)
 
 
 @given(st.lists(st.binary(min_size=4, max_size=4), min_size=1, max_size=5))

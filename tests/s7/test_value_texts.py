@@ -34,7 +34,7 @@ def test_numbers_are_written_as_json(transport_size: int, octets: bytes) -> None
             wanted = f"[{wanted}]"
     assert numbers_json(transport_size, octets) == wanted
     out = BytesWriter()
-    assert write_numbers(out, transport_size, octets) == (wanted != "")
+    assert write_numbers(out, transport_size, b"\xff" + octets + b"\xff", 1, len(octets)) == (wanted != "")
     assert out.getvalue() == wanted.encode("ascii")
 
 

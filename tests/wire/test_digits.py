@@ -2,11 +2,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from librt.strings import BytesWriter
 
-from dissect.wire.digits import write_decimal, write_digits, write_hexadecimal
+from dissect.wire.digits import write_decimal, write_digits, write_escape, write_hexadecimal
 from dissect.wire.text import decimal, hexadecimal
 
 
@@ -49,12 +50,24 @@ def test_no_digits() -> None:
 
 @given(st.binary(max_size=40))
 def test_hexadecimal(octets: bytes) -> None:
-    assert written(write_hexadecimal, octets) == octets.hex()
+    assert written(write_hexadecimal, b"<" + octets + b">", 1, 1 + len(octets)) == octets.hex()
+
+
+def test_octets_that_are_not_there() -> None:
+    with pytest.raises(IndexError):
+        write_hexadecimal(BytesWriter(), b"\x00\x01", 0, 3)
+    with pytest.raises(IndexError):
+        write_hexadecimal(BytesWriter(), b"\x00\x01", 0, 4)
 
 
 def test_each_octet_as_hexadecimal() -> None:
     for octets in (bytes(range(256)), bytes(range(255)), *(bytes((octet,)) for octet in range(256))):
-        assert written(write_hexadecimal, octets) == octets.hex()
+        assert written(write_hexadecimal, b"<" + octets + b">", 1, 1 + len(octets)) == octets.hex()
+
+
+def test_escape() -> None:
+    for unit in range(0x10000):
+        assert written(write_escape, unit) == f"\\u{unit:04x}"
 
 
 # ---- as text -------------------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import NO_CODE
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
+from dissect.transactions.transaction import ANSWERED, OUTCOMES, GoodItems, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import write_decimal, write_digits
 from dissect.wire.layout import FieldValue
@@ -108,6 +108,7 @@ class TransactionLines(Observer):
         self._latest: i64 = 0  # thousands of packets
         self._latest_text: str = ""
         self._out: BytesWriter = BytesWriter()
+        self._good: GoodItems = GoodItems()
         self._starts: dict[int, bytes] = {}
         self._second: str = ""
         self._second_octets: bytes = b""
@@ -168,15 +169,17 @@ class TransactionLines(Observer):
         out.write(b'Z","latency_ns":')
         write_decimal(out, transaction.response_ns - time_ns)
         out.write(_WELL)
-        octets = transaction.good_octets()
-        if octets is None:
-            out.write(self._items(transaction).encode("ascii"))
-        else:  # nearly always; each item meets its own octets without an object in between
+        begin = len(out)
+        good = self._good
+        if good.begin(transaction):
             items = transaction.parameters.items
-            for index in range(len(octets)):
-                if index:
+            while good.step():
+                if good.index:
                     out.append(_COMMA)
-                write_good_item(out, items[index], octets[index])
+                write_good_item(out, items[good.index], good.buf, good.at, good.size)
+        if not good.whole:
+            out.truncate(begin)
+            out.write(self._items(transaction).encode("ascii"))
         out.write(_NO_ERRORS)
         return out.getvalue().decode("ascii")
 
