@@ -50,7 +50,7 @@ from dissect.wire.digits import write_decimal, write_digits
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
-from dissect.wire.text import SHORT, THREE, Clock, decimal, json_text
+from dissect.wire.text import THREE, Clock, json_text
 
 if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu
@@ -105,8 +105,6 @@ class TransactionLines(Observer):
         self.lines: list[str] = []
         self._clock: Clock = Clock()
         self._ends: dict[int, str] = {}
-        self._latest: i64 = 0  # thousands of packets
-        self._latest_text: str = ""
         self._out: BytesWriter = BytesWriter()
         self._good: GoodItems = GoodItems()
         self._starts: dict[int, bytes] = {}
@@ -209,7 +207,7 @@ class TransactionLines(Observer):
         if self.locate is not None:
             frames = self._places(asked, told, self.locate)
         elif asked and told:
-            frames = f'{self._thousands(asked)}{_below(asked)},"response_frame":{self._thousands(told)}{_below(told)}'
+            frames = f'{asked},"response_frame":{told}'
         else:
             frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
         # Where there is no request, nothing else tells when it was.
@@ -219,14 +217,14 @@ class TransactionLines(Observer):
             time_ns = transaction.response_ns
             at = 'null,"response_time":"'
         rest: i64 = time_ns % _SECOND_NS
-        latency = decimal(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
+        latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         opening = _ITEMS
         closing = "]"
         facet = FACETS.get(transaction.rosctr)
         if facet is None:
-            reference = decimal(transaction.pdu_ref)
-            rosctr = SHORT[transaction.rosctr]
+            reference = str(transaction.pdu_ref)
+            rosctr = str(transaction.rosctr)
             notes = self._setup(transaction) + self._notes(transaction)
             if notes:
                 opening = notes + _ITEMS
@@ -244,21 +242,13 @@ class TransactionLines(Observer):
                 function = facet.function_json(transaction.parameters)
                 transaction.parameters.fragment = function
         return (
-            f"{_HEAD}{decimal(transaction.number)}{self._connection(transaction.connection, transaction.asked_by)}"
+            f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
             f'{reference},"rosctr":{rosctr},"function":{function}'
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
             f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{opening}{body}{closing}'
             f',"errors":[{_errors(transaction) if transaction.has_errors else ""}]{tail}}}'
         )
-
-    def _thousands(self, frame: i64) -> str:
-        """Return the digits of a packet's number before those of `_below`: packets of requests and answers share them."""
-        thousands: i64 = frame // 1000
-        if thousands != self._latest:
-            self._latest = thousands
-            self._latest_text = str(thousands) if thousands else ""
-        return self._latest_text
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
         """Return the packets of request and answer (0 for none) by number and file."""
@@ -342,13 +332,6 @@ def _setup_text(setup: Setup | None) -> str:
         f'{{"max_amq_calling":{setup.max_amq_calling},"max_amq_called":{setup.max_amq_called}'
         f',"pdu_length":{setup.pdu_length}}}'
     )
-
-
-def _below(number: i64) -> str:
-    """Return the last three digits of a number, or all that it has."""
-    if number < 1000:
-        return SHORT[number]
-    return THREE[number % 1000]
 
 
 def _errors(transaction: Transaction) -> str:
