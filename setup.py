@@ -147,6 +147,7 @@ BUSIEST: Final = (
     "dissect/s7/parameters.py",
     "dissect/s7/singles.py",
     "dissect/s7/values.py",
+    "dissect/transactions/good_items.py",
     "dissect/transactions/pairing.py",
     "dissect/transactions/table.py",
     "dissect/transactions/transaction.py",

@@ -35,6 +35,7 @@ from dissect.s7.tables import (
 from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.octets import u16
@@ -135,7 +136,7 @@ class ItemColumns:
         if transaction.carried is not None or transaction.rosctr >= PLUS:
             others = self._others(transaction)
         else:
-            answers = transaction.good_octets()
+            answers = good_octets(transaction)
             if answers is not None:
                 return self._read(transaction, answers)
         results = transaction.results()

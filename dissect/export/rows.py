@@ -22,6 +22,7 @@ from dissect.s7plus.tables import OPCODES
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
+from dissect.transactions.good_items import good_octets
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
@@ -103,7 +104,7 @@ class Rows:
     @staticmethod
     def item_count(transaction: Transaction) -> int:
         """Return how many rows the items of a transaction are."""
-        good = transaction.good_octets()
+        good = good_octets(transaction)
         if good is not None:
             count = len(good)
         else:

@@ -31,6 +31,7 @@ from dissect.s7.tables import (
 from dissect.s7.values import decode_value, number_texts
 from dissect.s7plus.parameters import PLUS, is_plus_key
 from dissect.s7plus.tables import PARTIAL_ERROR
+from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.payloads import SCD, is_scd_key
 from dissect.transactions.results import ITEM, MESSAGE, NO_CODE, UNCONFIRMED, TransactionError
@@ -215,7 +216,7 @@ class S7Facet(Facet):
 
     def items(self, transaction: Transaction) -> list[str]:
         """Return every item with what became of it; those that a push says are unchanged are counted."""
-        good = transaction.good_octets()
+        good = good_octets(transaction)
         if good is not None:  # nearly always; each item meets its own octets without an object in between
             asked = transaction.parameters.items
             return [f"{address(asked[index])} = {content(asked[index], good[index])}" for index in range(len(good))]

@@ -34,6 +34,7 @@ from dissect.scd.wording import json_value
 from dissect.tags.model import NUMBERED_BITS
 from dissect.tags.naming import TagNaming
 from dissect.transactions.connection import Connection
+from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import TEST_WRITES, has_items
@@ -154,7 +155,7 @@ class Collector(Observer):
         if transaction.outcome != ANSWERED:
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
-        answers = transaction.good_octets()
+        answers = good_octets(transaction)
         if answers is not None:  # nearly always; each item meets its own answer without an object in between
             self._answers(transaction, plc, answers)
             return

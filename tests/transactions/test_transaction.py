@@ -424,38 +424,3 @@ def test_granted_values_come_from_the_answer() -> None:
     assert answer is not None
     assert answer.setup is not None
     assert (transaction.parameters.setup.pdu_length, answer.setup.pdu_length) == (960, 240)
-
-
-# ---- reads in which all is well -------------------------------------------------------------------------------------
-
-
-def read_of(
-    *answers: bytes, request: tuple[bytes, ...] = (dbw(1, 0), item(0x84, 1, 16, 2, 3), dbw(1, 8))
-) -> Transaction:
-    talk = Talk()
-    talk.open()
-    talk.ask(read(1, *request))
-    talk.tell(ack_data(1, bytes((4, len(answers))), b"".join(answers)))
-    talk.close()
-    return talk.transactions[-1]
-
-
-def test_octets_of_a_good_read_are_those_of_its_results() -> None:
-    found = read_of(good(4, b"\x00\x2a"), good(4, b"\x01\x02\x03") + b"\x00", good(4, b"\x00\x2b"))
-    assert found.good_octets() == [b"\x00\x2a", b"\x01\x02\x03", b"\x00\x2b"]
-    assert found.good_octets() == [result.data for result in found.results()]
-
-
-def test_no_good_octets_where_anything_is_odd() -> None:
-    whole = (good(4, b"\x00\x2a"), good(4, b"\x01\x02\x03") + b"\x00", good(4, b"\x00\x2b"))
-    assert read_of(whole[0], refused(0x0A), whole[2]).good_octets() is None
-    assert read_of(*whole[:2]).good_octets() is None  # fewer answers than items
-    assert read_of(whole[0], whole[1], good(4, b"\x00\x2b")[:-1]).good_octets() is None  # the last is cut short
-    assert read_of(good(4, b"\x00\x2a"), request=()).good_octets() is None
-    talk = Talk()
-    talk.open()
-    talk.ask(read(1, dbw(1, 0)))
-    talk.ask(write(2, [dbw(1, 0)], written(4, b"\x00\x2a")))
-    talk.tell(ack_data(2, b"\x05\x01", b"\xff"))
-    talk.close()
-    assert [found.good_octets() for found in talk.transactions] == [None, None]

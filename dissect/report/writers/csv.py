@@ -15,6 +15,7 @@ from dissect.s7.items import Item, ItemResult
 from dissect.s7.tables import BYTE, REAL, RETURN_CODES, SUCCESS, USERDATA
 from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.transactions.connection import Connection
+from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import TransactionError
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
@@ -103,7 +104,7 @@ class CsvRows:
         """
         own = self._own(transaction)
         lines: list[str] = []
-        good = transaction.good_octets() if transaction.carried is None else None
+        good = good_octets(transaction) if transaction.carried is None else None
         if good:  # nearly always; each item meets its own octets without an object in between
             items = transaction.parameters.items
             return [

@@ -40,11 +40,12 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
+from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import NO_CODE
 from dissect.transactions.table import Side
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, GoodItems, Transaction
+from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import write_decimal, write_digits
 from dissect.wire.layout import FieldValue
@@ -317,7 +318,7 @@ class TransactionLines(Observer):
                     for result in transaction.results()
                 ]
             )
-        good = transaction.good_octets()
+        good = good_octets(transaction)
         if good is not None:  # nearly always; each item meets its own octets without an object in between
             items = transaction.parameters.items
             return ",".join([item_json(items[index], SUCCESS, good[index]) for index in range(len(good))])

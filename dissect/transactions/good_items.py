@@ -1,0 +1,88 @@
+"""The items of a read in which all is well, as most reads are, found in its answer without making results of them."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.s7.items import DATA_HEAD, Item, data_size_within, item_fill
+from dissect.s7.parameters import ACK_HEADER_SIZE
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
+from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.wire.octets import u16
+
+
+def good_octets(transaction: Transaction) -> list[bytes] | None:
+    """Return the octets of each item of such a read; None for others."""
+    good = GoodItems()
+    found: list[bytes] = []
+    if good.begin(transaction):
+        while good.step():
+            found.append(good.buf[good.at : good.at + good.size])
+    return found if good.whole else None
+
+
+class GoodItems:
+    """Steps over the items of a read in which all is well, without an object for any of them.
+
+    Item ``index`` has the octets of ``buf`` from ``at``, ``size`` of them. ``whole`` is true once all of them were good. Reads
+    with tags are not stepped over, nor items that ask for several areas.
+    """
+
+    __slots__ = ("_end", "_items", "_next", "at", "buf", "index", "size", "whole")
+
+    def __init__(self) -> None:
+        self.buf: bytes = b""
+        self.at: i64 = 0
+        self.size: i64 = 0
+        self.index: i64 = -1
+        self.whole: bool = False
+        self._items: list[Item] = []
+        self._next: i64 = 0
+        self._end: i64 = 0
+
+    def begin(self, transaction: Transaction) -> bool:
+        """Stand before the first item of a transaction, if it can be such a read."""
+        self.whole = False
+        answer = transaction.response_parameters
+        asked = transaction.parameters
+        if (
+            answer is None
+            or transaction.has_errors
+            or transaction.outcome != ANSWERED
+            or asked.function != READ_VAR
+            or answer.function != READ_VAR
+            or transaction.response_rosctr != ACK_DATA
+            or transaction.rosctr != JOB
+            or not transaction.request_size
+            or transaction.connection.naming is not None
+            or answer.item_count != len(asked.items)
+        ):
+            return False
+        self.buf = transaction.response_buf
+        self.index = -1
+        self._items = asked.items
+        self._next = transaction.response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        self._end = transaction.response_offset + transaction.response_size
+        return True
+
+    def step(self) -> bool:
+        """Go on to the next item; False behind the last, and where something is odd."""
+        index: i64 = self.index + 1
+        count: i64 = len(self._items)
+        if index == count:
+            self.whole = True
+            return False
+        buf = self.buf
+        at: i64 = self._next
+        end: i64 = self._end
+        if at + DATA_HEAD > end or buf[at] != SUCCESS or self._items[index].areas is not None:
+            return False
+        body: i64 = at + DATA_HEAD
+        size: i64 = data_size_within(buf[at + 1], u16(buf, at + 2), end - body)
+        if body + size > end:
+            return False
+        self.index = index
+        self.at = body
+        self.size = size
+        self._next = body + size + item_fill(size, index + 1 == count)
+        return True
