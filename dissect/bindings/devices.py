@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Final
 
+from dissect.bindings.pushes import LatestEnd
 from dissect.scd.codec import Codec
 from dissect.scd.ranges import is_mapping
 
@@ -79,7 +80,8 @@ class Devices:
         self._overlooked = 0
         self._strict_pad = strict_pad
         self._known: OrderedDict[tuple[bytes, int], Device] = OrderedDict()
-        self._latest: tuple[Endpoint, Device] | None = None  # the last of them
+        self.latest = LatestEnd()
+        self._latest: Device | None = None  # that of the latest end
         _ = self.codec.envelope  # an envelope that cannot work is told before the first packet
 
     @property
@@ -91,7 +93,11 @@ class Devices:
         """Another capture begins: forget every device. `forgotten` counts only those there was no room for."""
         self._overlooked = self.overlooked
         self._known.clear()
-        self._latest = None
+        self.look_again()
+
+    def look_again(self) -> None:
+        """The device that was looked for last may have other mappings now."""
+        self.latest.end = None
 
     def of(self, side: Side, binding: Binding) -> Device:
         """Return the device of a conversation: the end that owns the dictionary."""
@@ -100,9 +106,8 @@ class Devices:
 
     def at(self, end: Endpoint) -> Device:
         """Return the device behind an address and port."""
-        latest = self._latest
-        if latest is not None and latest[0] is end:
-            return latest[1]
+        if self._latest is not None and self.latest.end is end:
+            return self._latest
         key = (end.address, end.port)
         found = self._known.get(key)
         if found is None:
@@ -114,7 +119,9 @@ class Devices:
                 self._overlooked += gone.overlooked
         else:
             self._known.move_to_end(key)
-        self._latest = end, found
+        self._latest = found
+        self.latest.end = end
+        self.latest.usual = found.codec is self.codec
         return found
 
 

@@ -81,8 +81,8 @@ class ScdCarrier(PayloadDecoder):
         self._exchange = exchange
         peers = frozenset(binding.name for binding in self.bindings.all if binding.device == "peer")
         self._judge = ScdJudge(exchange.reporter, self.devices, peers)
-        codec, judge, counts = self.devices.codec, self._judge, self.counts
-        self._pushes = [Pushes(one, codec, counts[one.name], exchange, judge) for one in self.bindings.all]
+        codec, judge, counts, latest = self.devices.codec, self._judge, self.counts, self.devices.latest
+        self._pushes = [Pushes(one, codec, counts[one.name], exchange, judge, latest) for one in self.bindings.all]
 
     # ---- where SCD travels ------------------------------------------------------------------------------------------
 
@@ -102,11 +102,10 @@ class ScdCarrier(PayloadDecoder):
 
     def datagram(self, side: Side, octets: bytes, missing: int, frame: int, time_ns: int) -> None:
         """Take a datagram: whole messages one after another, or one bare content."""
-        binding = self.bindings.all[side.connection.bound]
         if missing:
-            self.counts[binding.name].cut += 1
-            return
-        self._unit(side, octets, frame, time_ns)
+            self.counts[self.bindings.all[side.connection.bound].name].cut += 1
+        elif not self._pushes[side.connection.bound].take_again(side, octets, frame, time_ns):
+            self._unit(side, octets, frame, time_ns)
 
     def stream(self, side: Side, octets: bytes, frame: int, time_ns: int) -> None:
         """Take octets of a bound TCP connection."""
@@ -115,8 +114,10 @@ class ScdCarrier(PayloadDecoder):
         if skipped:
             self.skipped += skipped
             self._judge.garbage(side, skipped, frame, time_ns)
+        pushes = self._pushes[side.connection.bound]
         for unit in units:
-            self._unit(side, unit, frame, time_ns)
+            if not pushes.take_again(side, unit, frame, time_ns):
+                self._unit(side, unit, frame, time_ns)
 
     def hole(self, side: Side, size: int, frame: int, time_ns: int) -> None:
         """Octets are missing: what was begun stays incomplete, and the next message has to be found."""
@@ -126,7 +127,8 @@ class ScdCarrier(PayloadDecoder):
         """Take a TSDU of a connection whose TSAPs are bound."""
         if not self.claims_tsdus(side.connection):
             return False
-        self._unit(side, octets, frame, time_ns)
+        if not self._pushes[side.connection.bound].take_again(side, octets, frame, time_ns):
+            self._unit(side, octets, frame, time_ns)
         return True
 
     def claims_tsdus(self, connection: Connection) -> bool:
@@ -260,9 +262,8 @@ class ScdCarrier(PayloadDecoder):
     def transaction(self, transaction: Transaction) -> None:
         """Look into the items and blocks of an S7 transaction; judge an exchange of its own when it is over."""
         if transaction.rosctr == SCD:
-            parameters = transaction.parameters
-            if not (isinstance(parameters, ScdParameters) and parameters.settled):
-                self._judge.exchange(transaction)
+            self._judge.exchange(transaction)
+            self.devices.look_again()
         elif transaction.rosctr == JOB and self.bindings.s7:
             function = transaction.parameters.function
             if function in {READ_VAR, WRITE_VAR}:

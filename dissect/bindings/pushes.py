@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dissect.scd.envelope import Envelope
     from dissect.scd.messages import Head, Message
     from dissect.scd.model import Pdo
+    from dissect.tcp.stream import Endpoint
 
 #: A transaction number of an envelope may have 64 bits; pairing counts with what fits below its own marks.
 REFERENCE: Final = (1 << 30) - 1
@@ -68,11 +69,28 @@ class KnownPdo:
         self.quiet: bool = quiet
 
 
+class LatestEnd:
+    """The end of the device that was looked for last, None where it has to be looked for again.
+
+    ``usual`` says that its mappings are those of the dictionary.
+    """
+
+    def __init__(self) -> None:
+        self.end: Endpoint | None = None
+        self.usual: bool = False
+
+
 class Pushes:
     """The PDOs that a binding knows, of devices whose mappings are those of the dictionary."""
 
     def __init__(
-        self, binding: Binding, codec: Codec, count: BindingCount, exchange: Exchange, judge: ScdJudge
+        self,
+        binding: Binding,
+        codec: Codec,
+        count: BindingCount,
+        exchange: Exchange,
+        judge: ScdJudge,
+        latest: LatestEnd,
     ) -> None:
         self.bare: bool = binding.holds == "pdo"
         self._binding: str = binding.name
@@ -85,6 +103,8 @@ class Pushes:
         self._count: BindingCount = count
         self._exchange: Exchange = exchange
         self._judge: ScdJudge = judge
+        self._latest: LatestEnd = latest
+        self._peer: bool = binding.device == "peer"
         self._known: dict[int, KnownPdo] = {}
         self._only: KnownPdo | None = None  # the one of a bare content
 
@@ -96,6 +116,13 @@ class Pushes:
         if len(self._known) >= MOST_KNOWN:
             self._known.clear()
         self._known[int.from_bytes(octets[: self._head_size], "little") & self._repeated] = known
+
+    def take_again(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
+        """Do as `take` where the unit is of the usual device that was looked for last; False also for any other."""
+        latest = self._latest
+        connection = side.connection
+        end = connection.client if self._peer else connection.server
+        return latest.usual and latest.end is end and self.take(side, octets, frame, time_ns)
 
     def take(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
         """Take a unit that is a known PDO and nothing else; False when somebody has to look at it more closely."""

@@ -32,6 +32,7 @@ from dissect.transactions.naming import Naming
 from dissect.transactions.operation import DONE, TRANSFERS, Operation
 from dissect.transactions.operations import Operations
 from dissect.transactions.pairing import Dialogue
+from dissect.transactions.payloads import SCD, ScdParameters
 from dissect.transactions.subscriptions import follow
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
@@ -72,7 +73,7 @@ class PayloadDecoder:
         return False
 
     def transaction(self, transaction: Transaction) -> None:
-        """Look at an S7 transaction before it is reported, and at one of its own when it is over."""
+        """Look at an S7 transaction before it is reported, and at one of its own when it is over, unless it is ``settled``."""
 
     def restart(self) -> None:
         """Another capture begins, in which nothing is known of what was seen before."""
@@ -257,6 +258,10 @@ class Exchange:
                 self.note_bug(bug, frame, now_ns)
 
     def _look_inside(self, decoder: PayloadDecoder, transaction: Transaction) -> None:
+        if transaction.rosctr == SCD:
+            parameters = transaction.parameters
+            if isinstance(parameters, ScdParameters) and parameters.settled:
+                return
         try:
             decoder.transaction(transaction)
         except Exception as bug:

@@ -44,6 +44,8 @@ class Careful:
     def take(self, *_: object) -> bool:
         return False
 
+    take_again = take
+
     def learn(self, *_: object) -> None: ...
 
 
