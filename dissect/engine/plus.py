@@ -13,10 +13,11 @@ from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.message import SHORT_HEADS, PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
 from dissect.s7plus.plain import Head
-from dissect.s7plus.tables import CREATE_OBJECT, FUNCTIONS, INIT_SSL, NOTIFICATION, REQUEST, RESPONSE2, V1
+from dissect.s7plus.tables import CREATE_OBJECT, FUNCTIONS, INIT_SSL, NOTIFICATION, REQUEST, RESPONSE2, V1, V2, V3
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
+from dissect.wire.octets import Tally
 
 #: Functions by which a client may begin to count anew.
 _BEGINNING: Final = frozenset((CREATE_OBJECT, INIT_SSL))
@@ -37,9 +38,13 @@ class S7Plus(Protocol):
         self.pdus: i64 = 0
         self.cut_pdus: i64 = 0  # not whole: the capture ends, has a gap, or they were too long
         self.unpaired: i64 = 0  # without an opcode, of an unknown one, or too damaged
-        self.versions: list[int] = [0] * 256
-        self.opcodes: list[int] = [0] * 256
-        self.functions: dict[int, int] = {}  # PDUs by function code, which has 16 bits
+        self._versions: Tally = Tally(256, V3, V2)
+        self._opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
+        self._functions: dict[
+            int, int
+        ] = {}  # PDUs by function code, which has 16 bits; less those of the latest one in a row
+        self._function: i64 = -1
+        self._in_a_row: i64 = 0
         self._parameters: PlusParameterCache = PlusParameterCache()
         self._head: Head = Head()  # of the PDU at hand
 
@@ -109,15 +114,25 @@ class S7Plus(Protocol):
         if exchange.observer.wants_pdus:
             exchange.observer.plus_pdu(frame, time_ns, side, octets, cut)
         if head.version >= 0:
-            self.versions[head.version] += 1
+            self._versions.add(head.version)
         if head.opcode >= 0 and head.begins:
-            self.opcodes[head.opcode] += 1
+            self._opcodes.add(head.opcode)
             if head.function >= 0:
-                self.functions[head.function] = self.functions.get(head.function, 0) + 1
+                if head.function != self._function:
+                    self._count_row()
+                    self._function = head.function
+                self._in_a_row += 1
         if pdu is not None and pdu.malformed and not (cut or side.holes or connection.mid_stream):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
         self._pair(side, octets, frame, time_ns)
+
+    def _count_row(self) -> None:
+        """Add the PDUs of the latest function in a row to those of before: to count each one in the table costs more."""
+        if self._in_a_row > 0:
+            code = int(self._function)
+            self._functions[code] = self._functions.get(code, 0) + int(self._in_a_row)
+            self._in_a_row = 0
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
         if connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]:
@@ -217,6 +232,22 @@ class S7Plus(Protocol):
         return len(assembler.parts) if assembler is not None and assembler.parts is not None else 0
 
     # ---- what was counted -------------------------------------------------------------------------------------------
+
+    @property
+    def versions(self) -> list[int]:
+        """PDUs by version."""
+        return self._versions.counts()
+
+    @property
+    def opcodes(self) -> list[int]:
+        """PDUs by opcode."""
+        return self._opcodes.counts()
+
+    @property
+    def functions(self) -> dict[int, int]:
+        """PDUs by the code of their function."""
+        self._count_row()
+        return self._functions
 
     def describe(self) -> dict[str, object]:
         """Return the section ``s7plus``."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.findings.plus_sessions import PlusSessions
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch, accepted
@@ -63,8 +65,8 @@ _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
 #: Commands of which is said that they were accepted.
 _COMMANDS: Final = frozenset((STOP, START, RESET, ORDERED))
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
-#: Return values that say that a client lacks the rights for a request: access denied.
-_PROTECTED: Final = frozenset((0xFF9C,))
+#: Return value that says that a client lacks the rights for a request: access denied.
+_PROTECTED: Final = 0xFF9C
 #: Explore requests of a connection that make it a reconnaissance, when its client subscribes to nothing at that CPU.
 _EXPLORES: Final = 3
 _SUBSCRIBING: Final = frozenset((SUBSCRIBED, SUBSCRIBED_ALARMS))
@@ -93,10 +95,11 @@ class PlusWatch:
         session = connection.plus
         if session is None:
             session = self._begin(connection)
-        function: int = transaction.function
-        if function < 0 and (session.subscriptions or connection.mid_stream):
+        function: i64 = transaction.function
+        if function >= 0:
+            self._sessions.take(session, transaction)
+        elif len(session.subscriptions) > 0 or connection.mid_stream:
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
-        self._sessions.take(session, transaction)
         if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
             if function == GET_MULTI_VARIABLES:
                 self._operations.polled(session, transaction)
@@ -118,7 +121,7 @@ class PlusWatch:
                 self._malformed(transaction, facts)
             if facts.exhausted:
                 self._note("s7.plus_too_long", transaction, f"more than {MAX_WORK // STEP} values")
-        if transaction.error_code in _PROTECTED and connection.traits.first("security.protected"):
+        if transaction.error_code == _PROTECTED and connection.traits.first("security.protected"):
             self._security.tell("security.protected", transaction, transaction.function_name)
 
     def _note(self, slug: str, transaction: Transaction, what: str) -> None:

@@ -42,12 +42,17 @@ class PlusSessions:
         size: i64 = len(octets)
         if size < _SESSION:
             return
-        at: i64 = _SESSION + (_DIGEST if octets[1] == V3 else 0)
+        at: i64 = _SESSION
+        if octets[1] == V3:
+            at += _DIGEST
         if at + 4 > size:
             return
-        number = u32(octets, at)
-        if number > _NO_SESSION and number not in session.given:
-            self._judge_owner(number, transaction)
+        number: i64 = u32(octets, at)
+        if number > _NO_SESSION and number != session.latest:
+            if len(session.given) > 0 and number in session.given:
+                session.latest = number
+            else:
+                self._judge_owner(number, transaction)
         if session.challenged and not session.authenticated and not _in_tls(session, transaction.connection):
             self._judge_authentication(number, transaction)
 
@@ -67,26 +72,28 @@ class PlusSessions:
             text = f"no TLS, though {identity.order_number} {identity.firmware} offers it"
             self._security.tell("security.clear_text", transaction, text)
 
-    def _judge_owner(self, number: int, transaction: Transaction) -> None:
+    def _judge_owner(self, number: i64, transaction: Transaction) -> None:
         """A session of another connection. Who was there when the capture began, or in a gap, may have got it then."""
         connection = transaction.connection
-        if not self._given or _incomplete(connection):
+        if len(self._given) == 0 or _incomplete(connection):
             return
-        owner = self._given.get((str(connection.server.host), number), 0)
+        owner = self._given.get((str(connection.server.host), int(number)), 0)
         if not owner or owner == int(connection.number):
             return
         if connection.traits.first("security.session_reused"):
             text = f"{transaction.function_name} in session 0x{number:08x}, which connection {owner} got"
             self._security.tell("security.session_reused", transaction, text)
 
-    def _judge_authentication(self, number: int, transaction: Transaction) -> None:
+    def _judge_authentication(self, number: i64, transaction: Transaction) -> None:
         """A request that is neither the set-up of the session nor its end, and that the CPU carries out all the same."""
         octets = transaction.request_octets
         if transaction.function in {CREATE_OBJECT, DELETE_OBJECT, INIT_SSL} or octets[1] == V3:
             return
         if transaction.outcome != ANSWERED or transaction.error_code >= _ERROR or _incomplete(transaction.connection):
             return
-        if transaction.function == SET_MULTI_VARIABLES and octets[_OBJECT : _OBJECT + 4] == number.to_bytes(4, "big"):
+        if transaction.function == SET_MULTI_VARIABLES and octets[_OBJECT : _OBJECT + 4] == int(number).to_bytes(
+            4, "big"
+        ):
             return
         if transaction.connection.traits.first("security.unauthenticated"):
             self._security.tell("security.unauthenticated", transaction, transaction.function_name)

@@ -126,6 +126,7 @@ _COUNTED: Final = frozenset((
 GLANCED: Final = frozenset((GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES, DELETE_OBJECT))
 _HEADER: Final = 4
 _INTEGRITY: Final = 33
+_BIT_7: Final = 0x80
 
 
 class Event:
@@ -160,7 +161,7 @@ class Facts:
         self.malformed: list[Malformed] = []
 
 
-def take(session: PlusSession, function: int, request: bytes, response: bytes, skimmed: i64 = -1) -> Facts | None:
+def take(session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64 = -1) -> Facts | None:
     """Take a transaction: the octets of its halves (empty for none) and its function, -1 for a notification. Never raises.
 
     ``skimmed`` is what `dissect.s7plus.refusals.glimpse` said of the response, -1 where nobody asked. Returns None when there
@@ -169,10 +170,10 @@ def take(session: PlusSession, function: int, request: bytes, response: bytes, s
     told: i64 = skimmed
     if told < 0:
         told = 0
-        if response:
+        if len(response) > 0:
             told = glimpse(response)
     if function < 0:
-        return _notified(session, response, told) if response else None
+        return _notified(session, response, told) if len(response) > 0 else None
     if (function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED) and not _asks_what_matters(request):
         return _judge_contents(request, response, told)
     if request and response and function in GLANCED:
@@ -199,7 +200,7 @@ def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline
     return facts
 
 
-def _read_all(session: PlusSession, function: int, request: bytes, response: bytes, skimmed: i64) -> Facts | None:
+def _read_all(session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64) -> Facts | None:
     """Judge a transaction of which all that may matter must be read."""
     if not request or not _may_matter(session, function, request, skimmed):
         return _judge_contents(request, response, skimmed)
@@ -300,19 +301,21 @@ def _asks_what_matters(octets: bytes) -> bool:
     return False
 
 
-def _may_matter(session: PlusSession, function: int, octets: bytes, skimmed: i64) -> bool:
+def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64) -> bool:
     if function == CREATE_OBJECT or function == DELETE_OBJECT:
         return True
     if function == EXPLORE:
         return skimmed & (UNSOUND | MET) != 0
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
         return _asks_what_matters(octets)
-    if function not in {SET_VARIABLE, SET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES}:
+    if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
         return False
-    at = _HEADER + REQUEST_SIZE + (_INTEGRITY if octets[1] == V3 else 0)
+    at: i64 = _HEADER + REQUEST_SIZE
+    if octets[1] == V3:
+        at += _INTEGRITY
     if at + 6 > len(octets):
         return True
-    object_id = u32(octets, at)
+    object_id: i64 = u32(octets, at)
     if function == SET_MULTI_VARIABLES:
         if object_id or not (session.outputs_told and session.elsewhere_told):
             return True
@@ -324,7 +327,9 @@ def _may_matter(session: PlusSession, function: int, octets: bytes, skimmed: i64
     kind: i64 = object_id >> 16
     if kind >= _FIRST_KIND and kind in BLOCK_KINDS:
         return True
-    first, _ = read_varint(octets, at + 5, len(octets), VLQ)
+    first: i64 = octets[at + 5]
+    if first >= _BIT_7:
+        first, _ = read_varint(octets, at + 5, len(octets), VLQ)
     return 0 <= first < len(_WRITTEN_ATTRIBUTES) and _WRITTEN_ATTRIBUTES[first] != 0
 
 
@@ -526,17 +531,21 @@ def _state(session: PlusSession, facts: Facts, state: int) -> None:
         facts.events.append(Event(_STATES[state], f"operating state {OPERATING_STATES.name(state)}"))
 
 
-def subscription_of(octets: bytes) -> int:
+def subscription_of(octets: bytes) -> i64:
     """Return the subscription of a notification, read in place; -1 when it is too short."""
     size: i64 = len(octets)
     if size < _HEADER:
         return -1
-    at: i64 = _HEADER + 1 + (_INTEGRITY if octets[1] == V3 else 0)
-    return u32(octets, at) if at + 4 <= size else -1
+    at: i64 = _HEADER + 1
+    if octets[1] == V3:
+        at += _INTEGRITY
+    if at + 4 > size:
+        return -1
+    return u32(octets, at)
 
 
 def _notified(session: PlusSession, octets: bytes, skimmed: i64) -> Facts | None:
-    if not session.states or subscription_of(octets) not in session.states:
+    if len(session.states) == 0 or subscription_of(octets) not in session.states:
         return _judge_contents(b"", octets, skimmed)
     facts = Facts()
     pdu, found = _read(octets, facts)

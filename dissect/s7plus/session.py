@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.program import Program, symbol
@@ -104,6 +106,7 @@ class PlusSession:
         "host",
         "identity",
         "integrity",
+        "latest",
         "outputs_told",
         "program",
         "role",
@@ -130,6 +133,7 @@ class PlusSession:
         self.challenged = False
         self.authenticated = False
         self.given: set[int] = set()
+        self.latest: i64 = -1  # the one of these that was used last
         self.integrity: dict[bool, tuple[int, int]] = {}
         self.states: set[int] = set()
         self.subscriptions: dict[int, dict[int, Address]] = {}

@@ -475,8 +475,9 @@ class Body:
                 return False
 
 
-#: Those that are free: making one for each PDU would take as long as passing over it. Threads do not share one.
-_FREE: Final[list[Body]] = []
+#: Those that are free: making one for each PDU would take as long as passing over it. Threads do not share one. There are
+#: several, as a list that is emptied and filled again and again gets its memory anew each time.
+_FREE: Final[list[Body]] = [Body() for _ in range(8)]
 
 
 def free_body() -> Body:

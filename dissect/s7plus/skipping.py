@@ -37,9 +37,11 @@ from dissect.s7plus.value_tables import (
 )
 from dissect.s7plus.walk import MAX_DEPTH, STEP, Walk
 from dissect.wire.octets import u16, u32
-from dissect.wire.varint import SIGNED64, VLQ, VLQ64, pass_varint, read_varint
+from dissect.wire.varint import SIGNED64, VLQ64, pass_varint
 
 _BIT_7: Final = 0x80
+#: Octets of the longest number of 32 bits.
+_LONGEST: Final = 5
 _SEVERAL: Final = SPARSE_ARRAY | ARRAY | ADDRESS_ARRAY
 #: What the elements of a type are that have no fixed size: numbers of variable size, with 32 bits or 64, or else.
 _OTHER: Final = 0x80
@@ -282,14 +284,19 @@ class Skipper:
         if first < _BIT_7:
             self.at = at + 1
             return first
-        if at + 1 < self._end:  # most ids have two octets
-            second: i64 = self._octets[at + 1]
-            if second < _BIT_7:
-                self.at = at + 2
-                return (first & 0x7F) << 7 | second
-        value, behind = read_varint(self._octets, at, self._end, VLQ)
-        self.at = behind
-        return value
+        value: i64 = first & 0x7F
+        stop: i64 = at + _LONGEST
+        stop = min(stop, self._end)
+        at += 1
+        while at < stop:
+            octet: i64 = self._octets[at]
+            at += 1
+            value = value << 7 | octet & 0x7F
+            if octet < _BIT_7:
+                self.at = at
+                return value & 0xFFFFFFFF
+        self.at = -1
+        return -1
 
     def numbers(self, count: i64) -> bool:
         """Pass over so many numbers of at most 32 bits; False when they are not there."""

@@ -111,13 +111,14 @@ class PlusOperations:
 
     def __init__(self, book: OperationBook) -> None:
         self._book = book
-        self._open: dict[tuple[int, int], Operation] = {}  # by connection and object
+        self._open: dict[int, dict[int, Operation]] = {}  # by connection and object
+        self._count = 0  # of these
         self._most = _MANY
-        self._polls: dict[tuple[int, bytes], Poll] = {}  # by connection and what is read
-        # The one that was notified last, by the same: a subscription seldom speaks only once.
-        self._notified: Operation | None = None
+        self._polls: dict[int, dict[bytes, Poll]] = {}  # by connection and what is read
+        self._poll_count = 0
+        # Those of the connection that was notified last, which seldom is notified only once.
+        self._notified: dict[int, Operation] | None = None
         self._notified_on: i64 = 0
-        self._notified_by: i64 = -1
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
         """Take an event of a transaction: it may begin an operation, or end one. ``code`` is the error it got, 0 for none."""
@@ -154,27 +155,30 @@ class PlusOperations:
             self._remember(event.object_id, transaction, operation)
 
     def _delete(self, event: Event, transaction: Transaction) -> None:
-        self._notified = None
-        operation = self._open.pop((int(transaction.connection.number), event.object_id), None)
+        here = self._open.get(int(transaction.connection.number))
+        operation = here.pop(event.object_id, None) if here is not None else None
+        if operation is not None:
+            self._count -= 1
         if operation is not None and not operation.result:
             operation.add(transaction)
             self._book.settle(operation, transaction, DONE, FAILED)
 
     def _list(self, event: Event, transaction: Transaction) -> None:
         """Name what a subscription asks for since its list was written."""
-        operation = self._open.get((int(transaction.connection.number), event.object_id))
+        here = self._open.get(int(transaction.connection.number))
+        operation = here.get(event.object_id) if here is not None else None
         if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
             operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
     def notified(self, subscription: i64, transaction: Transaction) -> None:
         """Count a notification for its subscription."""
         number: i64 = transaction.connection.number
-        operation = self._notified
-        if operation is None or subscription != self._notified_by or number != self._notified_on:
-            operation = self._open.get((number, subscription))
-            self._notified = operation
+        here = self._notified
+        if here is None or number != self._notified_on:
+            here = self._of(int(number))
+            self._notified = here
             self._notified_on = number
-            self._notified_by = subscription
+        operation = here.get(subscription)
         if operation is None:
             operation = self._begun_before(subscription, transaction)
         elif not operation.result:
@@ -199,21 +203,46 @@ class PlusOperations:
 
     def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:
         """Keep an operation until its object is deleted. What the book has closed by itself leaves when there are many."""
+        if self._count >= self._most:
+            self._sweep()
+        here = self._of(int(transaction.connection.number))
+        if object_id not in here:
+            self._count += 1
+        here[object_id] = operation
+
+    def _of(self, number: int) -> dict[int, Operation]:
+        """Return the operations of a connection."""
+        here = self._open.get(number)
+        if here is None:
+            here = {}
+            self._open[number] = here
+        return here
+
+    def _sweep(self) -> None:
+        """Forget what the book has closed by itself."""
         self._notified = None
-        if len(self._open) >= self._most:
-            self._open = {key: one for key, one in self._open.items() if not one.result}
-            self._most = max(_MANY, 2 * len(self._open))
-        self._open[int(transaction.connection.number), object_id] = operation
+        self._count = 0
+        for number, here in list(self._open.items()):
+            left = {key: one for key, one in here.items() if not one.result}
+            self._count += len(left)
+            if left:
+                self._open[number] = left
+            else:
+                del self._open[number]
+        self._most = max(_MANY, 2 * self._count)
 
     def polled(self, session: PlusSession, transaction: Transaction) -> None:
         """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""
         octets = transaction.request_octets
-        key = int(transaction.connection.number), addresses_in(octets)
-        poll = self._polls.get(key)
+        number = int(transaction.connection.number)
+        here = self._polls.get(number)
+        asked = addresses_in(octets)
+        poll = here.get(asked) if here is not None else None
         if poll is None:
-            if len(self._polls) >= MAX_POLLS:
-                del self._polls[next(iter(self._polls))]
-            self._polls[key] = Poll(transaction)
+            if self._poll_count >= MAX_POLLS:
+                self._forget_poll()
+            self._polls.setdefault(number, {})[asked] = Poll(transaction)
+            self._poll_count += 1
             return
         poll.count += 1
         operation = poll.operation
@@ -232,9 +261,16 @@ class PlusOperations:
 
     def end(self, connection: Connection) -> None:
         """A connection is over: what is open there is closed by the book."""
-        self._notified = None
         number = int(connection.number)
-        for poll in [poll for poll in self._polls if poll[0] == number]:
-            del self._polls[poll]
-        for key in [key for key in self._open if key[0] == number]:
-            del self._open[key]
+        self._notified = None
+        self._count -= len(self._open.pop(number, {}))
+        self._poll_count -= len(self._polls.pop(number, {}))
+
+    def _forget_poll(self) -> None:
+        """Forget the first poll of the connection that polled first."""
+        number = next(iter(self._polls))
+        here = self._polls[number]
+        del here[next(iter(here))]
+        self._poll_count -= 1
+        if not here:
+            del self._polls[number]

@@ -112,7 +112,7 @@ def test_a_subscription_is_about_what_it_asks_for_later_too() -> None:
     request = bodies.create_object(285, NOTHING, made, integrity_id=1)
     do(talk, 2, CREATE_OBJECT, request, b"\0\1" + bodies.number(LIST_ID))
     write = bodies.set_variable(LIST_ID, [1048], Value(0x20, UDINT, list(LIST)))
-    (operation,) = talk.pipeline.exchange.watch.plus._operations._open.values()
+    (operation,) = talk.pipeline.exchange.watch.plus._operations._open[1].values()
     do(talk, 3, SET_VARIABLE, write, DENIED)
     assert operation.subject == "every 900 ms"
     for number in (4, 5):
@@ -139,7 +139,7 @@ def test_subscriptions_from_before_the_capture_are_bounded() -> None:
     talk = Talk()
     for number in range(1, 100):
         notify(talk, number % 256, LIST_ID + number)
-    assert len(talk.pipeline.exchange.watch.plus._operations._open) == MAX_OPEN
+    assert len(talk.pipeline.exchange.watch.plus._operations._open[1]) == MAX_OPEN
     assert len(told_of(talk)) == MAX_OPEN
 
 
@@ -150,7 +150,9 @@ def test_what_the_book_closed_does_not_stay() -> None:
         made = PlusObject(211, 1001, 0, 0, 0, [Attribute(1049, Value(0, UDINT, 1000))])
         request = bodies.create_object(285, NOTHING, made, integrity_id=number)
         do(talk, number, CREATE_OBJECT, request, b"\0\1" + bodies.number(LIST_ID + number))
-    assert len(talk.pipeline.exchange.watch.plus._operations._open) <= 1024
+    operations = talk.pipeline.exchange.watch.plus._operations
+    assert operations._count == len(operations._open[1])
+    assert 0 < operations._count <= 1024
 
 
 def test_nothing_is_kept_of_a_connection_that_is_over() -> None:
