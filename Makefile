@@ -42,9 +42,12 @@ installed-layers := tests/layers tests/page tests/promises tests/cluster tests/j
 installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
 
+# What nothing can trace or count when it is compiled.
+UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/program/test_carved.py
+
 INTERPRETED := source rest
 interpreted-source := $(filter tests/source tests/properties,$(ENGINE))
-interpreted-rest := $(filter-out $(interpreted-source),$(ENGINE))
+interpreted-rest := $(filter-out $(interpreted-source),$(ENGINE)) $(UNCOMPILED)
 
 # They write no list of what failed last: all would write the same file.
 UNKEPT := -p no:cacheprovider

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import subprocess
 from collections import Counter
@@ -55,9 +56,21 @@ def test_every_file_is_tested_with_the_wheel() -> None:
     assert set().union(*map(chosen, commands("test-installed"))) == FILES
 
 
+def uncompiled() -> set[Path]:
+    """Return the files of which something is tested on the sources only."""
+    tested = re.compile(r"skipif\(COMPILED,|skip\(\"compiled constants")
+    return {file for file in FILES if tested.search(file.read_text(encoding="utf-8"))}
+
+
+def test_what_is_skipped_when_compiled_is_tested_on_the_sources() -> None:
+    files = set().union(*map(chosen, commands("test-interpreted")))
+    assert len(uncompiled()) > 4
+    assert uncompiled() - files == set()
+
+
 def test_the_engine_is_tested_on_its_sources_too() -> None:
     files = set().union(*map(chosen, commands("test-interpreted")))
-    rooms = {file.relative_to(ROOT / "tests").parts[0] for file in files}
+    rooms = {file.relative_to(ROOT / "tests").parts[0] for file in files - uncompiled()}
     assert rooms == {
         *("wire", "source", "tcp", "iso", "s7", "transactions", "findings", "engine", "report", "properties"),
         "test_session.py",
