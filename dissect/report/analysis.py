@@ -43,13 +43,14 @@ class Latencies:
     captures) count as they are for the minimum and as 0 in buckets.
     """
 
-    __slots__ = ("_buckets", "_recent", "count", "largest", "smallest")
+    __slots__ = ("_buckets", "_in_order", "_recent", "count", "largest", "smallest")
 
     def __init__(self) -> None:
         self.count: i64 = 0
         self.smallest: i64 = 0
         self.largest: i64 = 0
         self._recent: array[int] = array("q")  # a list would keep an object for each
+        self._in_order: i64 = 0  # of how many answers they were put in order last
         self._buckets: list[int] | None = None
 
     def add(self, latency_ns: i64) -> None:
@@ -85,8 +86,10 @@ class Latencies:
         rank: int = max(1, int(-(-(q * int(self.count)) // 1)))
         buckets = self._buckets
         if buckets is None:
-            ordered = sorted(self._recent)
-            self._recent = array("q", ordered)  # in order, so that the next quantile is soon found
+            if self._in_order != self.count:
+                self._in_order = self.count
+                self._recent = array("q", sorted(self._recent))
+            ordered = self._recent
             if q == 0.5 and self.count % 2 == 0:
                 return (ordered[rank - 1] + ordered[rank]) // 2
             return ordered[rank - 1]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from typing import Final, Protocol
 
+from librt.strings import read_i32_le
 from mypy_extensions import i64
 
 from dissect.source.packet import PacketSink, Reader
@@ -47,11 +48,7 @@ _ODD_VERSION: Final = "the file says it is version {} of the format, and was rea
 
 def u32le(octets: bytes, at: i64) -> i64:
     """Return the four octets at ``at`` as a little-endian number; IndexError when they are not there."""
-    first: i64 = octets[at]
-    second: i64 = octets[at + 1]
-    third: i64 = octets[at + 2]
-    fourth: i64 = octets[at + 3]
-    return (fourth << 24) | (third << 16) | (second << 8) | first
+    return i64(read_i32_le(octets, at)) & 0xFFFFFFFF
 
 
 def packet_limit(link_type: i64) -> i64:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from librt.strings import read_i16_be, read_i32_be
 from mypy_extensions import i64
 
 
 def u16(octets: bytes, at: i64) -> i64:
     """Return the two octets at ``at`` as a number; IndexError when they are not there."""
-    high: i64 = octets[at]
-    low: i64 = octets[at + 1]
-    return (high << 8) | low
+    return i64(read_i16_be(octets, at)) & 0xFFFF
 
 
 def u24(octets: bytes, at: i64) -> i64:
@@ -19,11 +18,7 @@ def u24(octets: bytes, at: i64) -> i64:
 
 def u32(octets: bytes, at: i64) -> i64:
     """Return the four octets at ``at`` as a number; IndexError when they are not there."""
-    first: i64 = octets[at]
-    second: i64 = octets[at + 1]
-    third: i64 = octets[at + 2]
-    fourth: i64 = octets[at + 3]
-    return (first << 24) | (second << 16) | (third << 8) | fourth
+    return i64(read_i32_be(octets, at)) & 0xFFFFFFFF
 
 
 class Tally:
