@@ -40,9 +40,7 @@ class S7Plus(Protocol):
         self.unpaired: i64 = 0  # without an opcode, of an unknown one, or too damaged
         self._versions: Tally = Tally(256, V3, V2)
         self._opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
-        self._functions: dict[
-            int, int
-        ] = {}  # PDUs by function code, which has 16 bits; less those of the latest one in a row
+        self._functions: dict[int, int] = {}  # by code, which has 16 bits; without those of the latest one in a row
         self._function: i64 = -1
         self._in_a_row: i64 = 0
         self._parameters: PlusParameterCache = PlusParameterCache()

@@ -97,7 +97,8 @@ def object_text(found: PlusObject) -> str:
     if found.class_id == ALARM:
         return alarm_text(found)
     name = found.text(NAME)
-    return f"{short_name(found.class_id)} {short_name(found.rid)}{f' {name!r}' if name else ''}"
+    known = dict.fromkeys((short_name(found.class_id), short_name(found.rid)))  # some roots are called like their class
+    return f"{' '.join(known)}{f' {name!r}' if name else ''}"
 
 
 def _some(said: list[str], count: int) -> list[str]:

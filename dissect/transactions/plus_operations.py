@@ -5,6 +5,7 @@ Which transaction is which is known to `dissect.s7plus.events`.
 
 from __future__ import annotations
 
+from hashlib import blake2b
 from typing import Final
 
 from mypy_extensions import i64
@@ -63,6 +64,8 @@ _POLLED: Final = 3
 MAX_POLLS: Final = 1024
 #: Operations that go on, after which those that are over are sought.
 _MANY: Final = 1024
+#: Octets of addresses that a poll is known by; of more there is a digest, as a request may have 8 MiB.
+_LARGEST: Final = 2048
 #: Where the body of a request begins, how much further in version 3, and what ends the addresses in it.
 _BODY: Final = 18
 _DIGEST: Final = 33
@@ -237,6 +240,8 @@ class PlusOperations:
         number = int(transaction.connection.number)
         here = self._polls.get(number)
         asked = addresses_in(octets)
+        if len(asked) > _LARGEST:
+            asked = blake2b(asked, digest_size=16).digest()
         poll = here.get(asked) if here is not None else None
         if poll is None:
             if self._poll_count >= MAX_POLLS:

@@ -234,6 +234,17 @@ def test_polls_that_are_remembered_are_bounded() -> None:
     assert told_of(talk) == []
 
 
+def test_a_poll_of_many_variables_is_known_by_a_digest() -> None:
+    """A request may have 8 MiB, and a thousand of them are remembered."""
+    talk = begun()
+    wanted = [Address(0, 82, 3736, [3, number, 2]) for number in range(600)]
+    for number, last in enumerate((600, 600, 601, 600), 1):
+        read(talk, number, *wanted, Address(0, 82, 3736, [3, last, 2]))
+    polls = talk.pipeline.exchange.watch.plus._operations._polls
+    assert [[len(asked) for asked in here] for here in polls.values()] == [[16, 16]]
+    assert [(kind, count) for kind, _, _, count, _ in told_of(talk)] == [("polling", 3)]
+
+
 def test_a_password() -> None:
     talk = begun()
     do(talk, 1, SET_VARIABLE, bodies.set_variable(0x386, [304], Value(0, BLOB, Blob(0, b"x" * 20))))
