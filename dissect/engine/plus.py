@@ -38,8 +38,8 @@ class S7Plus(Protocol):
         self.pdus: i64 = 0
         self.cut_pdus: i64 = 0  # not whole: the capture ends, has a gap, or they were too long
         self.unpaired: i64 = 0  # without an opcode, of an unknown one, or too damaged
-        self._versions: Tally = Tally(256, V3, V2)
-        self._opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
+        self.versions: Tally = Tally(256, V3, V2)
+        self.opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
         self._functions: dict[int, int] = {}  # by code, which has 16 bits; without those of the latest one in a row
         self._function: i64 = -1
         self._in_a_row: i64 = 0
@@ -112,9 +112,9 @@ class S7Plus(Protocol):
         if exchange.observer.wants_pdus:
             exchange.observer.plus_pdu(frame, time_ns, side, octets, cut)
         if head.version >= 0:
-            self._versions.add(head.version)
+            self.versions.add(head.version)
         if head.opcode >= 0 and head.begins:
-            self._opcodes.add(head.opcode)
+            self.opcodes.add(head.opcode)
             if head.function >= 0:
                 if head.function != self._function:
                     self._count_row()
@@ -232,16 +232,6 @@ class S7Plus(Protocol):
     # ---- what was counted -------------------------------------------------------------------------------------------
 
     @property
-    def versions(self) -> list[int]:
-        """PDUs by version."""
-        return self._versions.counts()
-
-    @property
-    def opcodes(self) -> list[int]:
-        """PDUs by opcode."""
-        return self._opcodes.counts()
-
-    @property
     def functions(self) -> dict[int, int]:
         """PDUs by the code of their function."""
         self._count_row()
@@ -254,8 +244,8 @@ class S7Plus(Protocol):
                 "pdus": self.pdus,
                 "cut": self.cut_pdus,
                 "unpaired": self.unpaired,
-                "versions": {f"0x{code:02x}": count for code, count in enumerate(self.versions) if count},
-                "opcodes": {f"0x{code:02x}": count for code, count in enumerate(self.opcodes) if count},
+                "versions": {f"0x{code:02x}": count for code, count in enumerate(self.versions.counts()) if count},
+                "opcodes": {f"0x{code:02x}": count for code, count in enumerate(self.opcodes.counts()) if count},
                 "functions": {f"0x{code:04x}": count for code, count in sorted(self.functions.items())},
             }
         }

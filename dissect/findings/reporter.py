@@ -52,6 +52,7 @@ class Finding:
 
     @frames.setter
     def frames(self, frames: list[int]) -> None:
+        """Keep them."""
         few = 0 < len(frames) <= 2 and 0 not in frames
         self._frames = None if few or not frames else list(frames)
         self._first_frame = frames[0] if few else 0

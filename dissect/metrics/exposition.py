@@ -201,7 +201,7 @@ def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
         "tpdus": _named(pipeline.iso.tpdus.counts(), types),
         "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus.counts(), strict=True)],
         "s7_pdus": _named(pipeline.s7.rosctrs.counts(), rosctrs),
-        "s7plus_pdus": _named(pipeline.plus.opcodes, opcodes),
+        "s7plus_pdus": _named(pipeline.plus.opcodes.counts(), opcodes),
         "ibh_packets": [Sample((kind,), count) for kind, count in zip(KINDS, pipeline.ibh.packets.copy(), strict=True)],
         "open_requests": [Sample((), int(pipeline.exchange.dialogue.open))],
         "findings": [Sample((slug, rule.severity), findings.get(slug, 0)) for slug, rule in CATALOGUE.items()],

@@ -52,6 +52,8 @@ from tests.s7plus.test_shared_captures import broken_integrity_ids, pdus
 #: Texts that all plants have in common.
 COMMON: Final = {b"LOGOUT", b"SIMATIC-ROOT-ES"}
 TAG: Final = Address(0x1234ABCD, 0x8A0E0003, 2550, [14])
+#: How a declaration calls DInt.
+_DINT: Final = 7
 
 
 def contents(values: str = MASK, keep_code: bool = False) -> tuple[PlusContents, Account]:
@@ -201,7 +203,7 @@ def plant() -> Talk:
     ])  # fmt: skip
     sent(talk, 0, framed(asked(1, CREATE_OBJECT, 288, 0x36, bodies.create_object(285, Value(0, UDINT, 0), session)), 1))
     sent(talk, 1, framed(answered(1, CREATE_OBJECT, b"\0\1" + bodies.number(0x386) + bodies.FILL), 1))
-    info = type_of(0x92000003, ("Fuellstand", variable(14, crc=0x1234ABCD)))
+    info = type_of(0x92000003, ("Fuellstand", variable(14, _DINT, crc=0x1234ABCD)))
     sent(talk, 0, framed(asked(2, EXPLORE, body=bodies.rid(0x8A0E0003) + b"\0\1\1\0\0\0" + bodies.end(5)), 3))
     sent(talk, 1, framed(answered(2, EXPLORE, b"\0" + bodies.rid(0x8A0E0003) + b"\7" + build(info) + bodies.FILL), 3))
     sent(talk, 0, framed(asked(3, GET_MULTI_VARIABLES, body=bodies.get_multi(TAG)), 3))

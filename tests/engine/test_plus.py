@@ -271,7 +271,8 @@ def test_without_opcode() -> None:
     assert talk.transactions == []
     assert slugs(talk) == []
     assert (talk.pipeline.plus.pdus, talk.pipeline.plus.unpaired) == (3, 3)
-    assert (talk.pipeline.plus.versions[0xFE], talk.pipeline.plus.versions[0xFF]) == (2, 1)
+    versions = talk.pipeline.plus.versions.counts()
+    assert (versions[0xFE], versions[0xFF]) == (2, 1)
 
 
 def test_a_damaged_pdu_is_told() -> None:
@@ -341,12 +342,12 @@ def test_functions_are_counted() -> None:
     talk.tell(framed(told(1)), framed(told(2, 0x9999)), framed(notified()))
     talk.close()
     assert talk.pipeline.plus.functions == {GET_MULTI: 2, 0x9999: 2}
-    assert {code: count for code, count in enumerate(talk.pipeline.plus.opcodes) if count} == {
+    assert {code: count for code, count in enumerate(talk.pipeline.plus.opcodes.counts()) if count} == {
         0x31: 2,
         0x32: 2,
         0x33: 1,
     }
-    assert {code: count for code, count in enumerate(talk.pipeline.plus.versions) if count} == {2: 5}
+    assert {code: count for code, count in enumerate(talk.pipeline.plus.versions.counts()) if count} == {2: 5}
     assert talk.pipeline.s7.pdus == 0
 
 
@@ -364,7 +365,7 @@ def test_shared_captures(
     analysis = dissect.analyze(str(corpus / name))
     assert analysis.pipeline is not None
     assert analysis.pipeline.plus.pdus == analysis.pipeline.iso.tsdus.counts()[1] == pdus
-    assert {code: count for code, count in enumerate(analysis.pipeline.plus.opcodes) if count} == opcodes
+    assert {code: count for code, count in enumerate(analysis.pipeline.plus.opcodes.counts()) if count} == opcodes
     assert analysis.pipeline.plus.unpaired == analysis.pipeline.plus.cut_pdus == 0
     (connection,) = [one for one in analysis.connections if one.protocol == "s7comm_plus"]
     assert (connection.answered, connection.unanswered, connection.orphans) == (answered, 0, 0)
@@ -397,4 +398,5 @@ def test_a_stream_of_pieces_with_keep_alives_and_events_between() -> None:
     assert [ends - begin for begin, ends in found.pieces] == [*sizes, 5]
     plus = talk.pipeline.plus
     assert (plus.pdus, plus.cut_pdus, plus.unpaired) == (6, 0, 4)
-    assert (plus.versions[0xFE], plus.versions[0xFF]) == (2, 2)
+    versions = plus.versions.counts()
+    assert (versions[0xFE], versions[0xFF]) == (2, 2)

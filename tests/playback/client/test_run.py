@@ -30,6 +30,7 @@ NOTHING: Final = {
     "crafted/look-alikes.pcapng": "it only looks like S7comm",
     "crafted/netlink.pcapng": "S7comm in IBH-NetLink",
     "s7commplus_1511_opc_all_types.pcap": "S7comm-plus",
+    "crafted/plus-answers.pcapng": "S7comm-plus",
     "crafted/plus-plant.pcapng": "S7comm-plus",
     "s7plus/s7commplus.pcapng": "S7comm-plus",
     "s7plus/s7commplus-tls.pcapng": "S7comm-plus in TLS",
