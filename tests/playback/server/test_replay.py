@@ -150,7 +150,9 @@ def test_the_tables_of_exceptions_name_captures() -> None:
     assert named <= here
 
 
-@pytest.mark.parametrize("name", ["s7plus/s7commplus", "s7plus/s7commplus-tls", "crafted/plus-plant", "crafted/plus-answers"])
+@pytest.mark.parametrize(
+    "name", ["s7plus/s7commplus", "s7plus/s7commplus-tls", "crafted/plus-plant", "crafted/plus-answers"]
+)
 def test_a_capture_of_nothing_but_s7comm_plus_is_refused_in_a_sentence(name: str) -> None:
     path = FOLDER / f"{name}.pcapng"
     why = "it speaks S7comm-plus, whose digests cannot be made without the key of the session"
