@@ -28,7 +28,7 @@ def main() -> int:
     print(machine())
     wrong = 0
     for words in COMMANDS:
-        command = [arguments.python, "-m", "dissect", *words, "--separate", *arguments.files]
+        command = [arguments.python, "-P", "-m", "dissect", *words, "--separate", *arguments.files]
         costs = [run([*command, "-j", jobs]) for jobs in ("1", arguments.jobs)]
         wrong += _written(command, "1") != _written(command, arguments.jobs)
         one, several = costs
