@@ -61,7 +61,7 @@ def refuses_items(pdu: PlusPdu) -> bool:
     """Tell whether a response to a read or write of several variables refuses any of them. Never raises."""
     if pdu.function == SET_MULTI_VARIABLES:
         _, at = read_varint(pdu.body, 0, len(pdu.body), VLQ64)
-        return 0 < at < len(pdu.body) and pdu.body[at] != 0
+        return 0 < at < len(pdu.body) and read_varint(pdu.body, at, len(pdu.body), VLQ)[0] != 0  # 80 00 is zero too
     return pdu.function == GET_MULTI_VARIABLES and bool(parse_contents(pdu, False, MAX_WORK).refusals)
 
 

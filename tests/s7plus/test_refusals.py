@@ -138,3 +138,11 @@ def test_what_is_not_whole_is_not_compared(size: int) -> None:
     assert count_mismatch(GET_MULTI_VARIABLES, request[:size], response, glimpse(response)) == ""
     cut = response[:size]
     assert count_mismatch(GET_MULTI_VARIABLES, request, cut, glimpse(cut)) == ""
+
+
+@pytest.mark.parametrize(("list_end", "refused"), [("00", False), ("8000", False), ("8001", True), ("80", True)])
+def test_the_end_of_a_list_may_be_longer_than_one_octet(list_end: str, refused: bool) -> None:
+    """Found by fuzzing: the quick look and the slow one said different things of it."""
+    octets = framed(told(1, SET_MULTI_VARIABLES, b"\0" + bytes.fromhex(list_end)), 1)
+    assert answered(octets, 0) == (0, refused)
+    assert answered(octets, glimpse(octets)) == (0, refused)
