@@ -93,7 +93,7 @@ class Learner(Observer):
             return
         if int(connection.number) not in self._asked:
             self._asked.add(int(connection.number))
-            self._learn_tsaps(learned, connection)  # as they are known when alerts judge them; they may become others
+            self._learn_ends(learned, connection)  # as they are known when alerts judge them; they may become others
         subject = self._subjects.of(transaction)
         self._keep(learned.functions, (subject.function,))
         self._keep(learned.reads, subject.reads)
@@ -112,11 +112,7 @@ class Learner(Observer):
         if learned is None:
             return
         learned.connections += 1
-        port = int(connection.server.port)
-        if port not in learned.ports:
-            if self._fits(len(learned.ports)):
-                learned.ports.add(port)
-        self._learn_tsaps(learned, connection)
+        self._learn_ends(learned, connection)
 
     def baseline(self, captures: tuple[str, ...] = ()) -> Baseline:
         """Return what was learned so far."""
@@ -128,7 +124,10 @@ class Learner(Observer):
         baseline.left_out = self.left_out
         return baseline
 
-    def _learn_tsaps(self, learned: _Learned, connection: Connection) -> None:
+    def _learn_ends(self, learned: _Learned, connection: Connection) -> None:
+        port = int(connection.server.port)
+        if port not in learned.ports and self._fits(len(learned.ports)):
+            learned.ports.add(port)
         named = tsaps(connection)
         if named:
             self._keep(learned.tsaps, (named,))

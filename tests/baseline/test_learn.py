@@ -7,6 +7,9 @@ import pytest
 from dissect.baseline import Learner, baseline_toml, learn
 from tests.baseline.wire import Client, Wire, learned
 from tests.properties import messages
+from tests.properties.messages import dt
+from tests.properties.packets import Flow, Talk
+from tests.report.support import WORD
 
 
 def test_a_pair_is_learned() -> None:
@@ -47,6 +50,23 @@ def test_tsaps_are_learned_as_alerts_see_them_first_and_as_they_become() -> None
     wire.finish()
     norm = learner.baseline().pairs["10.0.0.1", "10.0.0.2"]
     assert norm.tsaps == frozenset(("01.00 > 01.02", "01.00 > 01.05"))
+
+
+def test_ports_are_learned_as_alerts_see_them_first_and_as_they_become() -> None:
+    learner = Learner()
+    wire = Wire(learner)
+    talk = Talk(Flow("10.0.0.1", "10.0.0.2", (49152, 102)))
+    talk.send(1, dt(messages.userdata(0, 0, 4, 17, b"\0\0")))  # port 102 pushes: it is the PLC, as far as can be seen
+    talk.send(1, dt(messages.read_job(1, [WORD])))  # but it asks, too: it is the client
+    for second, segment in enumerate(talk.segments):
+        wire.packet(second, segment.frame())
+    wire.finish()
+    pairs = learner.baseline().pairs
+    assert {pair: norm.server_ports for pair, norm in pairs.items()} == {
+        ("10.0.0.1", "10.0.0.2"): frozenset((102,)),
+        ("10.0.0.2", "10.0.0.1"): frozenset((49152,)),
+    }
+    assert [norm.connections for norm in pairs.values()] == [0, 1]
 
 
 def test_what_is_complete_does_not_say_otherwise() -> None:
