@@ -8,7 +8,8 @@ Everything declarative stands in pyproject.toml. Two variables of the environmen
 
 ``S7DISSECT_RELEASE``
     Not set: compile fast, as a checkout wants it (a few C files, side by side, optimized a little). ``1``: compile
-    for speed, as a published wheel wants it (one C file for the whole engine, optimized fully), which takes minutes.
+    for speed, as a published wheel wants it, which takes many minutes: optimized fully, and by gcc twice, the second time
+    with what it counted while the first build read captures.
 
 pip shows what a build prints only with ``-v``; ``s7dissect --version`` says which build is installed.
 """
@@ -250,7 +251,7 @@ SHIM: Final = "scripts/shim.c"
 #: How many C compilers run side by side.
 JOBS: Final = os.cpu_count() or 1
 
-#: How many C files a fast build makes of each kind: as few as keep two processors at work, for each reads the same long
+#: How many C files a build makes of each kind: as few as keep two processors at work, for each reads the same long
 #: headers.
 PARTS: Final = 2
 #: How each kind is compiled, by how the names of its files begin. -Og is half the work of -O1, but does not see that a variable
@@ -260,6 +261,20 @@ FAST: Final = {
     "busy": ("-Og", "-Wno-maybe-uninitialized"),
     "plain": ("-O0", "-U_FORTIFY_SOURCE"),
 }
+#: The same for a release, where mypyc asks for -O3. What is no hot module is not worth the minutes.
+RELEASED: Final = {"busiest": (), "busy": (), "plain": ("-O1",)}
+
+#: What a release does between its two builds, with the first one.
+TRAINING: Final = "scripts/train.py"
+#: How the two are compiled: each file counts what it runs, beside its object file, and is then compiled with these counts.
+#: What was not run, mypyc's compiler flags make an error.
+COUNTING: Final = ("-fprofile-generate",)
+COUNTED: Final = ("-fprofile-use", "-Wno-missing-profile", "-Wno-error")
+
+
+def is_release() -> bool:
+    """Return whether a release is built."""
+    return os.environ.get("S7DISSECT_RELEASE") == "1"
 
 
 def interpreted(reason: str) -> list[Extension]:
@@ -334,7 +349,6 @@ def extensions() -> list[Extension]:
     trouble = compiler_trouble()
     if trouble:
         return interpreted(trouble)
-    release = os.environ.get("S7DISSECT_RELEASE") == "1"
     try:
         from mypyc.build import mypycify
 
@@ -349,9 +363,9 @@ def extensions() -> list[Extension]:
                 "--no-site-packages",
                 *hot_modules(),
             ],
-            opt_level="3" if release else "1",
+            opt_level="3" if is_release() else "1",
             debug_level="0",
-            multi_file=not release,
+            multi_file=True,
             group_name="s7dissect",
         )
     except (Exception, SystemExit) as exc:  # noqa: BLE001 - mypycify ends the process when it rejects a module
@@ -385,17 +399,56 @@ class AllOrNothing(build_ext):
         every = self.extensions
         shims = [extension for extension in every if extension.sources == [SHIM]]
         self.extensions = [extension for extension in every if extension not in shims[1:]]
+        library = [extension for extension in every if extension.name == LIBRARY]
+        if library and is_release() and not self.inplace and is_gcc(self.compiler):
+            self._count(library[0], shims, outputs)
         super().build_extensions()
         self.extensions = every
-        if shims and outputs[shims[0].name].exists():
-            for extension in shims[1:]:
-                outputs[extension.name].parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(outputs[shims[0].name], outputs[extension.name])
+        _copy_shim(shims, outputs)
         failed = [name for name, path in outputs.items() if not path.exists()]
         if failed:
             for path in outputs.values():
                 path.unlink(missing_ok=True)
             interpreted(f"the C compiler failed on {', '.join(failed)}")
+
+    def _count(self, library: Extension, shims: list[Extension], outputs: dict[str, Path]) -> None:
+        """Build once so that the library counts what it runs, run it, and have the next build use that."""
+        asked = list(library.extra_compile_args)
+        library.extra_compile_args = [*asked, *COUNTING]
+        library.extra_link_args = list(COUNTING)
+        super().build_extensions()
+        _copy_shim(shims, outputs)
+        if all(path.exists() for path in outputs.values()):
+            train(Path(self.build_lib))
+        library.extra_compile_args = [*asked, *COUNTED]
+        library.extra_link_args = []
+        self.force = True  # what is there is newer than its sources
+
+
+def _copy_shim(shims: list[Extension], outputs: dict[str, Path]) -> None:
+    if shims and outputs[shims[0].name].exists():
+        for extension in shims[1:]:
+            outputs[extension.name].parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(outputs[shims[0].name], outputs[extension.name])
+
+
+def is_gcc(compiler: Any) -> bool:
+    """Return whether a compiler is gcc; clang counts in files of another kind."""
+    command = getattr(compiler, "compiler", None)
+    if not command:
+        return False
+    said = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False).stdout
+    return "Free Software Foundation" in said
+
+
+def train(library: Path) -> None:
+    """Run what a release is to be quick at, with the package in ``library``; where that fails, end the build."""
+    path = os.pathsep.join([name for name in (str(library.resolve()), os.environ.get("PYTHONPATH")) if name])
+    print("s7dissect: counting what the engine runs", file=sys.stderr)
+    ran = subprocess.run([sys.executable, "-P", TRAINING], env={**os.environ, "PYTHONPATH": path}, check=False)
+    if ran.returncode:
+        message = f"s7dissect: {TRAINING} failed, so that a release cannot be compiled for speed"
+        raise SystemExit(message)
 
 
 class SideBySide:
@@ -410,9 +463,9 @@ class SideBySide:
             return [objects[0] for objects in pool.map(lambda source: self._compile(source, options), sources)]
 
     def _compile(self, source: str, options: dict[str, Any]) -> list[str]:
-        fast = FAST.get(Path(source).name.rpartition("_")[0], ())
-        if fast:
-            options = {**options, "extra_postargs": [*(options.get("extra_postargs") or []), *fast]}
+        flags = (RELEASED if is_release() else FAST).get(Path(source).name.rpartition("_")[0], ())
+        if flags:
+            options = {**options, "extra_postargs": [*(options.get("extra_postargs") or []), *flags]}
         objects: list[str] = self.compile_all([source], **options)
         return objects
 
