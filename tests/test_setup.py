@@ -127,7 +127,7 @@ class Mypyc(ModuleType):
         return self.extensions
 
 
-@pytest.mark.parametrize(("release", "level", "many"), [("", "1", True), ("0", "1", True), ("1", "3", False)])
+@pytest.mark.parametrize(("release", "level", "many"), [("", "1", True), ("0", "1", True), ("1", "3", True)])
 def test_a_checkout_builds_fast_and_a_release_builds_for_speed(
     release: str, level: str, many: bool, setup: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -188,7 +188,9 @@ def test_compilers_side_by_side_give_their_objects_in_order(setup: ModuleType) -
     assert compile_all([str(number) for number in range(20)], suffix=".o") == [f"{number}.o" for number in range(20)]
 
 
-def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: ModuleType) -> None:
+def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(
+    setup: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compiled = setup.hot_modules()
     kinds = {name: setup.kind(f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c") for name in compiled}
     for name in ("wire/octets", "engine/pipeline", "transactions/transaction", "report/writers/jsonl"):
@@ -219,6 +221,10 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(setup: Mo
         ("busy_0.c", ["-O1", "-Og", "-Wno-maybe-uninitialized"]),
         ("plain_0.c", ["-O1", "-O0", "-U_FORTIFY_SOURCE"]),
     ]
+    asked.clear()
+    monkeypatch.setenv("S7DISSECT_RELEASE", "1")
+    setup.SideBySide(compile_all)(["busiest_1.c", "busy_0.c", "plain_0.c"], extra_postargs=["-O3"])
+    assert sorted(asked) == [("busiest_1.c", ["-O3"]), ("busy_0.c", ["-O3"]), ("plain_0.c", ["-O3", "-O1"])]
 
 
 def test_the_pages_of_man_are_made_while_mypyc_runs(
@@ -276,6 +282,66 @@ def test_what_makes_modules_importable_is_built_once_and_copied(
     assert {name: path.read_text("ascii") for name, path in made.items()} == {
         each.name: each.sources[0] for each in every
     }
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "passes"),
+    [
+        ("gcc (Debian 12.2.0-14) 12.2.0 … Free Software Foundation, Inc.", 0, ["counts", "trained", "counted"]),
+        ("clang version 14.0.6", 0, ["plain"]),
+        ("gcc 12 … Free Software Foundation, Inc.", 1, ["counts", "trained"]),
+    ],
+)
+def test_a_release_is_built_with_what_its_first_build_counted(
+    said: str, code: int, passes: list[str], building: Any, setup: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+
+    def build(extension: Extension) -> None:
+        path = Path(building.get_ext_fullpath(extension.name))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+        if extension.name != setup.LIBRARY:
+            assert extension.extra_compile_args == []
+        elif set(setup.COUNTING) <= set(extension.extra_compile_args):
+            assert extension.extra_link_args == list(setup.COUNTING)
+            done.append("counts")
+        else:
+            assert extension.extra_link_args == []
+            done.append("counted" if set(setup.COUNTED) <= set(extension.extra_compile_args) else "plain")
+
+    def run(command: list[str], **options: Any) -> SimpleNamespace:
+        if "--version" in command:
+            return SimpleNamespace(stdout=said, returncode=0)
+        assert command[1:] == ["-P", setup.TRAINING]
+        assert options["env"]["PYTHONPATH"].startswith(str(Path(building.build_lib).resolve()))
+        assert all(Path(path).exists() for path in building.get_outputs()), "all of it can be imported"
+        done.append("trained")
+        return SimpleNamespace(returncode=code)
+
+    building.compiler.compiler = ["gcc", "-Wall"]
+    monkeypatch.setenv("S7DISSECT_RELEASE", "1")
+    monkeypatch.setattr(building, "build_extension", build)
+    monkeypatch.setattr(setup, "subprocess", SimpleNamespace(run=run))
+    if code:
+        with pytest.raises(SystemExit, match=r"scripts/train\.py failed"):
+            building.build_extensions()
+    else:
+        building.build_extensions()
+    assert done == passes
+
+
+def test_the_training_reads_sound_and_damaged_captures(tmp_path: Path) -> None:
+    """It is what the first build of a release runs; here it is asked for less, and refuses what fails."""
+    spec = importlib.util.spec_from_file_location("s7dissect_train", ROOT / "scripts" / "train.py")
+    assert spec is not None
+    assert spec.loader is not None
+    train = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(train)
+    assert train.run(["analyze", str(ROOT / "captures" / "answer-lost.pcapng")]) == 0
+    assert train.run(["analyze", str(tmp_path / "missing.pcap")]) == 2
+    assert all(path.is_file() for path in train.shipped())
+    assert len(train.shipped()) > 20
 
 
 @pytest.mark.parametrize("failing", [0, 1])
