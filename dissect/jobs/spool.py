@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,10 @@ from dissect.jobs.tasks import FileError
 MOST_CARRIED: Final = 64 * 1024 * 1024
 #: Bytes that are taken together.
 _BLOCK: Final = 1024 * 1024
+#: Rows of more bytes than this go to their file as they are.
+_SMALL: Final = 64 * 1024
+#: How long rows and their index are.
+_PAIR: Final = struct.Struct("<QQ")
 
 
 class Spooled(NamedTuple):
@@ -35,7 +40,7 @@ class Spool:
         self._path = str(Path(folder, name)) if folder else ""
         self._memory = io.BytesIO()
         self._file: IO[bytes] = (
-            Path(self._path).open("wb", _BLOCK)  # noqa: SIM115 - `done` closes it
+            Path(self._path).open("wb", _SMALL)  # noqa: SIM115 - `done` closes it
             if folder
             else gzip.GzipFile("", "wb", 1, self._memory, 0)  # type: ignore[assignment]  # it writes bytes as a file does
         )
@@ -55,6 +60,11 @@ class Spool:
             raise FileError(
                 f"its rows are more than {MOST_CARRIED // 1024**2} MiB compressed; read it on the machine that writes them"
             )
+
+    def write_indexed(self, octets: bytes, index: bytes) -> None:
+        """Take rows and where their numbers stand (`dissect.jobs.spots`), for `indexed`. Raises as `write` does."""
+        for part in (_PAIR.pack(len(octets), len(index)), octets, index):
+            self.write(part)
 
     def done(self) -> Spooled:
         """Return the rows; nothing can be written any more."""
@@ -83,6 +93,13 @@ def opened(spooled: Spooled) -> Iterator[IO[bytes]]:
             yield file
     finally:
         Path(spooled.path).unlink(missing_ok=True)
+
+
+def indexed(file: IO[bytes]) -> Iterator[tuple[bytes, bytes]]:
+    """Yield rows and their index, as they went to `Spool.write_indexed`."""
+    while head := file.read(_PAIR.size):
+        octets, index = _PAIR.unpack(head)
+        yield file.read(octets), file.read(index)
 
 
 def whole_lines(file: IO[bytes]) -> Iterator[bytes]:

@@ -55,8 +55,9 @@ class Writer(Observer):
     ``lines`` are all text as it is to be written (`str`), or all lines with a style (`Line`), which a terminal wraps and
     colours. ``clock`` writes times as the user wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC),
     ``verbose`` asks for everything there is (option -V of `show`). ``number_width`` is how many characters the number of a
-    transaction takes at least. Names and values come from the wire: what goes to a person
-    passes `dissect.wire.text.printable`.
+    transaction takes at least. ``joint`` is what stands between the numbers of transaction and connection, where each line
+    names both in this way and nowhere else; it is empty where lines name a connection alone, None where numbers may stand
+    anywhere. Names and values come from the wire: what goes to a person passes `dissect.wire.text.printable`.
 
     Of the methods of an observer it is told `transaction`, `operation`, and for PDUs `pdu`, `plus_pdu`, `tpdu` and
     `ibh_packet` (only of those that carry no PDU), `comment`; beside them `packet` and `scd_message`. PDUs may hold passwords:
@@ -70,6 +71,7 @@ class Writer(Observer):
         self.verbose: bool = verbose
         self.lines: list[str | Line] = []
         self.number_width: int = 0
+        self.joint: bytes | None = None
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``; called once, before the first result."""

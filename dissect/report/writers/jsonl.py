@@ -63,6 +63,7 @@ TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
+_CONNECTION: Final = ',"connection":'
 _ITEMS: Final = ',"items":['
 #: What stands between latency and items of a transaction of which all is well, and behind those.
 _WELL: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null{_ITEMS}'.encode("ascii")
@@ -271,7 +272,7 @@ class TransactionLines(Observer):
                 self._ends.clear()
             ends = connection.tcp.ends
             found = (
-                f',"connection":{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
+                f'{_CONNECTION}{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
                 f',"answered_by":{json_text(str(ends[1 - asked_by]))},"pdu_ref":'
             )
             self._ends[key] = found
@@ -466,6 +467,7 @@ class JsonlWriter(Writer):
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
+        self.joint = _CONNECTION.encode("ascii")
         self._transactions: TransactionLines = TransactionLines()
         self._pdus: PduLines = PduLines()
 
