@@ -217,7 +217,7 @@ def rows_separately(
 def write_rows(part: RowsPart, before: Offsets, width: int) -> None:
     """Write the rows of a file; ``before`` is what the files before it came to."""
     assert part.rows is not None
-    with opened(part.rows) as file:
+    with opened(part.rows, spare=True) as file:  # in a folder of its own (`dissect.cli.separate`)
         if part.joint is not None:
             for octets, index in indexed(file):
                 write_pieces(pieces(octets, index, before.transactions, before.connections, part.joint))

@@ -21,7 +21,9 @@ MOST_CARRIED: Final = 64 * 1024 * 1024
 #: Bytes that are taken together.
 _BLOCK: Final = 1024 * 1024
 #: Rows of more bytes than this go to their file as they are.
-_SMALL: Final = 64 * 1024
+_SMALL: Final = 16 * 1024
+#: What the name of a file begins with that nobody needs any more, until somebody writes another one.
+_SPARE: Final = "spare-"
 #: How long rows and their index are.
 _PAIR: Final = struct.Struct("<QQ")
 
@@ -40,9 +42,7 @@ class Spool:
         self._path = str(Path(folder, name)) if folder else ""
         self._memory = io.BytesIO()
         self._file: IO[bytes] = (
-            Path(self._path).open("wb", _SMALL)  # noqa: SIM115 - `done` closes it
-            if folder
-            else gzip.GzipFile("", "wb", 1, self._memory, 0)  # type: ignore[assignment]  # it writes bytes as a file does
+            _begun(Path(self._path)) if folder else gzip.GzipFile("", "wb", 1, self._memory, 0)  # type: ignore[assignment]  # it writes bytes as a file does
         )
 
     @property
@@ -67,7 +67,9 @@ class Spool:
             self.write(part)
 
     def done(self) -> Spooled:
-        """Return the rows; nothing can be written any more."""
+        """Return the rows; nothing can be written any more. Raises OSError when the disk is full."""
+        if self._path:
+            self._file.truncate()  # where it was a longer one
         self._file.close()
         return Spooled(self._path, self._memory.getvalue())
 
@@ -81,9 +83,20 @@ class Spool:
             Path(self._path).unlink(missing_ok=True)
 
 
+def _begun(path: Path) -> IO[bytes]:
+    """Return a new file, where there is one to spare that: room that the system already has costs half as much to write."""
+    for spare in path.parent.glob(f"{_SPARE}*"):
+        try:
+            spare.rename(path)
+        except FileNotFoundError:  # somebody else has it
+            continue
+        return path.open("r+b", _SMALL)
+    return path.open("wb", _SMALL)
+
+
 @contextmanager
-def opened(spooled: Spooled) -> Iterator[IO[bytes]]:
-    """Give a file with the rows, which is there for this once."""
+def opened(spooled: Spooled, spare: bool = False) -> Iterator[IO[bytes]]:
+    """Give a file with the rows, which is there for this once; with ``spare`` rows to come may take its place in its folder."""
     if not spooled.path:
         with gzip.GzipFile(fileobj=io.BytesIO(spooled.carried)) as packed:
             yield packed  # type: ignore[misc]  # it reads as a file does
@@ -92,7 +105,11 @@ def opened(spooled: Spooled) -> Iterator[IO[bytes]]:
         with Path(spooled.path).open("rb") as file:
             yield file
     finally:
-        Path(spooled.path).unlink(missing_ok=True)
+        path = Path(spooled.path)
+        if spare:
+            path.rename(path.with_name(f"{_SPARE}{path.name}"))
+        else:
+            path.unlink(missing_ok=True)
 
 
 def indexed(file: IO[bytes]) -> Iterator[tuple[bytes, bytes]]:

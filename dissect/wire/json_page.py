@@ -1,4 +1,4 @@
-"""JSON laid out over several lines, as the standard library lays it out with ``indent``, in a tenth of its time.
+"""JSON laid out over several lines, as the standard library lays it out with ``indent``, in a third of its time.
 
 There, a layout is written by generators of Python, one for each level of each value.
 """
