@@ -142,9 +142,7 @@ def separately(
     try:
         with (
             Interruption() as interruption,
-            _readers(
-                jobs, files, direct, folder
-            ) as readers,  # before the bar, which has a thread (`dissect.jobs.pool`)
+            _readers(jobs, files, direct, folder) as readers,
             Bar(files, direct is not None) as bar,
         ):
             Interrupted.asked = staticmethod(lambda: interruption.asked)

@@ -3,9 +3,7 @@
 Each process has a pipe and a thread of its own. In an executor whose processes share a queue (`concurrent.futures`), one that
 dies breaks all of them, and nobody can say at which file.
 
-They are forked as long as this process has one thread (Linux), so that they have at once what it has loaded: a start of Python
-and of this package takes as long as a capture of 100,000 packets. Otherwise they are spawned: a fork in the middle of what
-another thread does is not sound.
+They are spawned: a fork copies locks and buffers in whatever state they are, and the ends of the other processes' pipes.
 """
 
 from __future__ import annotations
@@ -21,13 +19,10 @@ import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Final, TypeVar
 
 #: Seconds that a process may take to end once it was told to.
 _END_S: Final = 5.0
-#: A directory for each thread of this process, where the system has such a thing.
-_THREADS: Final = Path("/proc/self/task")
 
 T = TypeVar("T")
 
@@ -35,8 +30,8 @@ T = TypeVar("T")
 class _Process:
     """A process, and the pipe to it. ``folder`` and ``collects`` are those of `Pool`."""
 
-    def __init__(self, method: str, folder: str, collects: tuple[int, ...]) -> None:
-        context: Any = multiprocessing.get_context(method)
+    def __init__(self, folder: str, collects: tuple[int, ...]) -> None:
+        context: Any = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, folder, collects), daemon=True)
         with _uninterrupted():
@@ -83,10 +78,7 @@ class Pool(Executor):
         )
         self._over = False
         self._change = threading.Lock()
-        method = "fork" if _alone() else "spawn"
-        self._processes = [
-            _Process(method, folder, collects) for _ in range(count)
-        ]  # all of them before the first thread
+        self._processes = [_Process(folder, collects) for _ in range(count)]
         self._threads = [threading.Thread(target=self._work, args=(at,), daemon=True) for at in range(count)]
         for thread in self._threads:
             thread.start()
@@ -117,12 +109,12 @@ class Pool(Executor):
         self._processes[at].close()
 
     def _replace(self, at: int) -> None:
-        """Put a process in the place of one that died. There are threads now, so it is spawned."""
+        """Put a process in the place of one that died."""
         with self._change:
             if not self._over:
                 self._processes[at].end()
                 self._processes[at].close()
-                self._processes[at] = _Process("spawn", self._folder, self._collects)
+                self._processes[at] = _Process(self._folder, self._collects)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End all processes; what they were doing is lost, and what waits for them is not done."""
@@ -139,14 +131,6 @@ class Pool(Executor):
             process.end()
         for thread in self._threads:
             thread.join()
-
-
-def _alone() -> bool:
-    """Return whether this process certainly has one thread, those that no Python code knows of included."""
-    try:
-        return len(list(_THREADS.iterdir())) == 1
-    except OSError:
-        return False
 
 
 @contextmanager
@@ -168,7 +152,6 @@ def _uninterrupted() -> Iterator[None]:
 def _serve(pipe: Any, folder: str, collects: tuple[int, ...]) -> None:
     """Be a process of a pool: do one task after another, as long as there is somebody who gives them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # one that was forked has the handler of whoever started it
     if collects:
         gc.set_threshold(*collects)
     parent = multiprocessing.parent_process()
