@@ -19,10 +19,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
-from typing import Any, Final, TypeVar
-
-#: Seconds that a process may take to end once it was told to.
-_END_S: Final = 5.0
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -51,11 +48,8 @@ class _Process:
 
     def end(self) -> None:
         """End the process, whatever it is doing. To be called once no thread is in `call`, or for that to return."""
-        self._process.terminate()
-        self._process.join(_END_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        self._process.kill()
+        self._process.join()
 
     def close(self) -> None:
         """Forget the pipe."""
@@ -151,7 +145,11 @@ def _uninterrupted() -> Iterator[None]:
 
 def _serve(pipe: Any, folder: str, collects: tuple[int, ...]) -> None:
     """Be a process of a pool: do one task after another, as long as there is somebody who gives them."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (
+        signal.SIGINT,
+        signal.SIGTERM,
+    ):  # they may reach all processes, and whoever started them knows what to do
+        signal.signal(number, signal.SIG_IGN)
     if collects:
         gc.set_threshold(*collects)
     parent = multiprocessing.parent_process()

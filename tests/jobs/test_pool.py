@@ -27,8 +27,9 @@ def killed() -> None:
 
 
 def interrupted() -> str:
-    """Be a task that Ctrl-C strikes, as it strikes all processes of a terminal."""
+    """Be a task that Ctrl-C strikes, as it strikes all processes of a terminal, or the end of a service all of its own."""
     os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGTERM)
     return "goes on"
 
 
