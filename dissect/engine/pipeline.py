@@ -520,6 +520,7 @@ class Pipeline(PacketSink):
             for end in (side, peer):
                 self.counters.add_up(end)
         self.table.remove(side)
+        side.tcp.let_go()
 
     def _end(self, side: Side, peer: Side, reason: str) -> None:
         for end in (side, peer):

@@ -95,6 +95,8 @@ class Reporter:
             return False
         by_connection[connection] = here + 1
         self._detailed_all[slug] = in_all + 1
+        if in_all + 1 == MAX_DETAILED_ALL:
+            del self._detailed[slug]  # no more will be detailed, on whichever connection
         return True
 
     def renew(self) -> None:

@@ -71,16 +71,11 @@ class Tpdu:
 
     def field(self, name: str) -> int:
         """Return the value of a fixed field, -1 when the TPDU has none of that name or is too short for it."""
-        start = at = 0
-        for field in self.layout.fields:  # numbers of fixed size, all of them
-            if not field.shares:
-                start = at
-                at += field.size
-            if at > len(self.head):
-                break
-            if field.name == name:
-                return field.read(self.head, start)
-        return -1
+        found = self.layout.numbers.get(name)
+        if found is None:
+            return -1
+        start, field = found
+        return field.read(self.head, start) if start + field.size <= len(self.head) else -1
 
     def parameter(self, code: int) -> bytes | None:
         """Return the value of a parameter; the last one counts when a code stands twice (X.224 13.2.3)."""
