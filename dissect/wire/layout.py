@@ -168,8 +168,8 @@ class Layout:
     """A fixed header, or a part with one field of open size at its end: its name, its source, its fields in wire order.
 
     ``size`` is that of the fixed fields; with numbers of variable size the part is larger. ``open`` tells whether the last
-    field takes the rest of the part. ``numbers`` are the fields of fixed size in front of any other, by name, each with where it
-    begins.
+    field takes the rest of the part. ``numbers`` are the fields of fixed size in front of any other, by name, each with where
+    it begins.
     """
 
     __slots__ = ("fields", "name", "numbers", "open", "size", "source")
