@@ -104,6 +104,10 @@ class Reporter:
         self._detailed = {}
         self._detailed_all = {}
 
+    def forget(self) -> None:
+        """Nothing more comes: forget which connections were detailed."""
+        self._detailed = {}
+
     def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
         """Count and, within the bounds, detail a finding."""
         if self.wants(slug, connection):

@@ -71,19 +71,22 @@ def header_size(rosctr: i64) -> i64:
 class Setup:
     """Setup communication: open jobs allowed each way and the PDU length, asked for or granted (reference 3.4)."""
 
-    __slots__ = ("max_amq_called", "max_amq_calling", "pdu_length")
+    __slots__ = ("_text", "max_amq_called", "max_amq_calling", "pdu_length")
 
     def __init__(self, max_amq_calling: int, max_amq_called: int, pdu_length: int) -> None:
         self.max_amq_calling = max_amq_calling
         self.max_amq_called = max_amq_called
         self.pdu_length = pdu_length
+        self._text: str = ""  # made when it is first asked for: connections share what they negotiate
 
     def __repr__(self) -> str:
         return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
 
     def __str__(self) -> str:
         """Return it as people read it and goldens hold it: ``PDU 480, AmQ 1/1``, the jobs of the caller first."""
-        return f"PDU {self.pdu_length}, AmQ {self.max_amq_calling}/{self.max_amq_called}"
+        if not self._text:
+            self._text = f"PDU {self.pdu_length}, AmQ {self.max_amq_calling}/{self.max_amq_called}"
+        return self._text
 
     def as_dict(self) -> dict[str, object]:
         """Return the three values, JSON-ready."""

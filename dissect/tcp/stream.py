@@ -497,6 +497,10 @@ class TcpConnection:
         """Take the Ethernet addresses of a packet that ``side`` sent: that of its receiver in front, as on the wire."""
         if len(addresses) != 12:
             return
+        if side == 1 and (self.heard == 0 or addresses == self.macs):  # in the order that they are kept in
+            self.macs = addresses
+            self.heard |= 2
+            return
         sender, receiver = addresses[6:], addresses[:6]
         if self.heard & (2 >> side):
             receiver = self.macs[6 - 6 * side : 12 - 6 * side]
