@@ -106,10 +106,6 @@ class Orphan:
         self.packet: i64 = packet  # packets of its connection seen when it came
 
 
-#: The table of who waits for each answer; nothing is ever put into it.
-_NO_TABLE: Final[dict[int, Transaction]] = {}
-
-
 class OpenRequests:
     """The open requests of one asking side, and the answers to it that found none.
 
@@ -122,7 +118,7 @@ class OpenRequests:
     def __init__(self) -> None:
         self._latest: Transaction | None = None  # asked after all those of `_table`, until another one is
         self._latest_key: i64 = 0
-        self._table: dict[int, Transaction] = _NO_TABLE
+        self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
@@ -131,15 +127,9 @@ class OpenRequests:
     def table(self) -> dict[int, Transaction]:
         """The open requests by their keys, in the order of asking; to be looked at, and changed in here only."""
         latest = self._latest
-        table = self._own_table()
         if latest is not None:
             self._latest = None
-            table[self._latest_key] = latest
-        return table
-
-    def _own_table(self) -> dict[int, Transaction]:
-        if self._table is _NO_TABLE:
-            self._table = {}
+            self._table[self._latest_key] = latest
         return self._table
 
     def find(self, key: i64) -> Transaction | None:
@@ -154,7 +144,7 @@ class OpenRequests:
         self.count += 1
         before = self._latest
         if before is not None:
-            self._own_table()[self._latest_key] = before
+            self._table[self._latest_key] = before
         self._latest = transaction
         self._latest_key = key
 
@@ -295,9 +285,6 @@ class OpenRequests:
     def drain(self) -> list[Transaction]:
         """Remove and return every open request, oldest first."""
         found: list[Transaction] = []
-        if self._latest is None and not self._table:
-            self.count = 0
-            return found
         for entry in self.table.values():
             found.extend(self.drop_superseded(entry))
             link: Transaction | None = entry
@@ -307,7 +294,7 @@ class OpenRequests:
         for transaction in found:
             transaction.earlier = None
         found.sort(key=_number)
-        self._table = _NO_TABLE
+        self._table = {}
         self.count = 0
         return found
 
