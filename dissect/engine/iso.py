@@ -93,13 +93,17 @@ class IsoOnTcp(Protocol):
                 if length < 7 or at + length > end:
                     break
                 if buf[at + 4] != 2:
-                    break
-                if length > 16 and buf[at + 7] == PROTOCOL_ID:
+                    length = framer.alone(buf, at, end)
+                    if length == 0:
+                        break
+                elif length > 16 and buf[at + 7] == PROTOCOL_ID:
                     if stated_size(buf, at + 7, at + length) != length - 7:
                         break
+                    framer.framed += length
                 elif length > 7 and not is_sound(buf, at + 7, at + length):
                     break  # not simply one S7 PDU: what else its length covers is for the framer to see
-                framer.framed += length
+                else:
+                    framer.framed += length
                 at += length
                 try:
                     self._tpkt(side, buf, at - length, length, frame, time_ns)

@@ -438,7 +438,12 @@ class Pipeline(PacketSink):
         if octets:
             if peer is not None and peer.stream.octets:
                 half.heard = True
-            what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
+            if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
+                half.passed(octets)  # as `accept` and `chunks` would, with a chunk between them
+                side.end_seq = half.next_seq
+                side.protocol.feed(side, octets, 0, len(octets), self.counters.frames, self.counters.now_ns)
+            else:
+                what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
         elif half.next_seq < 0:
             half.start(seq)
         if half.conflicts > conflicts and connection.followed:
@@ -520,6 +525,7 @@ class Pipeline(PacketSink):
             for end in (side, peer):
                 self.counters.add_up(end)
         self.table.remove(side)
+        side.tcp.let_go()
 
     def _end(self, side: Side, peer: Side, reason: str) -> None:
         for end in (side, peer):
@@ -537,6 +543,12 @@ class Pipeline(PacketSink):
         elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
             first, second = side.tcp.ends
             note_idle(self.counters, first, second, side.probes + peer.probes)
+
+    def forget(self) -> None:
+        """No packet comes any more: what only the next ones would have asked for makes room for the report."""
+        self.s7.forget()
+        self.exchange.watch.forget()
+        self.exchange.reporter.forget()
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""

@@ -14,14 +14,15 @@ from mypy_extensions import i64
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
+from dissect.iso.tsap import Tsap
 from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import USERDATA
 from dissect.s7plus.parameters import PlusParameters
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import Book, Fact
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.ending import Ending
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 
@@ -122,6 +123,8 @@ class Latencies:
         recent = self._recent
         for _ in range(min(most, len(recent))):
             buckets[_bucket(recent.pop())] += 1
+        if not recent:
+            self._recent = array("q")  # one that becomes shorter by little keeps all its memory
 
     def merge(self, other: Latencies) -> None:
         """Take all answer times of ``other``, which keeps them."""
@@ -200,6 +203,69 @@ class FunctionStatistics:
         self.latencies.merge(other.latencies)
 
 
+#: Words of findings that are compared with the next ones.
+_WORDINGS: Final = 512
+
+
+class Shared:
+    """What connections and findings that are kept have in common, each of it kept once: thousands of them are much alike."""
+
+    __slots__ = ("_asked", "_details", "_ends", "_macs", "_tsaps")
+
+    def __init__(self) -> None:
+        self._asked: dict[tuple[int, bytes], Parameters] = {}  # what connections asked last, by ROSCTR and octets
+        self._ends: dict[bytes, Endpoint] = {}  # by address
+        self._macs: dict[bytes, bytes] = {}
+        self._tsaps: dict[bytes, Tsap] = {}
+        self._details: dict[str, str] = {}
+
+    def take(self, connection: Connection) -> None:
+        """Take a connection that is over."""
+        tcp = connection.tcp
+        tcp.ends = [self._end(end) for end in tcp.ends]
+        tcp.macs = self._macs.setdefault(tcp.macs, tcp.macs)
+        connection.tsap_calling = self._tsap(connection.tsap_calling)
+        connection.tsap_called = self._tsap(connection.tsap_called)
+        ending = connection.ending
+        if ending is not None:
+            connection.last_request = ending.last_request = self._once(ending.last_request)
+            connection.last_answer = ending.last_answer = self._once(ending.last_answer)
+            connection.last_error = ending.last_error = self._once(ending.last_error)
+
+    def word(self, finding: Finding) -> None:
+        """Take a finding: what is polled is refused in the same words each time."""
+        known = self._details.get(finding.detail)
+        if known is not None:
+            finding.detail = known
+            return
+        if len(self._details) >= _WORDINGS:
+            self._details = {}
+        self._details[finding.detail] = finding.detail
+
+    def _end(self, end: Endpoint) -> Endpoint:
+        known = self._ends.get(end.address)
+        if known is None:
+            self._ends[end.address] = end
+            return end
+        if known.port == end.port:
+            return known
+        end.share(known)
+        return end
+
+    def _tsap(self, tsap: Tsap | None) -> Tsap | None:
+        return None if tsap is None else self._tsaps.setdefault(tsap.octets, tsap)
+
+    def _once(self, asked: Parameters | None) -> Parameters | None:
+        if asked is None or asked.rosctr > USERDATA:
+            return asked  # others are more than their octets say
+        key = (int(asked.rosctr), asked.octets)
+        known = self._asked.get(key)
+        if known is None:
+            self._asked[key] = asked
+            return asked
+        return known
+
+
 class Part:
     """What an analysis is of, where it is not of everything: the expression ``where``, and how much it left out.
 
@@ -269,7 +335,7 @@ class Analysis(Observer):
         self._latest: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
-        self._asked: dict[tuple[int, bytes], Parameters] = {}  # what they asked last, by ROSCTR and octets
+        self._shared: Shared = Shared()  # what these and the findings have in common
         self.connections_not_listed: i64 = 0
         self.findings: list[Finding] = []
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
@@ -291,6 +357,7 @@ class Analysis(Observer):
         """Take over what the pipeline counted and the files that were read."""
         self.pipeline = pipeline
         self.files = files
+        self._shared = Shared()
 
     @property
     def finding_counts(self) -> dict[str, int]:
@@ -361,26 +428,9 @@ class Analysis(Observer):
         """Keep a connection for the list."""
         if len(self.connections) < MAX_CONNECTIONS:
             self.connections.append(connection)
-            if connection.ending is not None:
-                self._share(connection, connection.ending)
+            self._shared.take(connection)
         else:
             self.connections_not_listed += 1
-
-    def _share(self, connection: Connection, ending: Ending) -> None:
-        """What several connections asked last is kept once."""
-        connection.last_request = ending.last_request = self._once(ending.last_request)
-        connection.last_answer = ending.last_answer = self._once(ending.last_answer)
-        connection.last_error = ending.last_error = self._once(ending.last_error)
-
-    def _once(self, asked: Parameters | None) -> Parameters | None:
-        if asked is None or asked.rosctr > USERDATA:
-            return asked  # others are more than their octets say
-        key = (int(asked.rosctr), asked.octets)
-        known = self._asked.get(key)
-        if known is None:
-            self._asked[key] = asked
-            return asked
-        return known
 
     def operation(self, operation: Operation) -> None:
         """Count an operation by its kind and result."""
@@ -393,6 +443,7 @@ class Analysis(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
+        self._shared.word(finding)
         self.findings.append(finding)
 
     # ---- of several runs --------------------------------------------------------------------------------------------
