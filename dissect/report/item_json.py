@@ -110,9 +110,11 @@ def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
 
 def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> None:
     """Write `item_json` of an item of which all is well: its ``octets`` are ``size`` from ``at``."""
-    if not item.head:
-        item.head = _item_beginning(item).encode("ascii")
-    out.write(item.head)
+    head = item.head
+    if len(head) == 0:  # for bytes that is quicker to ask (mypyc)
+        head = _item_beginning(item).encode("ascii")
+        item.head = head
+    out.write(head)
     write_hexadecimal(out, octets, at, at + size)
     out.write(_VALUE_OCTETS)
     kind: i64 = item.transport_size

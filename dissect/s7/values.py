@@ -10,13 +10,13 @@ import struct
 from codecs import utf_16_be_decode
 from typing import Final
 
-from librt.strings import BytesWriter
+from librt.strings import BytesWriter, read_i16_be, read_i32_be
 from mypy_extensions import i64
 
 from dissect.s7.singles import real, real_json, real_repr, write_real_json
 from dissect.s7.tables import BIT, BYTE, CHAR, DINT, DWORD, ELEMENT_OCTETS, INT, REAL, WCHAR, WORD
 from dissect.wire.build import COMPILED
-from dissect.wire.digits import write_decimal
+from dissect.wire.digits import write_decimal, write_octets
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import SHORT, civil, decimal
 
@@ -143,26 +143,36 @@ def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64,
 
     False, and nothing is written, where they are no numbers or the size does not fit.
     """
-    step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
-    if step == 0 or size == 0 or size % step:
+    step: i64 = 0  # as one expression it would make int objects (mypyc)
+    if 0 <= transport_size < 256:
+        step = _TEXT_SIZES[transport_size]
+    if step == 0 or size == 0 or size & (step - 1):  # 1, 2 or 4
         return False
-    if size > step:
-        out.append(_BEGIN)
+    if size == step:
+        _write_number(out, transport_size, octets, at)
+        return True
+    out.append(_BEGIN)
     end: i64 = at + size
-    while True:
-        if transport_size == BYTE:
-            write_decimal(out, octets[at])
-        elif transport_size == REAL:
-            write_real_json(out, octets, at)
-        else:
-            write_decimal(out, _whole(transport_size, octets, at))
-        at += step
-        if at >= end:
-            break
-        out.append(_COMMA)
-    if size > step:
-        out.append(_END)
+    if step == 1:
+        write_octets(out, octets, at, end)
+    else:
+        while at < end:
+            _write_number(out, transport_size, octets, at)
+            out.append(_COMMA)
+            at += step
+    out.truncate(len(out) - 1)  # the last comma
+    out.append(_END)
     return True
+
+
+def _write_number(out: BytesWriter, transport_size: i64, octets: bytes, at: i64) -> None:
+    """Write a number of one, two or four octets."""
+    if transport_size == REAL:
+        write_real_json(out, octets, at)
+    elif transport_size == BYTE:
+        write_decimal(out, octets[at])
+    else:
+        write_decimal(out, _whole(transport_size, octets, at))
 
 
 _BEGIN: Final = 0x5B
@@ -172,16 +182,13 @@ _END: Final = 0x5D
 
 def _whole(transport_size: i64, octets: bytes, at: i64) -> i64:
     """Return a number of two or four octets."""
-    number: i64
-    if transport_size == WORD or transport_size == INT:
-        number = u16(octets, at)
-        if transport_size == INT and number >= 0x8000:
-            number -= 0x10000
-        return number
-    number = u32(octets, at)
-    if transport_size == DINT and number >= 0x80000000:
-        number -= 0x100000000
-    return number
+    if transport_size == WORD:
+        return u16(octets, at)
+    if transport_size == INT:
+        return i64(read_i16_be(octets, at))
+    if transport_size == DINT:
+        return i64(read_i32_be(octets, at))
+    return u32(octets, at)
 
 
 def spelled(octets: bytes) -> str:
