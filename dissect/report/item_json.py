@@ -14,7 +14,7 @@ from mypy_extensions import i64, u8
 from dissect.s7.items import Item
 from dissect.s7.parameters import UserdataHead
 from dissect.s7.tables import BIT, BYTE, CHAR, SUCCESS, USERDATA_TYPES, WCHAR
-from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers
+from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers, write_times
 from dissect.transactions.naming import NamedValue
 from dissect.wire.digits import write_escape, write_hexadecimal
 from dissect.wire.text import SHORT, hexadecimal, json_text
@@ -126,7 +126,7 @@ def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: 
         text = spelled(octets[at : at + size]) if kind == BYTE and size >= LEAST_TEXT else ""
         if text:
             out.write(f',"text":{json_text(text)}'.encode("ascii"))
-    elif not _write_text(out, kind, octets, at, size):
+    elif not write_times(out, kind, octets, at, size) and not _write_text(out, kind, octets, at, size):
         out.write(value_text(decode_value(kind, octets[at : at + size])).encode("ascii"))
     out.append(_CLOSE)
 

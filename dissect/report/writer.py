@@ -146,8 +146,9 @@ class TransactionFeed(Observer):
         fresh: i64 = len(lines) - len(packets)
         if packet >= self._latest:
             self._latest = packet
+            number: int = packet  # one object for all of them
             for _ in range(fresh):
-                packets.append(packet)
+                packets.append(number)
             return
         at = bisect_right(packets, packet)
         late = lines[len(packets) :]
