@@ -119,6 +119,15 @@ def write(lines: Iterable[str]) -> None:
     sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
 
 
+def write_octets(lines: Iterable[bytes]) -> None:
+    """Write lines that are octets already."""
+    source = iter(lines)
+    while piece := list(islice(source, PIECE)):
+        piece.append(b"")
+        sys.stdout.buffer.write(b"\n".join(piece))
+    sys.stdout.buffer.flush()
+
+
 def write_bytes(octets: bytes) -> None:
     """Write lines to stdout that were made as `write` makes them."""
     sys.stdout.buffer.write(octets)

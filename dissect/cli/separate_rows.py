@@ -20,7 +20,7 @@ from dissect.jobs.numbers import Marks, Offsets, count_from
 from dissect.jobs.spool import Spool, Spooled, indexed, opened, whole_lines
 from dissect.jobs.spots import pieces
 from dissect.jobs.tasks import About, Done, FileError
-from dissect.report.styled import Line
+from dissect.report.styled import Line, Written
 from dissect.report.words import Places
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class _Direct:
     def begin(self, pipeline: Pipeline) -> None:
         count_from(pipeline, self._total.before)
 
-    def write(self, lines: Sequence[str | Line]) -> None:
+    def write(self, lines: Sequence[Written]) -> None:
         if lines:
             write_out(lines)
 
@@ -113,8 +113,14 @@ class _Spooler:
     def begin(self, pipeline: Pipeline) -> None:
         self.marks.begin(pipeline)
 
-    def write(self, lines: Sequence[str | Line]) -> None:
+    def write(self, lines: Sequence[Written]) -> None:
         if not lines:
+            return
+        if isinstance(lines[0], bytes):
+            rows = cast("Sequence[bytes]", lines)
+            for at in range(0, len(rows), PIECE):
+                piece = rows[at : at + PIECE]
+                self._keep(b"\n".join([*piece, b""]), [len(row) for row in piece])
             return
         self.styled = isinstance(lines[0], Line)
         if self.styled:
@@ -126,12 +132,15 @@ class _Spooler:
     def _write(self, texts: Sequence[str]) -> None:
         text = "\n".join([*texts, ""])
         octets = text.encode(*_ENCODING)
+        wide = len(octets) > len(text)
+        self._keep(octets, [len(line.encode(*_ENCODING)) if wide else len(line) for line in texts])
+
+    def _keep(self, octets: bytes, lengths: list[int]) -> None:
+        """Keep rows, of which each is so long."""
         if self._spots is None:
             self.spool.write(octets)
-            return
-        wide = len(octets) > len(text)
-        lengths = [len(line.encode(*_ENCODING)) for line in texts] if wide else [len(line) for line in texts]
-        self.spool.write_indexed(octets, self._spots.index(octets, lengths))
+        else:
+            self.spool.write_indexed(octets, self._spots.index(octets, lengths))
 
 
 def _flat(line: Line) -> str:
@@ -148,7 +157,7 @@ def rows_task(
     run: Run,
     chosen: Chosen,
     writer: Writer,
-    take: Callable[[], Sequence[str | Line]],
+    take: Callable[[], Sequence[Written]],
     left: Callable[[], tuple[Mapping[str, int], Iterable[str]]],
 ) -> int:
     """Read the file of a task and hand on its rows: those that ``take`` returns, again and again.

@@ -6,6 +6,7 @@ Answer times are exact for the first 16,384, then within one part in 128 (docs/d
 from __future__ import annotations
 
 import heapq
+import struct
 from array import array
 from typing import Any, Final
 
@@ -28,7 +29,9 @@ from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED,
 
 #: Answer times kept as they are; from then on they are counted in buckets.
 EXACT: Final = 16384
-#: How many of those are counted in buckets with each one that comes then: no packet waits for all of them.
+#: As many are gathered before they are kept: to put one into an array takes long.
+_GATHERED: Final = 64
+#: How many of those kept are counted in buckets with each one that comes then: no packet waits for all of them.
 _AT_ONCE: Final = 32
 #: Buckets to each doubling.
 _STEPS: Final = 128
@@ -44,13 +47,14 @@ class Latencies:
     captures) count as they are for the minimum and as 0 in buckets.
     """
 
-    __slots__ = ("_buckets", "_in_order", "_recent", "count", "largest", "smallest")
+    __slots__ = ("_buckets", "_fresh", "_in_order", "_recent", "count", "largest", "smallest")
 
     def __init__(self) -> None:
         self.count: i64 = 0
         self.smallest: i64 = 0
         self.largest: i64 = 0
         self._recent: array[int] = array("q")  # a list would keep an object for each
+        self._fresh: list[int] = []  # the latest, which go there together
         self._in_order: i64 = 0  # of how many answers they were put in order last
         self._buckets: list[int] | None = None
 
@@ -66,14 +70,21 @@ class Latencies:
         self.count += 1
         buckets = self._buckets
         if buckets is None:
-            self._recent.append(latency_ns)
-            if len(self._recent) > EXACT:
-                self._buckets = [0] * _BUCKETS
+            self._fresh.append(latency_ns)
+            if len(self._fresh) == _GATHERED or self.count > EXACT:
+                self._gather()
             return
         bucket: i64 = _bucket(latency_ns)
         buckets[bucket] = buckets[bucket] + 1  # `+=` on an element of a list is slower (mypyc)
         if self._recent:
             self._fold(_AT_ONCE)
+
+    def _gather(self) -> None:
+        """Keep those that came last with the others; begin with buckets where these are too many by now."""
+        self._recent.frombytes(_packed(self._fresh))
+        self._fresh = []
+        if self.count > EXACT and self._buckets is None:
+            self._buckets = [0] * _BUCKETS
 
     @property
     def exact(self) -> bool:
@@ -89,7 +100,8 @@ class Latencies:
         if buckets is None:
             if self._in_order != self.count:
                 self._in_order = self.count
-                self._recent = array("q", sorted(self._recent))
+                self._gather()
+                self._recent = array("q", _packed(sorted(self._recent)))
             ordered = self._recent
             if q == 0.5 and self.count % 2 == 0:
                 return (ordered[rank - 1] + ordered[rank]) // 2
@@ -116,6 +128,8 @@ class Latencies:
 
     def _fold(self, most: i64) -> None:
         """Count up to ``most`` of those kept as they are in buckets instead."""
+        if self._fresh:
+            self._gather()
         buckets = self._buckets
         if buckets is None:
             buckets = [0] * _BUCKETS
@@ -135,12 +149,19 @@ class Latencies:
         if not self.count or other.largest > self.largest:
             self.largest = other.largest
         self.count += other.count
+        self._gather()
         self._recent.extend(other._recent)
-        if other._buckets is not None or len(self._recent) > EXACT:
+        self._recent.frombytes(_packed(other._fresh))
+        if other._buckets is not None or self._buckets is not None:
             self._fold(len(self._recent))
         if self._buckets is not None and other._buckets is not None:
             for bucket, count in enumerate(other._buckets):
                 self._buckets[bucket] += count
+
+
+def _packed(numbers: list[int]) -> bytes:
+    """Return numbers as an array has them in memory, which is quicker than to put in one after the other."""
+    return struct.pack(f"={len(numbers)}q", *numbers)
 
 
 def _bucket(latency_ns: i64) -> i64:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from librt.strings import read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.items import SPECIFICATION, Item, item_fill, parse_items, written_areas
@@ -33,7 +34,7 @@ from dissect.s7.tables import (
 )
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import same, u16
 
 PROTOCOL_ID: Final = 0x32
 HEADER_SIZE: Final = 10
@@ -382,17 +383,17 @@ class ParameterCache:
                 self._short[place] = short
             return short
         if rosctr == JOB and end - at >= _ONE_ITEM:
-            return self._asked(buf[at:end])
+            return self._asked(buf, at, end)
         return self._distinct(buf[at:end], rosctr)
 
-    def _asked(self, octets: bytes) -> Parameters:
+    def _asked(self, buf: bytes, at: i64, end: i64) -> Parameters:
         """Return the parsed block of a job with items: what the end of the last one refers to tells most of them apart."""
-        size: i64 = len(octets)
-        place: i64 = (u32(octets, size - 4) + (u16(octets, size - 6) << 4) + (size << 1)) & (self.PLACES - 1)
+        last: i64 = read_i64_be(buf, end - 8)  # of its six octets DB, area and address
+        place: i64 = ((last & 0xFFFFFFFF) + (last >> 28 & 0xFFFF0) + (end - at << 1)) & (self.PLACES - 1)
         latest = self._latest[place]
-        if latest is not None and latest.octets == octets:
+        if latest is not None and same(latest.octets, buf, at, end):
             return latest
-        parameters = self._distinct(octets, JOB)
+        parameters = self._distinct(buf[at:end], JOB)
         self._latest[place] = parameters
         return parameters
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from typing import Final
 
+from librt.strings import read_i32_be, read_i64_be
 from mypy_extensions import i64
 
 from dissect.ibh.framer import PacketFramer
@@ -21,7 +22,7 @@ from dissect.s7plus.stream import FrameStream
 from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Kept, Protocol
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u16
 
 #: Connections looked at in one step.
 LOOK_AT_ONCE: Final = 64
@@ -200,6 +201,7 @@ class Side:
     """One direction of a connection: everything that reads what side ``index`` sends."""
 
     __slots__ = (
+        "addresses",
         "assembler",
         "connection",
         "end_seq",
@@ -217,11 +219,10 @@ class Side:
         "peer",
         "place",
         "plus",
+        "ports",
         "probes",
         "protocol",
-        "receiver",
         "requests",
-        "sender",
         "stream",
         "tcp",
         "told_overdue",
@@ -244,8 +245,8 @@ class Side:
         self.kept: Kept | None = None  # of another protocol that frames the stream by itself, in the place of `framer`
         self.peer: Side | None = None
         self.place: i64 = -1  # where `ConnectionTable.find` found it last, by these two
-        self.sender: i64 = 0
-        self.receiver: i64 = 0
+        self.addresses: i64 = 0
+        self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.requests: i64 = 0
@@ -336,17 +337,18 @@ class ConnectionTable:
 
         What was found last for a packet with the same hash is tried first, which needs no bytes of its own.
         """
-        sender: i64 = (u32(buf, at) << 16) | u16(buf, at + 8)
-        receiver: i64 = (u32(buf, at + 4) << 16) | u16(buf, at + 10)
+        addresses: i64 = read_i64_be(buf, at)
+        ports: i64 = i64(read_i32_be(buf, at + 8))
         places = self._places
-        place: i64 = ((sender ^ (sender >> 16)) + 5 * (receiver ^ (receiver >> 16))) & self._mask
+        mixed: i64 = (addresses ^ (addresses >> 29)) + (ports ^ (ports >> 16))
+        place: i64 = (mixed ^ (mixed >> 13)) & self._mask
         side = places[place]
-        if side is not None and side.sender == sender and side.receiver == receiver:
+        if side is not None and side.ports == ports and side.addresses == addresses:
             return side
         side = self.sides.get(buf[at : at + _KEY4])
         if side is not None:
-            side.sender = sender
-            side.receiver = receiver
+            side.addresses = addresses
+            side.ports = ports
             side.place = place
             places[place] = side
         return side
