@@ -25,6 +25,7 @@ from dissect.s7plus.session import (
     SESSION_KEY,
     STATE_REQUEST,
 )
+from dissect.s7plus.skimming import CODES, REFUSES, SOUND, VALUES, WORDS
 from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     DELETE_OBJECT,
@@ -40,6 +41,10 @@ from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, UDINT
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED, read_varint
 
+#: What begins the ids of an attribute that is read by itself.
+_IDS: Final = bytes((ADDRESS_ARRAY, UDINT))
+#: What stands above `WORDS` for the return value 0.
+_GOOD: Final = 1
 _SEQUENCE: Final = 7
 _SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
@@ -55,17 +60,32 @@ class Glance:
 
     __slots__ = ("_end", "_octets", "_skipper", "data", "plain", "version")
 
-    def __init__(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
-        """``size`` octets are fixed, of a PDU in one frame of version 1, 2 or 3."""
+    def __init__(self) -> None:
+        self._octets = b""
+        self._end: i64 = 0
+        self._skipper: Skipper = Skipper(b"", 0, 0)
+        self.data: i64 = 0  # where the opcode stands
+        self.version: i64 = 0
+        self.plain = False
+
+    def begin(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
+        """Begin with a PDU in one frame of version 1, 2 or 3, of which ``size`` octets are fixed."""
         at, end = one_frame(octets)
-        self._octets: bytes = octets
-        self._end: i64 = end
-        self._skipper: Skipper = Skipper(octets, at + size, end)
-        self.data: i64 = at  # where the opcode stands
-        self.version: i64 = octets[1] if at >= 0 else 0
-        self.plain: bool = (
+        self._octets = octets
+        self._end = end
+        self._skipper.begin(octets, at + size, end)
+        self.data = at
+        self.plain = (
             at >= 0 and at + size <= end <= _LARGEST and octets[at] == opcode and u16(octets, at + 3) == function
         )
+        if self.plain:
+            self.version = octets[1]
+
+    def free(self) -> None:
+        """Let go of the octets; this one may be used again."""
+        self._octets = b""
+        self._skipper.begin(b"", 0, 0)
+        _FREE.append(self)
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
@@ -106,15 +126,6 @@ class Glance:
             self.plain = False
             return False
         self._skipper.at = behind
-        return True
-
-    def zero(self) -> bool:
-        """Pass over an octet that must be 0."""
-        at: i64 = self._skipper.at
-        if not self.plain or at >= self._end or self._octets[at]:
-            self.plain = False
-            return False
-        self._skipper.at = at + 1
         return True
 
     def skip(self, size: i64) -> bool:
@@ -179,6 +190,17 @@ class Glance:
         return self._end - at == 1 + DIGEST_SIZE and self._octets[at] == DIGEST_SIZE
 
 
+#: Those that are free, as in `dissect.s7plus.skimming`.
+_FREE: Final[list[Glance]] = [Glance() for _ in range(8)]
+
+
+def _free_glance() -> Glance:
+    try:
+        return _FREE.pop()
+    except IndexError:
+        return Glance()
+
+
 class Seen:
     """What a plain transaction says: ``state`` is the operating state, -1 for none; ``record`` an identification record.
 
@@ -210,51 +232,49 @@ class Seen:
         self.session_id: int = 0
 
 
-def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewhere: bool) -> Seen | None:
+def glance(function: i64, request: bytes, response: bytes, skimmed: i64, outputs: bool, elsewhere: bool) -> Seen | None:
     """Look at a request and the response that it got; None when they must be read.
 
-    ``outputs`` and ``elsewhere`` tell of writes to outputs and to other areas that no more of them are worth a look.
+    ``skimmed`` is what `dissect.s7plus.skimming.skim` said of the response. ``outputs`` and ``elsewhere`` tell of writes to
+    outputs and to other areas that no more of them are worth a look.
     """
-    asked = Glance(request, REQUEST, function, REQUEST_SIZE)
-    if not asked.plain:
+    if not skimmed & SOUND or skimmed & REFUSES or skimmed >> WORDS & CODES != _GOOD:
         return None
-    told = Glance(response, RESPONSE, function, RESPONSE_SIZE)
-    if not told.plain or told.number() != 0:
-        return None
+    asked = _free_glance()
+    told = _free_glance()
+    asked.begin(request, REQUEST, function, REQUEST_SIZE)
+    told.begin(response, RESPONSE, function, RESPONSE_SIZE)
     seen = Seen()
-    if function == GET_MULTI_VARIABLES:
-        _got(asked, told, seen)
-    elif function == GET_VAR_SUBSTREAMED:
-        _streamed(asked, told, seen)
-    elif function == SET_MULTI_VARIABLES:
-        _set(asked, told, seen, outputs, elsewhere)
-    elif function == DELETE_OBJECT:
-        _deleted(asked, told, seen)
+    if asked.plain and told.number() == 0:
+        if function == GET_MULTI_VARIABLES:
+            _got(asked, told, seen, skimmed >> VALUES > 0)
+        elif function == GET_VAR_SUBSTREAMED:
+            _streamed(asked, told, seen)
+        elif function == SET_MULTI_VARIABLES:
+            _set(asked, seen, outputs, elsewhere)
+        elif function == DELETE_OBJECT:
+            seen.deleted = asked.four()
+            if asked.skip(1):
+                asked.expect(USUAL_QUALIFIER)
+        else:
+            asked.plain = False
+        seen.integrity_id = asked.ends()
     else:
-        return None
-    if not _plain(asked, told):
-        return None
-    seen.integrity_id = asked.ends()
-    told.ends()
-    if not _plain(asked, told):
-        return None
-    if (function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED) and not seen.stated and not seen.record:
-        seen.matters = False
-    data: i64 = asked.data
-    seen.sequence = u16(request, data + _SEQUENCE)
-    seen.session_id = u32(request, data + _SESSION_ID)
-    return seen
+        asked.plain = False
+    plain: bool = asked.plain and told.plain
+    if plain:
+        seen.sequence = u16(request, asked.data + _SEQUENCE)
+        seen.session_id = u32(request, asked.data + _SESSION_ID)
+    asked.free()
+    told.free()
+    return seen if plain else None
 
 
-def _plain(asked: Glance, told: Glance) -> bool:
-    """Return whether both halves are plain so far."""
-    return asked.plain and told.plain
-
-
-def _got(asked: Glance, told: Glance, seen: Seen) -> None:
-    """A read of several variables, the operating state perhaps among them."""
+def _got(asked: Glance, told: Glance, seen: Seen, ordered: bool) -> None:
+    """A read of several variables, the operating state perhaps among them; ``ordered`` are those that come once each."""
+    seen.matters = False
     wanted = _read_addresses(asked)
-    if not asked.expect(USUAL_QUALIFIER):
+    if not asked.expect(USUAL_QUALIFIER) or wanted == 0:
         return
     while told.plain:
         number = told.number()
@@ -263,9 +283,11 @@ def _got(asked: Glance, told: Glance, seen: Seen) -> None:
         if number == wanted:
             seen.state = told.state()
             seen.stated = told.plain
+            seen.matters = True
+            if ordered:
+                break
         else:
             told.value()
-    told.zero()  # no refusals
 
 
 def _read_addresses(asked: Glance) -> i64:
@@ -303,8 +325,9 @@ def _read_addresses(asked: Glance) -> i64:
 
 def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
     """A read of one attribute: the operating state, the identification record, or another."""
+    seen.matters = False
     object_id = asked.four()
-    if not asked.expect(bytes((ADDRESS_ARRAY, UDINT))):
+    if not asked.expect(_IDS):
         return
     count = asked.number()
     first: i64 = -1
@@ -322,13 +345,13 @@ def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
     if last == OPERATING_STATE:
         seen.state = told.state()
         seen.stated = told.plain
+        seen.matters = True
     elif first == IDENTIFICATION and object_id == CPU_PROXY:
         seen.record = told.blob()
-    else:
-        told.value()
+        seen.matters = len(seen.record) > 0
 
 
-def _set(asked: Glance, told: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
+def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
     """A write: the key of a session, attributes that say nothing, or variables of which no more is to be told."""
     link = asked.four()
     count = asked.count()
@@ -351,8 +374,8 @@ def _set(asked: Glance, told: Glance, seen: Seen, outputs: bool, elsewhere: bool
         if asked.number() < 0 or not asked.value():
             return
         count -= 1
-    if asked.plain and asked.skip(1) and asked.expect(USUAL_QUALIFIER):
-        told.zero()  # no refusals
+    if asked.plain and asked.skip(1):
+        asked.expect(USUAL_QUALIFIER)
 
 
 def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhere: bool) -> None:
@@ -379,9 +402,3 @@ def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhe
         count -= 1
     if fields != 0:
         asked.plain = False
-
-
-def _deleted(asked: Glance, told: Glance, seen: Seen) -> None:
-    seen.deleted = asked.four()
-    if asked.skip(1) and asked.expect(USUAL_QUALIFIER):
-        told.four()
