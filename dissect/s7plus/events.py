@@ -110,6 +110,8 @@ _WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
 #: What of objects is asked for, when their places are noted.
 _OUTLINED: Final = marks(frozenset(), frozenset(), _ASKED)
+#: The same, for what was passed over already: its compressed blobs are known to be harmless.
+_KNOWN_OUTLINED: Final = marks(frozenset(), frozenset(), _ASKED, known=True)
 #: Of a write of one attribute: the last id that may be an area or the execution unit, the first kind of blocks, and by id
 #: whether an attribute of any other object matters.
 _LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
@@ -163,11 +165,13 @@ class Facts:
         self.malformed: list[Malformed] = []
 
 
-def take(session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64 = -1) -> Facts | None:
+def take(
+    session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64 = -1, read: i64 = -1
+) -> Facts | None:
     """Take a transaction: the octets of its halves (empty for none) and its function, -1 for a notification. Never raises.
 
-    ``skimmed`` is what `dissect.s7plus.refusals.glimpse` said of the response, -1 where nobody asked. Returns None when there
-    is nothing in it that matters.
+    ``skimmed`` is what `dissect.s7plus.refusals.glimpse` said of the response, and ``read`` what it said of a request to read,
+    -1 where nobody asked. Returns None when there is nothing in it that matters.
     """
     told: i64 = skimmed
     if told < 0:
@@ -177,11 +181,12 @@ def take(session: PlusSession, function: i64, request: bytes, response: bytes, s
     if function < 0:
         return _notified(session, response, told) if len(response) > 0 else None
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
-        asked = glimpse(request) if len(request) > 0 else SOUND
-        if not _asks_what_matters(request, asked):
-            return _judge_contents(request, response, asked, told)
+        if read < 0:
+            read = glimpse(request) if len(request) > 0 else SOUND
+        if not _asks_what_matters(request, read):
+            return _judge_contents(request, response, read, told)
     if len(request) > 0 and len(response) > 0 and function in GLANCED:
-        seen = glance(function, request, response, told, session.outputs_told, session.elsewhere_told)
+        seen = glance(function, request, response, read, told, session.outputs_told, session.elsewhere_told)
         if seen is not None:
             return _seen(session, function, seen)
     if function == EXPLORE and len(request) > 0:
@@ -189,7 +194,7 @@ def take(session: PlusSession, function: i64, request: bytes, response: bytes, s
     if len(request) > 0 and len(response) > 0 and (function == CREATE_OBJECT or function == EXPLORE):
         if function == EXPLORE and told & SOUND and not told & MET:
             return _judge_contents(request, response, glimpse(request), told)
-        shown = outline(response, False, function, _OUTLINED) if told & SOUND else None
+        shown = outline(response, False, function, _KNOWN_OUTLINED) if told & SOUND else None
         outlined = outline(request, True, function, _OUTLINED) if shown is not None else None
         if outlined is not None and shown is not None:
             return _outlined(session, function, outlined, shown)
@@ -267,7 +272,7 @@ def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
     if seen.authenticated:
         session.authenticated = True
     if function == DELETE_OBJECT:
-        _gone(session, facts, seen.deleted, seen.session_id, True)
+        _gone(session, facts, seen.deleted, seen.session_id, seen.good)
     return facts if facts.events else None
 
 

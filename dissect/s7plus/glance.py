@@ -17,7 +17,6 @@ from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.session import (
-    CPU_EXEC_UNIT,
     CPU_PROXY,
     IDENTIFICATION,
     OPERATING_STATE,
@@ -25,7 +24,7 @@ from dissect.s7plus.session import (
     SESSION_KEY,
     STATE_REQUEST,
 )
-from dissect.s7plus.skimming import CODES, REFUSES, SOUND, VALUES, WORDS
+from dissect.s7plus.skimming import ASKS, CODES, PLACE, PLACES, REFUSES, SOUND, VALUES, WORDS
 from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     DELETE_OBJECT,
@@ -43,8 +42,9 @@ from dissect.wire.varint import SIGNED, read_varint
 
 #: What begins the ids of an attribute that is read by itself.
 _IDS: Final = bytes((ADDRESS_ARRAY, UDINT))
-#: What stands above `WORDS` for the return value 0.
+#: What stands above `WORDS` for the return value 0, and the largest number there that is no error.
 _GOOD: Final = 1
+_ERROR: Final = 0x8000
 _SEQUENCE: Final = 7
 _SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
@@ -128,6 +128,12 @@ class Glance:
         self._skipper.at = behind
         return True
 
+    def go_on(self, at: i64) -> None:
+        """Go on at a place that is known, and not 0."""
+        self._skipper.at = at
+        if at == 0:
+            self.plain = False
+
     def skip(self, size: i64) -> bool:
         """Pass over octets whatever they are."""
         self._skipper.at += size
@@ -204,13 +210,15 @@ def _free_glance() -> Glance:
 class Seen:
     """What a plain transaction says: ``state`` is the operating state, -1 for none; ``record`` an identification record.
 
-    ``authenticated``: the key of a session was written. ``deleted`` is the object that was, -1 for none. ``integrity_id``,
-    ``sequence`` and ``session_id`` are those of the request. ``matters`` is False for a read of anything else.
+    ``authenticated``: the key of a session was written. ``deleted`` is the object that was, -1 for none; ``good`` is False
+    where that was refused. ``integrity_id``, ``sequence`` and ``session_id`` are those of the request. ``matters`` is False
+    for a read of anything else.
     """
 
     __slots__ = (
         "authenticated",
         "deleted",
+        "good",
         "integrity_id",
         "matters",
         "record",
@@ -221,6 +229,7 @@ class Seen:
     )
 
     def __init__(self) -> None:
+        self.good = True
         self.matters = True
         self.state: int = -1
         self.stated = False  # the state was asked for, and came
@@ -232,28 +241,33 @@ class Seen:
         self.session_id: int = 0
 
 
-def glance(function: i64, request: bytes, response: bytes, skimmed: i64, outputs: bool, elsewhere: bool) -> Seen | None:
+def glance(
+    function: i64, request: bytes, response: bytes, read: i64, skimmed: i64, outputs: bool, elsewhere: bool
+) -> Seen | None:
     """Look at a request and the response that it got; None when they must be read.
 
-    ``skimmed`` is what `dissect.s7plus.skimming.skim` said of the response. ``outputs`` and ``elsewhere`` tell of writes to
-    outputs and to other areas that no more of them are worth a look.
+    ``skimmed`` is what `dissect.s7plus.skimming.skim` said of the response, ``read`` what it said of a request to read.
+    ``outputs`` and ``elsewhere`` tell of writes to outputs and to other areas that no more of them are worth a look.
     """
-    if not skimmed & SOUND or skimmed & REFUSES or skimmed >> WORDS & CODES != _GOOD:
+    deletes: bool = function == DELETE_OBJECT
+    code: i64 = skimmed >> WORDS & CODES
+    if not skimmed & SOUND or skimmed & REFUSES or (code != _GOOD and not deletes):
         return None
     asked = _free_glance()
     told = _free_glance()
     asked.begin(request, REQUEST, function, REQUEST_SIZE)
     told.begin(response, RESPONSE, function, RESPONSE_SIZE)
     seen = Seen()
-    if asked.plain and told.number() == 0:
+    if asked.plain and told.plain and (deletes or told.number() == 0):
         if function == GET_MULTI_VARIABLES:
-            _got(asked, told, seen, skimmed >> VALUES > 0)
+            _got(asked, told, seen, read, skimmed >> VALUES > 0)
         elif function == GET_VAR_SUBSTREAMED:
             _streamed(asked, told, seen)
         elif function == SET_MULTI_VARIABLES:
             _set(asked, seen, outputs, elsewhere)
-        elif function == DELETE_OBJECT:
+        elif deletes:
             seen.deleted = asked.four()
+            seen.good = code <= _ERROR
             if asked.skip(1):
                 asked.expect(USUAL_QUALIFIER)
         else:
@@ -270,11 +284,15 @@ def glance(function: i64, request: bytes, response: bytes, skimmed: i64, outputs
     return seen if plain else None
 
 
-def _got(asked: Glance, told: Glance, seen: Seen, ordered: bool) -> None:
+def _got(asked: Glance, told: Glance, seen: Seen, read: i64, ordered: bool) -> None:
     """A read of several variables, the operating state perhaps among them; ``ordered`` are those that come once each."""
     seen.matters = False
-    wanted = _read_addresses(asked)
-    if not asked.expect(USUAL_QUALIFIER) or wanted == 0:
+    wanted: i64 = read >> VALUES & PLACES
+    asked.go_on(read >> PLACE)
+    if not asked.expect(USUAL_QUALIFIER):
+        return
+    if wanted == 0:
+        asked.plain = not read & ASKS  # twice: to be read
         return
     while told.plain:
         number = told.number()
@@ -288,39 +306,6 @@ def _got(asked: Glance, told: Glance, seen: Seen, ordered: bool) -> None:
                 break
         else:
             told.value()
-
-
-def _read_addresses(asked: Glance) -> i64:
-    """Pass over the addresses of a read. Returns the number of the one item that asks for the operating state, 0 for none."""
-    link = asked.four()
-    count = asked.count()
-    fields = asked.count()
-    if link:
-        asked.numbers(fields)
-        return 0
-    wanted: i64 = 0
-    index: i64 = 0
-    while index < count and asked.plain:
-        index += 1
-        asked.number()
-        area = asked.number()
-        ids = asked.count()
-        if ids <= 0:
-            asked.plain = False
-            return 0
-        fields -= 3 + ids
-        if area != CPU_EXEC_UNIT or ids == 1:
-            asked.numbers(ids)
-            continue
-        asked.numbers(ids - 1)
-        last = asked.number()
-        if last == OPERATING_STATE:
-            if wanted:
-                asked.plain = False  # twice: to be read
-            wanted = index
-    if fields != 0:
-        asked.plain = False
-    return wanted
 
 
 def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:

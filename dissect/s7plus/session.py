@@ -226,7 +226,8 @@ class PlusSession:
     def subscribe(self, asked: Made, told: Made) -> None:
         """Take a request that makes subscriptions, and the answer with their ids, in the order of the objects."""
         made = [one for one in every_object(asked.objects) if one.class_id == SUBSCRIPTION]
-        for one, id_ in zip(made, told.ids, strict=False):
+        for number in range(min(len(made), len(told.ids))):
+            one, id_ = made[number], told.ids[number]
             self.unsubscribe(id_)
             while len(self.subscriptions) >= MAX_SUBSCRIPTIONS:
                 self.unsubscribe(next(iter(self.subscriptions)))

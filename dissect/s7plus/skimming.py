@@ -63,6 +63,11 @@ _CODE: Final = 0xFFFF
 #: Above which bits stands how many values an answer has, where they are numbered from 1; 0 where they are not, or some are
 #: refused. Below that is all the rest.
 VALUES: Final = 32
+#: Of a request to read several variables there stands which of them is the operating state, 0 for none or more than one, and
+#: above these bits where within the frame the addresses end; neither where one of them is larger than this.
+PLACE: Final = 48
+PLACES: Final = 0x7FFF
+_WITHOUT_PLACES: Final = (1 << VALUES) - 1
 _NO_CODE: Final = -1
 
 _BIT_7: Final = 0x80
@@ -84,8 +89,8 @@ def skim(octets: bytes, marks: bytes) -> i64:
     """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
 
     Else `SOUND`, with `REFUSES`, `ASKS` and what ``marks`` says of the objects in it (`Skipper.seen`), above `WORDS` bits the
-    return code plus 1, and above `VALUES` bits how many values there are; 0 for contents that nobody judges: of what is no
-    whole PDU, or of a function whose body is not known.
+    return code plus 1, and above `VALUES` bits how many values there are, or what is read; 0 for contents that nobody judges:
+    of what is no whole PDU, or of a function whose body is not known.
     """
     at, end = one_frame(octets)
     if at >= 0:
@@ -93,7 +98,8 @@ def skim(octets: bytes, marks: bytes) -> i64:
     pdu = parsed(octets)
     if not pdu.whole or pdu.malformed:
         return 0
-    return _skim(pdu.data, 0, len(pdu.data), pdu.version, pdu.frames == 1, marks)
+    found = _skim(pdu.data, 0, len(pdu.data), pdu.version, pdu.frames == 1, marks)
+    return found & _WITHOUT_PLACES if pdu.opcode == REQUEST else found
 
 
 def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: bytes) -> i64:
@@ -140,9 +146,11 @@ class Body:
     __slots__ = (
         "_asks",
         "_end",
+        "_item",
         "_marks",
         "_numbered",
         "_octets",
+        "_place",
         "_refused",
         "_version",
         "ids",
@@ -158,6 +166,8 @@ class Body:
         self._version: i64 = 0
         self._marks = b""
         self._asks: i64 = 0  # `ASKS`, once it does
+        self._item: i64 = 0  # the one by which it does, 0 for more than one
+        self._place: i64 = 0  # where the addresses of a read end
         self._refused: i64 = 0  # `REFUSES`, once an item is
         self._numbered: i64 = 0  # as far as they are numbered from 1
         self.integrity_id: i64 = -1
@@ -173,6 +183,8 @@ class Body:
         self._version = version
         self._marks = marks
         self._asks = 0
+        self._item = 0
+        self._place = 0
         self._refused = 0
         self._numbered = 0
         self.integrity_id = -1
@@ -192,6 +204,8 @@ class Body:
                 result = SOUND | skipper.seen | self._refused | self._asks | code + 1 << WORDS
                 if self._numbered > 0 and not self._refused:
                     result |= self._numbered << VALUES
+                elif 0 < self._place <= PLACES and self._item <= PLACES:
+                    result |= self._item << VALUES | self._place << PLACE
         self._octets = b""
         skipper.begin(b"", 0, 0)
         _FREE.append(self)
@@ -201,7 +215,7 @@ class Body:
         """Pass over the body of a request, its end left out."""
         skipper = self.skipper
         if function == GET_MULTI_VARIABLES:
-            return self._addresses() >= 0 and self._qualifier(0)
+            return self._addresses() >= 0 and self._read_end()
         if function == SET_VARIABLE:
             return self._ids() and skipper.value(0) and self._qualifier(1)
         if function == GET_VAR_SUBSTREAMED:
@@ -358,11 +372,17 @@ class Body:
             last = skipper.number()
             if last < 0:
                 return -1
+            index += 1
             if last == OPERATING_STATE and area == CPU_EXEC_UNIT and ids > 1:
+                self._item = index if self._asks == 0 else 0
                 self._asks = ASKS
             fields -= 3 + ids
-            index += 1
         return count if fields == 0 else -1
+
+    def _read_end(self) -> bool:
+        """Pass over the qualifier behind the addresses of a read, and note where they end."""
+        self._place = self.skipper.at
+        return self._qualifier(0)
 
     def _stream(self) -> bool:
         """Pass over an object and the ids of one of its attributes."""
@@ -387,7 +407,7 @@ class Body:
     def _items(self) -> bool:
         """Pass over numbers and values up to the number 0, counting them while they are numbered from 1."""
         skipper = self.skipper
-        count: i64 = 0
+        count: i64 = skipper.items()
         while True:
             number = skipper.number()
             if number <= 0:

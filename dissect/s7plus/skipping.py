@@ -41,8 +41,9 @@ from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED64, VLQ64, pass_varint
 
 _BIT_7: Final = 0x80
-#: Octets that are read at once, where they are there; of these the bits behind the first two, and behind three.
+#: Octets that are read at once, where they are there; of these the bits behind the first, behind two, and behind three.
 _WORD: Final = 8
+_BEHIND_1: Final = 56
 _BEHIND_2: Final = 48
 _BEHIND_3: Final = 40
 #: Octets of the longest number of 32 bits.
@@ -101,13 +102,16 @@ def table(wanted: frozenset[int]) -> bytes:
 _COMPRESSED: Final = table(frozenset())
 
 
-def marks(attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset()) -> bytes:
+def marks(
+    attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset(), known: bool = False
+) -> bytes:
     """Return a table for `Skipper.elements`: `MET` for each id of an attribute and of a class that is among these.
 
-    ``noted`` are the attributes whose places are to be noted.
+    ``noted`` are the attributes whose places are to be noted. ``known``: what is passed over was found sound before, so that
+    compressed blobs are not looked at.
     """
     said = bytearray(2 * _IDS)
-    for id_ in COMPRESSED:
+    for id_ in () if known else COMPRESSED:
         said[id_] = _CAREFUL
     for id_ in attributes:
         said[id_] |= MET
@@ -347,6 +351,25 @@ class Skipper:
         self._careful = id_ < _IDS and _COMPRESSED[id_] != 0
         return True
 
+    def items(self) -> i64:
+        """Pass over plain values that are numbered 1, 2, 3 …, as far as they are; return how many."""
+        octets = self._octets
+        at: i64 = self.at
+        last: i64 = min(self._end, len(octets)) - _WORD
+        count: i64 = 0
+        while at <= last and count < _BIT_7 - 1:
+            word: i64 = read_i64_be(octets, at)
+            if word >> _BEHIND_1 != count + 1:
+                break
+            passed: i64 = pass_plain(word, _BEHIND_1)
+            if passed == 0 or at + passed > self._end:
+                break
+            at += passed
+            count += 1
+        self.spent += STEP * count
+        self.at = at
+        return count
+
     def wide(self) -> bool:
         """Pass over a number of 64 bits without sign; False when it is not there."""
         self.at = pass_varint(self._octets, self.at, self._end, True)
@@ -475,8 +498,8 @@ class Skipper:
 def _pass_attribute(word: i64, bits: bytes) -> i64:
     """Return how many octets an attribute takes, of which ``word`` are the first eight, its tag included; 0 for another look.
 
-    That is told of one value of a fixed size, or a number that ends within the word, of an attribute of which ``bits`` say
-    nothing. Whether all of it is there the caller sees.
+    That is told of plain values (`pass_plain`) of attributes of which ``bits`` say nothing. Whether all of it is there the
+    caller sees.
     """
     if word >> 56 != ATTRIBUTE_TAG - 0x100:  # with its sign
         return 0
@@ -488,9 +511,18 @@ def _pass_attribute(word: i64, bits: bytes) -> i64:
             return 0
         id_ = (id_ & 0x7F) << 7 | second
         left = _BEHIND_3
+    return pass_plain(word, left) if bits[id_] == 0 else 0
+
+
+def pass_plain(word: i64, left: i64) -> i64:
+    """Return where a plain value ends, counted from the first of the eight octets that ``word`` is; 0 for another look.
+
+    ``left`` are the bits of the word behind which the value begins. A plain one has a fixed size, or is a number that ends
+    within the word.
+    """
     left -= 16
     head: i64 = word >> left & 0xFFFF
-    if head > 0xFF or bits[id_]:
+    if head > 0xFF:
         return 0
     kind: i64 = _SIZES[head]
     behind: i64 = _WORD - (left >> 3)
