@@ -205,7 +205,7 @@ def test_what_it_says_of_a_read(wanted: list[Address]) -> None:
         assert said >> ABOVE & PLACES == (states[0] if len(states) == 1 else 0)
         assert octets[said >> PLACE :].startswith(bodies.QUALIFIER)
         assert addresses_in(octets, said >> PLACE) == addresses_in(octets) == body[: body.index(bodies.QUALIFIER)]
-    data = asked(7, GET_MULTI_VARIABLES, body=body)
+    data = asked(7, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted))
     frames = framed(data[:20], 3, trailer=False) + framed(data[20:], 3)
     assert skim(frames, _MARKS) >> ABOVE == 0  # places within several frames say nothing
     assert skim(frames, _MARKS) & ASKS == (ASKS if states else 0)
