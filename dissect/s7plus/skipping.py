@@ -248,7 +248,6 @@ class Skipper:
         last: i64 = len(octets) - _WORD
         noted = self.noted
         level: i64 = 0
-        id_: i64 = 0
         while self.at < end:
             at: i64 = self.at
             if at <= last:
@@ -296,23 +295,21 @@ class Skipper:
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
         at: i64 = self.at
-        if at + 1 >= self._end:
-            return self._long_number()
-        two: i64 = i64(read_i16_be(self._octets, at))
-        if two >= 0:
-            self.at = at + 1
-            return two >> 8
-        if two & _BIT_7 == 0:
-            self.at = at + 2
-            return (two >> 1 & 0x3F80) | (two & 0x7F)
+        if at + 1 < self._end:
+            two: i64 = i64(read_i16_be(self._octets, at))
+            if two >= 0:
+                self.at = at + 1
+                return two >> 8
+            if two & _BIT_7 == 0:
+                self.at = at + 2
+                return (two >> 1 & 0x3F80) | (two & 0x7F)
         return self._long_number()
 
     def _long_number(self) -> i64:
         """Read a number as `number` does, of any size and as close to the end as may be."""
         octets = self._octets
         at: i64 = self.at
-        stop: i64 = at + _LONGEST
-        stop = min(stop, self._end)
+        stop: i64 = min(at + _LONGEST, self._end)
         value: i64 = 0
         while at < stop:
             octet: i64 = octets[at]
@@ -504,14 +501,11 @@ def _pass_attribute(word: i64, bits: bytes) -> i64:
     if word >> 56 != ATTRIBUTE_TAG - 0x100:  # with its sign
         return 0
     id_: i64 = word >> _BEHIND_2 & 0xFF
-    left: i64 = _BEHIND_2
-    if id_ >= _BIT_7:
-        second: i64 = word >> _BEHIND_3 & 0xFF
-        if second >= _BIT_7:
-            return 0
-        id_ = (id_ & 0x7F) << 7 | second
-        left = _BEHIND_3
-    return pass_plain(word, left) if bits[id_] == 0 else 0
+    if id_ < _BIT_7:
+        return pass_plain(word, _BEHIND_2) if bits[id_] == 0 else 0
+    second: i64 = word >> _BEHIND_3 & 0xFF
+    id_ = (id_ & 0x7F) << 7 | second
+    return pass_plain(word, _BEHIND_3) if second < _BIT_7 and bits[id_] == 0 else 0
 
 
 def pass_plain(word: i64, left: i64) -> i64:
