@@ -96,12 +96,6 @@ class Glance:
             self.plain = False
         return value
 
-    def numbers(self, count: i64) -> bool:
-        """Pass over so many numbers of at most 32 bits without sign."""
-        if not self.plain or not self._skipper.numbers(count):
-            self.plain = False
-        return self.plain
-
     def count(self) -> i64:
         """Read a count of things that take one octet or more each."""
         count = self.number()
