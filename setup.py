@@ -158,6 +158,7 @@ BUSIEST: Final = (
     "dissect/jobs/spots.py",
     "dissect/engine/plus.py",
     "dissect/findings/plus_rules.py",
+    "dissect/s7plus/blobs.py",
     "dissect/s7plus/events.py",
     "dissect/s7plus/glance.py",
     "dissect/s7plus/message.py",
