@@ -122,6 +122,7 @@ class Run:
         if not self._finished:
             self._finished = True
             self.pipeline.finish()
+            self.pipeline.forget()
 
     def close(self) -> None:
         """Close the file that is read, when nothing more is wanted of it."""

@@ -10,13 +10,13 @@ import click
 from click.shell_completion import CompletionItem
 
 from dissect.cli.look import write_lines
-from dissect.cli.run import write
+from dissect.cli.run import write, write_octets
 from dissect.config.hints import close_names
 from dissect.report.formats import FORMATS, Format, formats_for
 
 if TYPE_CHECKING:
     from dissect.report.outcome import Outcome
-    from dissect.report.styled import Line
+    from dissect.report.styled import Line, Written
 
     _ParamType = click.ParamType[Format]
 else:
@@ -80,14 +80,16 @@ def format_option(kind: str, *, optional: bool = False, help: str = "") -> Calla
     )
 
 
-def write_out(lines: Iterable[str | Line]) -> None:
+def write_out(lines: Iterable[Written]) -> None:
     """Write what a format made: text as it is, lines with a style as the terminal wants them."""
     source = iter(lines)
     first = next(source, None)
     if first is None:
         return
     whole = chain((first,), source)
-    if isinstance(first, str):
+    if isinstance(first, bytes):
+        write_octets(cast("Iterable[bytes]", whole))
+    elif isinstance(first, str):
         write(cast("Iterable[str]", whole))
     else:
         write_lines(cast("list[Line]", list(whole)))

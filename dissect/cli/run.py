@@ -34,7 +34,9 @@ _WORTH_A_BAR: Final = 20_000_000
 _GROWS: Final = 10
 
 #: Lines that are joined and written together; many more cost fresh memory each time.
-_PIECE: Final = 64
+PIECE: Final = 64
+#: Pieces that the system writes without having them in one, 0 where it cannot.
+_GATHERED: Final = os.sysconf("SC_IOV_MAX") if hasattr(os, "writev") else 0
 
 #: What stands in names that are patterns, ranges of days, or of another machine.
 _NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
@@ -107,7 +109,7 @@ EXIT_CODES: Final = (
 def write(lines: Iterable[str]) -> None:
     """Write lines to stdout, in UTF-8 whatever the locale says, so that the same input gives the same octets everywhere."""
     source = iter(lines)
-    while piece := list(islice(source, _PIECE)):
+    while piece := list(islice(source, PIECE)):
         if all(map(str.isascii, piece)):
             piece.append("")
             octets = "\n".join(piece).encode("ascii")
@@ -117,10 +119,36 @@ def write(lines: Iterable[str]) -> None:
     sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
 
 
+def write_octets(lines: Iterable[bytes]) -> None:
+    """Write lines that are octets already."""
+    source = iter(lines)
+    while piece := list(islice(source, PIECE)):
+        piece.append(b"")
+        sys.stdout.buffer.write(b"\n".join(piece))
+    sys.stdout.buffer.flush()
+
+
 def write_bytes(octets: bytes) -> None:
     """Write lines to stdout that were made as `write` makes them."""
     sys.stdout.buffer.write(octets)
     sys.stdout.buffer.flush()
+
+
+def write_pieces(pieces: list[bytes]) -> None:
+    """Write what was made of lines, of which no piece has to end where a line ends, without putting it together first."""
+    out = sys.stdout.buffer
+    written = 0
+    if len(pieces) <= _GATHERED:
+        try:
+            descriptor = out.fileno()
+        except OSError:  # it is no file
+            pass
+        else:
+            out.flush()
+            written = os.writev(descriptor, pieces)
+    if written < sum(map(len, pieces)):
+        out.write(b"".join(pieces)[written:])
+        out.flush()
 
 
 def places_of(run: Run, files: Sequence[str]) -> Places:

@@ -41,6 +41,7 @@ T = TypeVar("T")
 class Readers(NamedTuple):
     """An executor and what says how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
 
+    ``queued`` more may wait in it, so that those who did one have the next at once.
     ``folder`` is where tasks leave what they write, "" where it is part of what they return. ``settings`` are those of the
     command here, None where tasks find them by themselves; ``troubled`` says in the end whether some of those who should have
     helped could not.
@@ -52,6 +53,7 @@ class Readers(NamedTuple):
     settings: task.Settings | None = None
     look: Callable[[], None] = lambda: None
     troubled: Callable[[], bool] = lambda: False
+    queued: int = 0
 
 
 class Here(Executor):
@@ -140,8 +142,8 @@ def separately(
     try:
         with (
             Interruption() as interruption,
-            Bar(files, direct is not None) as bar,
             _readers(jobs, files, direct, folder) as readers,
+            Bar(files, direct is not None) as bar,
         ):
             Interrupted.asked = staticmethod(lambda: interruption.asked)
 
@@ -155,6 +157,7 @@ def separately(
                 task.work,
                 (arguments, len(files) > 1, readers.settings, readers.folder),
                 retried=again,
+                queued=readers.queued,
             )
             for done in doer.run(files, stop):
                 if done.why and len(files) == 1:
@@ -200,12 +203,13 @@ def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -
         return
     from dissect.jobs.pool import Pool
 
+    count = min(jobs, len(files))
     if folder is not None:
-        with Pool(jobs, "" if is_remote(folder) else folder, RARELY) as pool:
-            yield Readers(pool, lambda: jobs, folder)
+        with Pool(count, "" if is_remote(folder) else folder, RARELY) as pool:
+            yield Readers(pool, lambda: count, folder, queued=count)
         return
-    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(jobs, own, RARELY) as pool:
-        yield Readers(pool, lambda: jobs, own)
+    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(count, own, RARELY) as pool:
+        yield Readers(pool, lambda: count, own, queued=count)
 
 
 def say(file: str, why: str, where: str = "") -> None:

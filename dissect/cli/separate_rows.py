@@ -1,7 +1,8 @@
 """Rows of files that stand for themselves (option --separate): transactions and values.
 
 A process that does the tasks itself writes rows at once. Those of other processes come through files (`dissect.jobs.spool`),
-with marks in the place of the numbers that count over all files.
+with marks in the place of the numbers that count over all files; where a format says how these stand in a line, with an index
+of them (`dissect.jobs.spots`).
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import write_out
 from dissect.cli.gate import gate_of
-from dissect.cli.run import write_bytes
+from dissect.cli.run import PIECE, write_bytes, write_pieces
 from dissect.cli.separate import about, read_file, separately
 from dissect.jobs.numbers import Marks, Offsets, count_from
-from dissect.jobs.spool import Spool, Spooled, opened, whole_lines
+from dissect.jobs.spool import Spool, Spooled, indexed, opened, whole_lines
+from dissect.jobs.spots import pieces
 from dissect.jobs.tasks import About, Done, FileError
-from dissect.report.styled import Line
+from dissect.report.styled import Line, Written
 from dissect.report.words import Places
 
 if TYPE_CHECKING:
@@ -31,11 +33,14 @@ if TYPE_CHECKING:
 #: What stands between the parts of a line with a style in a file of rows, and in the place of a line feed.
 _PART: Final = "\x1f"
 _BREAK: Final = "\x1e"
+#: How rows are written, as `dissect.cli.run.write` does it.
+_ENCODING: Final = ("utf-8", "backslashreplace")
 
 
 class RowsPart(NamedTuple):
     """What the task of a file found: ``rows``, with the ``marks`` in them, unless they were written; ``styled`` as `Line` is.
 
+    ``joint`` is that of the `Writer`, None where the rows have no index.
     The others are what is said of all files in the end: numbers of connections, those left out, transactions and packets,
     packets without S7 by their kind, connections by protocol, findings by slug, and which variables asked for were seen.
     """
@@ -44,6 +49,7 @@ class RowsPart(NamedTuple):
     rows: Spooled | None
     marks: Marks
     styled: bool
+    joint: bytes | None
     connections: int
     left_out: int
     transactions: int
@@ -89,28 +95,52 @@ class _Direct:
     def begin(self, pipeline: Pipeline) -> None:
         count_from(pipeline, self._total.before)
 
-    def write(self, lines: Sequence[str | Line]) -> None:
+    def write(self, lines: Sequence[Written]) -> None:
         if lines:
             write_out(lines)
 
 
 class _Spooler:
-    """Puts the rows of a task where `write_rows` finds them."""
+    """Puts the rows of a task where `write_rows` finds them. ``joint`` is that of the `Writer`."""
 
-    def __init__(self, of: Task) -> None:
+    def __init__(self, of: Task, joint: bytes | None) -> None:
         self.styled = False
+        self.joint = joint
         self.marks = Marks()
         self.spool = Spool(of.folder, f"rows-{of.place}")
+        self._spots = None if joint is None else self.marks.spots(joint)
 
     def begin(self, pipeline: Pipeline) -> None:
         self.marks.begin(pipeline)
 
-    def write(self, lines: Sequence[str | Line]) -> None:
+    def write(self, lines: Sequence[Written]) -> None:
         if not lines:
             return
+        if isinstance(lines[0], bytes):
+            rows = cast("Sequence[bytes]", lines)
+            for at in range(0, len(rows), PIECE):
+                piece = rows[at : at + PIECE]
+                self._keep(b"\n".join([*piece, b""]), [len(row) for row in piece])
+            return
         self.styled = isinstance(lines[0], Line)
-        texts = [_flat(line) for line in cast("Sequence[Line]", lines)] if self.styled else cast("Sequence[str]", lines)
-        self.spool.write("\n".join([*texts, ""]).encode("utf-8", "backslashreplace"))
+        if self.styled:
+            lines = [_flat(line) for line in cast("Sequence[Line]", lines)]
+        texts = cast("Sequence[str]", lines)
+        for at in range(0, len(texts), PIECE):
+            self._write(texts[at : at + PIECE])
+
+    def _write(self, texts: Sequence[str]) -> None:
+        text = "\n".join([*texts, ""])
+        octets = text.encode(*_ENCODING)
+        wide = len(octets) > len(text)
+        self._keep(octets, [len(line.encode(*_ENCODING)) if wide else len(line) for line in texts])
+
+    def _keep(self, octets: bytes, lengths: list[int]) -> None:
+        """Keep rows, of which each is so long."""
+        if self._spots is None:
+            self.spool.write(octets)
+        else:
+            self.spool.write_indexed(octets, self._spots.index(octets, lengths))
 
 
 def _flat(line: Line) -> str:
@@ -127,7 +157,7 @@ def rows_task(
     run: Run,
     chosen: Chosen,
     writer: Writer,
-    take: Callable[[], Sequence[str | Line]],
+    take: Callable[[], Sequence[Written]],
     left: Callable[[], tuple[Mapping[str, int], Iterable[str]]],
 ) -> int:
     """Read the file of a task and hand on its rows: those that ``take`` returns, again and again.
@@ -138,7 +168,7 @@ def rows_task(
     writer.take()
     chosen.begin(run, of.files)
     pipeline = run.pipeline
-    spooler = None if of.direct is not None else _Spooler(of)
+    spooler = None if of.direct is not None else _Spooler(of, writer.joint)
     sink: _Direct | _Spooler = of.direct if spooler is None else spooler
     sink.begin(pipeline)
     connections, transactions = int(pipeline.connections.count), int(pipeline.exchange.dialogue.count)
@@ -152,6 +182,7 @@ def rows_task(
             rows=None if spooler is None else spooler.spool.done(),
             marks=Marks() if spooler is None else spooler.marks,
             styled=spooler is not None and spooler.styled,
+            joint=None if spooler is None else spooler.joint,
             connections=int(pipeline.connections.count) - connections,
             left_out=int(pipeline.connections.left_out),
             transactions=int(pipeline.exchange.dialogue.count) - transactions,
@@ -195,7 +226,11 @@ def rows_separately(
 def write_rows(part: RowsPart, before: Offsets, width: int) -> None:
     """Write the rows of a file; ``before`` is what the files before it came to."""
     assert part.rows is not None
-    with opened(part.rows) as file:
+    with opened(part.rows, spare=True) as file:  # in a folder of its own (`dissect.cli.separate`)
+        if part.joint is not None:
+            for octets, index in indexed(file):
+                write_pieces(pieces(octets, index, before.transactions, before.connections, part.joint))
+            return
         for rows in whole_lines(file):
             numbered = part.marks.numbered(rows, before, width)
             if part.styled:

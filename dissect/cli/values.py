@@ -35,7 +35,7 @@ from dissect.variables.summary import Summary, limits_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.report.styled import Line
+    from dissect.report.styled import Written
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
 
@@ -151,7 +151,7 @@ def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, o
     writer.begin(places_of(run, of.files))
     writer.values([])
 
-    def take() -> list[str | Line]:
+    def take() -> list[Written]:
         writer.values(collector.take())
         return writer.take()
 

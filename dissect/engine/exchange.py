@@ -132,9 +132,13 @@ class Watch:
         self.operations.end(connection, reason)
         if connection.plus is not None:
             self.plus.end(connection)
-        if connection.traits.loaded:
+        if connection.has_loaded:
             judge_loaded(self._judge, connection, reason)
         self._tell()
+
+    def forget(self) -> None:
+        """Nothing more comes: forget what stations said, which was kept to see what contradicts it."""
+        self.stations = StationWatch(self._judge)
 
     def _tell(self) -> None:
         over = self.operations.over

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from librt.strings import read_i64_be
 from mypy_extensions import i64
 
 from dissect.engine.connections import Connections
@@ -93,13 +94,17 @@ class IsoOnTcp(Protocol):
                 if length < 7 or at + length > end:
                     break
                 if buf[at + 4] != 2:
-                    break
-                if length > 16 and buf[at + 7] == PROTOCOL_ID:
+                    length = framer.alone(buf, at, end)
+                    if length == 0:
+                        break
+                elif length > 16 and buf[at + 7] == PROTOCOL_ID:
                     if stated_size(buf, at + 7, at + length) != length - 7:
                         break
+                    framer.framed += length
                 elif length > 7 and not is_sound(buf, at + 7, at + length):
                     break  # not simply one S7 PDU: what else its length covers is for the framer to see
-                framer.framed += length
+                else:
+                    framer.framed += length
                 at += length
                 try:
                     self._tpkt(side, buf, at - length, length, frame, time_ns)
@@ -145,13 +150,16 @@ class IsoOnTcp(Protocol):
         param_length: i64
         stated: i64
         if COMPILED:
-            if buf[at + 1] != 0 or buf[at + 4] != 2 or buf[at + 5] != 0xF0 or buf[at + 6] != 0x80:
+            # Two reads: up to the protocol of the PDU, and from behind its ROSCTR to the end of the header that all have.
+            head: i64 = read_i64_be(buf, at)
+            if head & 0x00FF0000FFFFFFFF != _PLAIN:
                 return 0
-            length = u16(buf, at + 2)
+            length = head >> 32 & 0xFFFF
             rosctr = buf[at + 8]
-            pdu_ref = u16(buf, at + 11)
-            param_length = u16(buf, at + 13)
-            stated = param_length + u16(buf, at + 15)
+            head = read_i64_be(buf, at + 9)
+            pdu_ref = head >> 32 & 0xFFFF
+            param_length = head >> 16 & 0xFFFF
+            stated = param_length + (head & 0xFFFF)
         else:
             reserved, length, tpdu, rosctr, pdu_ref, param_length, stated = _FUSED.unpack_from(buf, at)
             if reserved != 0 or tpdu != _PLAIN:

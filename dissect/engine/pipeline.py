@@ -19,6 +19,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from librt.strings import read_i16_be, read_i32_be, read_i64_be
 from mypy_extensions import i64
 
 from dissect.engine.connections import Connections, Recognition, on_102
@@ -48,7 +49,6 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
-from dissect.wire.octets import u16, u32
 from dissect.wire.text import duration_text
 
 __all__ = ["Observer", "Options", "Pipeline"]
@@ -244,20 +244,16 @@ class Pipeline(PacketSink):
         word: i64
         total: i64
         if COMPILED:
-            if (
-                buf[start + 12] != 0x08
-                or buf[start + 13] != 0x00
-                or buf[start + 14] != 0x45
-                or buf[start + 23] != 6
-                or buf[start + 21] != 0  # a fragment, or
-                or buf[start + 20] & 0x3F  # more of them follow
-            ):
+            # As few and as wide reads as there can be: EtherType to identification, fragment to protocol, the two numbers.
+            head: i64 = read_i64_be(buf, start + 12)
+            if head >> 40 != 0x080045 or i64(read_i32_be(buf, start + 20)) & 0x3FFF00FF != 6:
                 return self._slow_frame(buf, start, end, link_type)
-            total = u16(buf, start + 16)
+            total = head >> 16 & 0xFFFF
             side = self.table.find(buf, start + 26)
-            seq = u32(buf, start + 38)
-            ack = u32(buf, start + 42)
-            word = u16(buf, start + 46)
+            head = read_i64_be(buf, start + 38)
+            seq = head >> 32 & 0xFFFFFFFF
+            ack = head & 0xFFFFFFFF
+            word = i64(read_i16_be(buf, start + 46)) & 0xFFFF
         else:
             ethertype, version, total, fragment, protocol, key, seq, ack, word = _FUSED.unpack_from(buf, start)
             if ethertype != 0x0800 or version != 0x45 or protocol != 6 or fragment & 0x3FFF:
@@ -438,7 +434,12 @@ class Pipeline(PacketSink):
         if octets:
             if peer is not None and peer.stream.octets:
                 half.heard = True
-            what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
+            if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
+                half.passed(octets)  # as `accept` and `chunks` would, with a chunk between them
+                side.end_seq = half.next_seq
+                side.protocol.feed(side, octets, 0, len(octets), self.counters.frames, self.counters.now_ns)
+            else:
+                what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
         elif half.next_seq < 0:
             half.start(seq)
         if half.conflicts > conflicts and connection.followed:
@@ -520,6 +521,7 @@ class Pipeline(PacketSink):
             for end in (side, peer):
                 self.counters.add_up(end)
         self.table.remove(side)
+        side.tcp.let_go()
 
     def _end(self, side: Side, peer: Side, reason: str) -> None:
         for end in (side, peer):
@@ -537,6 +539,12 @@ class Pipeline(PacketSink):
         elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
             first, second = side.tcp.ends
             note_idle(self.counters, first, second, side.probes + peer.probes)
+
+    def forget(self) -> None:
+        """No packet comes any more: what only the next ones would have asked for makes room for the report."""
+        self.s7.forget()
+        self.exchange.watch.forget()
+        self.exchange.reporter.forget()
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""

@@ -44,6 +44,10 @@ class S7(Protocol):
         self.unpaired: i64 = 0  # PDUs of a kind that cannot be paired, or too damaged for it
         self._parameters: ParameterCache = ParameterCache()
 
+    def forget(self) -> None:
+        """Nothing more comes: forget the parameter blocks that were parsed."""
+        self._parameters.clear()
+
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Take a whole PDU, whose first two octets were looked at: protocol id and a ROSCTR from 1 to 7."""
         rosctr: i64 = buf[at + 1]

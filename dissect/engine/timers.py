@@ -147,8 +147,7 @@ class Timers:
     def chunks(self, side: Side, cut: bool = False) -> None:
         """Pass on what a stream has ready: octets and gaps, in order. ``cut``: the capture cut the frame there."""
         half = side.stream
-        ready = half.ready
-        half.ready = []
+        ready = half.take_ready()
         if half.outside:
             self._note_outside(side)
         for chunk in ready:

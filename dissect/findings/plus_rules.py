@@ -36,7 +36,7 @@ from dissect.s7plus.events import (
     take,
 )
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import count_mismatch
+from dissect.s7plus.refusals import count_mismatch, glimpse
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
@@ -100,14 +100,18 @@ class PlusWatch:
             self._sessions.take(session, transaction)
         elif len(session.subscriptions) > 0 or connection.mid_stream:
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
+        read: i64 = -1
         if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
             if function == GET_MULTI_VARIABLES:
-                self._operations.polled(session, transaction)
+                read = glimpse(transaction.request_octets)
+                self._operations.polled(session, transaction, read)
             octets = transaction.response_octets
             wrong = count_mismatch(function, transaction.request_octets, octets, transaction.skimmed)
             if wrong:
                 self._note("transaction.count_mismatch", transaction, wrong)
-        facts = take(session, function, transaction.request_octets, transaction.response_octets, transaction.skimmed)
+        facts = take(
+            session, function, transaction.request_octets, transaction.response_octets, transaction.skimmed, read
+        )
         if facts is not None:
             for event in facts.events:
                 code = _code_of(event, transaction)

@@ -95,12 +95,18 @@ class Reporter:
             return False
         by_connection[connection] = here + 1
         self._detailed_all[slug] = in_all + 1
+        if in_all + 1 == MAX_DETAILED_ALL:
+            del self._detailed[slug]  # no more will be detailed, on whichever connection
         return True
 
     def renew(self) -> None:
         """Allow as many detailed findings again as in the beginning: who watches a line for days wants those of today."""
         self._detailed = {}
         self._detailed_all = {}
+
+    def forget(self) -> None:
+        """Nothing more comes: forget which connections were detailed."""
+        self._detailed = {}
 
     def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
         """Count and, within the bounds, detail a finding."""

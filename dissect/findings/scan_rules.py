@@ -34,7 +34,7 @@ class _Pair:
     def __init__(self, first_ns: i64) -> None:
         self.first_ns: i64 = first_ns
         self.asked: dict[bytes, int] = {}
-        self.refused: set[bytes] = set()
+        self.refused: set[bytes] | None = None  # made with the first: most requests are confirmed
         self.told: bool = False
 
 
@@ -63,6 +63,8 @@ class ScanWatch:
             return
         pair = self._pairs.get(_key(connection))
         if pair is not None and _lately(pair, time_ns) and tsap.octets in pair.asked:
+            if pair.refused is None:
+                pair.refused = set()
             pair.refused.add(tsap.octets)
             self._look(pair, connection, time_ns)
 
@@ -78,14 +80,15 @@ class ScanWatch:
         return pair
 
     def _look(self, pair: _Pair, connection: Connection, time_ns: i64) -> None:
-        if pair.told or (len(pair.asked) < TSAPS and len(pair.refused) < REFUSED):
+        refused = len(pair.refused) if pair.refused is not None else 0
+        if pair.told or (len(pair.asked) < TSAPS and refused < REFUSED):
             return
         pair.told = True
         tsaps = [".".join([f"{octet:02x}" for octet in octets]) for octets in list(pair.asked)[:_NAMED]]
         age: int = time_ns - pair.first_ns
         detail = (
             f"{connection.client} tried {len(pair.asked)} TSAPs of {connection.server} within {duration_text(int(age))},"
-            f" {len(pair.refused)} of them refused: {', '.join(tsaps)}"
+            f" {refused} of them refused: {', '.join(tsaps)}"
         )
         frames = list(pair.asked.values())[-_NAMED:]
         self._judge.note("security.tsap_scan", connection.number, frames, time_ns, detail)

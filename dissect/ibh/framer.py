@@ -21,6 +21,8 @@ MAX_PACKET: Final = HEADER + 255
 _LENGTH_AT: Final = 2
 _CHANNELS: Final = frozenset((0x00, 0x01, 0x07, 0x10))
 _GATEWAY: Final = 0xFF
+#: What nearly every connection to a PLC begins with, and no channel: the version of a TPKT.
+_TPKT: Final = 3
 _DEVICE: Final = frozenset(((0x00, 0x10), (0x10, 0x00)))
 #: The claim of a connection number, behind the number itself: what a client sends first.
 _CLAIM: Final = 0x97
@@ -60,7 +62,7 @@ def opens(octets: bytes, on_port: bool, at_start: bool) -> bool:
     beginning of such a header. Elsewhere it has to be certain.
     """
     end: i64 = len(octets)
-    if not octets:
+    if not octets or octets[0] == _TPKT:
         return False
     if not on_port:
         return judge_beginning(octets, 0, end) == YES

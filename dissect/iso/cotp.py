@@ -45,14 +45,14 @@ class Tpdu:
     else there.
     """
 
-    __slots__ = ("_fields", "data", "head", "layout", "malformed", "parameters", "type", "variable")
+    __slots__ = ("_fields", "_parameters", "data", "head", "layout", "malformed", "type", "variable")
 
     def __init__(self, type_: int, layout: Layout) -> None:
         self.type = type_
         self.layout = layout
         self.head = b""
         self._fields: list[FieldValue] | None = None  # made when somebody first asks for all of them
-        self.parameters: list[Parameter] = []
+        self._parameters: list[Parameter] | None = None  # the same
         self.variable = b""
         self.data = b""
         self.malformed: list[Malformed] = []
@@ -71,23 +71,40 @@ class Tpdu:
 
     def field(self, name: str) -> int:
         """Return the value of a fixed field, -1 when the TPDU has none of that name or is too short for it."""
-        start = at = 0
-        for field in self.layout.fields:  # numbers of fixed size, all of them
-            if not field.shares:
-                start = at
-                at += field.size
-            if at > len(self.head):
-                break
-            if field.name == name:
-                return field.read(self.head, start)
-        return -1
+        found = self.layout.numbers.get(name)
+        if found is None:
+            return -1
+        start, field = found
+        return field.read(self.head, start) if start + field.size <= len(self.head) else -1
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """The parameters that lie whole in the variable part, in wire order."""
+        found = self._parameters
+        if found is None:
+            found = []
+            variable = self.variable
+            at: i64 = 0
+            behind: i64 = _behind(variable, at)
+            while behind > 0:
+                found.append(Parameter(variable[at], variable[at + 2 : behind], self.layout.size + at))
+                at = behind
+                behind = _behind(variable, at)
+            self._parameters = found
+        return found
 
     def parameter(self, code: int) -> bytes | None:
         """Return the value of a parameter; the last one counts when a code stands twice (X.224 13.2.3)."""
         found: bytes | None = None
-        for parameter in self.parameters:
-            if parameter.code == code:
-                found = parameter.value
+        wanted: i64 = code
+        variable = self.variable
+        at: i64 = 0
+        behind: i64 = _behind(variable, at)
+        while behind > 0:
+            if variable[at] == wanted:
+                found = variable[at + 2 : behind]
+            at = behind
+            behind = _behind(variable, at)
         return found
 
     def tsap(self, code: int) -> Tsap | None:
@@ -105,6 +122,15 @@ class Tpdu:
         if size is not None and len(size) == 1 and 7 <= size[0] <= 16:
             return 65531 if size[0] == 16 else 1 << size[0]
         return 0
+
+
+def _behind(variable: bytes, at: i64) -> i64:
+    """Return where the parameter ends that begins at ``at`` of a variable part, 0 when none lies whole there."""
+    size: i64 = len(variable)
+    if at + 2 > size:
+        return 0
+    behind: i64 = at + 2 + variable[at + 1]
+    return behind if behind <= size else 0
 
 
 def _by_size(type_: int, li: int) -> Layout:
@@ -163,23 +189,29 @@ def parse_tpdu(octets: bytes) -> Tpdu:
         tpdu.malformed.append(Malformed("cotp", "too_short", layout.name, 0, layout.size, end, "li"))
     else:
         tpdu.variable = octets[layout.size : end]
-        _parse_parameters(tpdu, octets, layout.size, end)
+        _judge_parameters(tpdu)
     tpdu.data = octets[end:]
     return tpdu
 
 
-def _parse_parameters(tpdu: Tpdu, octets: bytes, at: i64, end: i64) -> None:
-    size: i64
-    while at < end:
-        if at + 2 > end:
-            tpdu.malformed.append(Malformed("cotp", "too_short", "parameter", at, 2, end - at, "li"))
-            return
-        size = octets[at + 1]
-        if at + 2 + size > end:
-            tpdu.malformed.append(Malformed("cotp", "length_beyond", "parameter", at, size, end - at - 2, "li"))
-            return
-        tpdu.parameters.append(Parameter(octets[at], octets[at + 2 : at + 2 + size], at))
-        at += 2 + size
+def _judge_parameters(tpdu: Tpdu) -> None:
+    """Tell of a parameter that does not lie whole in the variable part; those behind it cannot be found."""
+    variable = tpdu.variable
+    size: i64 = len(variable)
+    at: i64 = 0
+    behind: i64 = _behind(variable, at)
+    while behind > 0:
+        at = behind
+        behind = _behind(variable, at)
+    if at == size:
+        return
+    here = tpdu.layout.size + at
+    if at + 2 > size:
+        tpdu.malformed.append(Malformed("cotp", "too_short", "parameter", here, 2, size - at, "li"))
+    else:
+        tpdu.malformed.append(
+            Malformed("cotp", "length_beyond", "parameter", here, variable[at + 1], size - at - 2, "li")
+        )
 
 
 class Assembler:

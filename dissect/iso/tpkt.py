@@ -170,6 +170,15 @@ class Fault:
         self.value = value
 
 
+#: What a framer has while there is nothing of a kind: most framers share these, and nobody appends to them.
+_NO_PLACES: Final[list[int]] = []
+_NO_PACKETS: Final[list[bytes]] = []
+_NO_FAULTS: Final[list[Fault]] = []
+
+#: A TPKT with a longer TPDU than connect requests and confirms have is looked at closely.
+_FEW: Final = 64
+
+
 class Framer:
     """Finds TPKTs in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
@@ -196,20 +205,20 @@ class Framer:
     )
 
     def __init__(self) -> None:
-        self.ends: list[int] = []
+        self.ends: list[int] = _NO_PLACES
         self.pending: bytearray | None = None
         self._need: i64 = 0  # size of the pending TPKT, 0 while its header is not complete
         self._searched: i64 = 0  # octets of the pending TPKT in which no sound one begins
         self._sought: bytes = b""  # while searching: octets from the first on with which a TPKT may begin
-        self._candidates: list[int] = []  # the places in them where one may begin, if its end comes to fit
+        self._candidates: list[int] = _NO_PLACES  # the places in them where one may begin, if its end comes to fit
         self._tail: bytes = b""  # of the last TPKT, if it did not agree with its length: what may begin the next one
         self.skip: i64 = 0
         self._brief: bool = (
             False  # what is passed over are octets of a TPKT too short for a TPDU, unless one begins there
         )
         self.synced: bool = False
-        self.packets: list[bytes] = []
-        self.faults: list[Fault] = []
+        self.packets: list[bytes] = _NO_PACKETS
+        self.faults: list[Fault] = _NO_FAULTS
         self.framed: i64 = 0
         self.skipped: i64 = 0
         self.cut_packet: bytes = b""
@@ -229,7 +238,7 @@ class Framer:
     def push(self, octets: bytes, start: i64, at_segment_start: bool) -> None:
         """Take ``octets[start:]``; whole TPKTs are appended to ``packets``."""
         if self.ends and not self.packets:
-            self.ends = []
+            self.ends = _NO_PLACES
         at: i64 = start
         fresh: i64 = start
         if self._sought:
@@ -256,7 +265,7 @@ class Framer:
                     end = len(octets)
             elif self.synced and self._tail and octets[at] != 3:
                 # The TPKT before did not agree with its length, and it may have been too long.
-                self.faults.append(Fault(BAD_VERSION, octets[at]))
+                self._tell(BAD_VERSION, octets[at])
                 self.synced = False
                 self.framed -= len(self._tail)
                 octets = self._tail + octets[at:]
@@ -284,7 +293,7 @@ class Framer:
         if pending is None:
             self.skipped += len(self._sought)
             self._sought = b""
-            self._candidates = []
+            self._candidates = _NO_PLACES
             self.synced = False
             return False
         have: i64 = len(pending)
@@ -314,7 +323,7 @@ class Framer:
     def _begin(self, octets: bytes, at: i64, end: i64) -> i64:
         """In step, at the first octet of a TPKT: take it whole, keep its beginning, or find it wrong."""
         if octets[at] != 3:
-            self.faults.append(Fault(BAD_VERSION, octets[at]))
+            self._tell(BAD_VERSION, octets[at])
             self.synced = False
             return at
         if end - at < HEADER:
@@ -339,17 +348,45 @@ class Framer:
         self._keep(octets, at, length)
         return end
 
-    def _add(self, packet: bytes) -> None:
+    def _tell(self, kind: str, value: int) -> None:
+        if not self.faults:
+            self.faults = []
+        self.faults.append(Fault(kind, value))
+
+    def _whole(self, packet: bytes, given: int) -> None:
+        """A TPKT is whole; ``given`` octets were given up to its end."""
+        if not self.packets:
+            self.packets = []
         self.packets.append(packet)
+        if not self.ends:
+            self.ends = []
+        self.ends.append(given)
+
+    def alone(self, octets: bytes, at: i64, end: i64) -> i64:
+        """Return the length of the TPKT that ``octets[at:end]`` plainly are, with any TPDU but a DT in it; 0 when they are not.
+
+        For a framer in step that holds nothing: `push` would find the same one, after a closer look. Connections begin so.
+        """
+        length: i64 = end - at
+        if length < MIN_LENGTH or length > _FEW or u16(octets, at + 2) != length or not plausible(octets, at, end):
+            return 0
+        for here in range(at + HEADER + 1, end):
+            if octets[here] & 0xF0 == _DT:
+                return 0  # it is a DT, or covers what may be one
+        self._tail = b""
+        self.framed += length
+        return length
+
+    def _add(self, packet: bytes) -> None:
         self.framed += len(packet)
-        self.ends.append(self.framed + self.skipped)
+        self._whole(packet, self.framed + self.skipped)
         self._tail = b""
         if not agrees(packet[:_TELLING], len(packet)):
             self._tail = packet[max(1, _first_open(packet)) :]
 
     def _end_early(self, octets: bytes, length: i64) -> None:
         """A TPKT of ``length`` covers a sound one: what stands before that is all it holds."""
-        self.faults.append(Fault(HIDING, length))
+        self._tell(HIDING, length)
         if len(octets) < MIN_LENGTH:
             self.skipped += len(octets)
         else:
@@ -404,7 +441,7 @@ class Framer:
         """Tell the sound TPKTs at ``at`` besides the one that they may be the content of."""
         pending = self.pending
         assert pending is not None
-        self.faults.append(Fault(HIDING, self._need))
+        self._tell(HIDING, self._need)
         given: i64 = self.framed + self.skipped + len(pending) - at
         length: i64 = sound_length(octets, at, end)
         while length:
@@ -425,7 +462,7 @@ class Framer:
 
     def _short(self, octets: bytes, at: i64, end: i64, length: i64) -> i64:
         """A length of 4 to 6 holds no whole TPDU and is stepped over, unless a TPKT begins in it; below 4 nothing can be."""
-        self.faults.append(Fault(BAD_LENGTH, length))
+        self._tell(BAD_LENGTH, length)
         if length < HEADER:
             self.synced = False
             self.skipped += 1
@@ -486,7 +523,7 @@ class Framer:
                 candidates.append(here)
             here = octets.find(b"\x03\x00", here + 1)
         if found >= 0:
-            self._candidates = []
+            self._candidates = _NO_PLACES
             self.synced = True
             self.skipped += found - at
             return found

@@ -11,6 +11,7 @@ import secrets
 from typing import Final, NamedTuple
 
 from dissect.engine.pipeline import Pipeline
+from dissect.jobs.spots import Spots
 
 #: Digits of the number itself behind those of a mark.
 _DIGITS: Final = 9
@@ -56,6 +57,11 @@ class Marks:
         self.transactions = int(pipeline.exchange.dialogue.count) - self._begins.transactions
         if max(self.connections, self.transactions) >= _ROOM:
             raise OverflowError(f"more than {_ROOM - 1} transactions")
+
+    def spots(self, joint: bytes) -> Spots:
+        """Return what finds marked numbers of transaction and connection that have ``joint`` between them."""
+        begins = self._begins
+        return Spots(b"%d" % (begins.transactions // _ROOM), b"%d" % (begins.connections // _ROOM), joint)
 
     def numbered(self, rows: bytes, before: Offsets, width: int = 0) -> bytes:
         """Return whole rows with the numbers of the whole; those of transactions take at least ``width`` characters."""

@@ -1,7 +1,9 @@
 """Processes of this machine as an executor: what one of them dies of is the failure of its own task, and of no other.
 
-Each process is an executor by itself (`concurrent.futures.ProcessPoolExecutor` of one, by spawn). In one of several, a process
-that dies breaks all of them, and nobody can say at which file.
+Each process has a pipe and a thread of its own. In an executor whose processes share a queue (`concurrent.futures`), one that
+dies breaks all of them, and nobody can say at which file.
+
+They are spawned: a fork copies locks and buffers in whatever state they are, and the ends of the other processes' pipes.
 """
 
 from __future__ import annotations
@@ -9,52 +11,53 @@ from __future__ import annotations
 import gc
 import multiprocessing
 import os
+import queue
 import shutil
 import signal
 import threading
-from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from typing import Any, Final, TypeVar
-
-#: Seconds that a process may take to end once it was told to.
-_END_S: Final = 5.0
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import contextmanager
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
-class _Slot:
-    """One process, and the executor it belongs to."""
+class _Process:
+    """A process, and the pipe to it. ``folder`` and ``collects`` are those of `Pool`."""
 
     def __init__(self, folder: str, collects: tuple[int, ...]) -> None:
-        self.executor = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (folder, collects))
-        self.process: Any = None
+        context: Any = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, folder, collects), daemon=True)
+        with _uninterrupted():
+            self._process.start()
+        theirs.close()
 
-    def submit(self, fn: Callable[..., T], *arguments: Any) -> Future[T]:
-        if self.process is not None:
-            return self.executor.submit(fn, *arguments)
-        # The first task starts the process. Ctrl-C reaches every process of a terminal; what to do then is decided here.
-        before = {child.pid for child in multiprocessing.active_children()}
-        main = threading.current_thread() is threading.main_thread()
-        handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
+    def call(self, fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Return what a function returns there, or raise what it raises there. BrokenExecutor when the process dies of it."""
         try:
-            future = self.executor.submit(fn, *arguments)
-        finally:
-            if main:
-                signal.signal(signal.SIGINT, handler)
-        self.process = next((child for child in multiprocessing.active_children() if child.pid not in before), None)
-        return future
+            self._pipe.send((fn, arguments))
+            well, found = self._pipe.recv()
+        except (EOFError, OSError):
+            raise BrokenExecutor("the process ended") from None
+        if well:
+            return found
+        raise found
 
     def end(self) -> None:
-        if self.process is not None and self.process.is_alive():
-            self.process.terminate()
-            self.process.join(_END_S)
-            if self.process.is_alive():
-                self.process.kill()
-        self.executor.shutdown(wait=True, cancel_futures=True)
+        """End the process, whatever it is doing. To be called once no thread is in `call`, or for that to return."""
+        self._process.kill()
+        self._process.join()
+
+    def close(self) -> None:
+        """Forget the pipe."""
+        self._pipe.close()
 
 
 class Pool(Executor):
-    """``count`` processes with a task each; a task for which there is none is refused.
+    """``count`` processes; each does a task at a time, what is more waits.
 
     The future of a task whose process died raises `concurrent.futures.BrokenExecutor`; another process takes its place.
     ``folder`` is one that the processes remove when whoever started them was killed and cannot. ``collects`` are the
@@ -62,48 +65,114 @@ class Pool(Executor):
     """
 
     def __init__(self, count: int, folder: str = "", collects: tuple[int, ...] = ()) -> None:
-        self._count = count
         self._folder = folder
         self._collects = collects
-        self._free: list[_Slot] = []
-        self._busy: set[_Slot] = set()
+        self._tasks: queue.SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]] | None] = (
+            queue.SimpleQueue()
+        )
+        self._over = False
+        self._change = threading.Lock()
+        self._processes = [_Process(folder, collects) for _ in range(count)]
+        self._threads = [threading.Thread(target=self._work, args=(at,), daemon=True) for at in range(count)]
+        for thread in self._threads:
+            thread.start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Start a task. RuntimeError when all processes have one."""
+        """Have a task done by the next process that is free."""
         if kwargs:
             raise TypeError("tasks take no keyword arguments")
-        if len(self._busy) >= self._count:
-            raise RuntimeError(f"all {self._count} processes are busy")
-        slot = self._free.pop() if self._free else _Slot(self._folder, self._collects)
-        self._busy.add(slot)
-        future = slot.submit(fn, *args)
-        future.add_done_callback(lambda done: self._done(slot, done))
+        future: Future[T] = Future()
+        self._tasks.put((future, fn, args))
         return future
 
-    def _done(self, slot: _Slot, future: Future[T]) -> None:
-        self._busy.discard(slot)
-        if not future.cancelled() and not isinstance(future.exception(), BrokenExecutor):
-            self._free.append(slot)
+    def _work(self, at: int) -> None:
+        """Be the thread of a process."""
+        while (task := self._tasks.get()) is not None:
+            future, fn, arguments = task
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                found = self._processes[at].call(fn, arguments)
+            except BrokenExecutor as error:
+                self._replace(at)
+                future.set_exception(error)
+            except Exception as error:  # noqa: BLE001 - as every executor hands it on
+                future.set_exception(error)
+            else:
+                future.set_result(found)
+        self._processes[at].close()
+
+    def _replace(self, at: int) -> None:
+        """Put a process in the place of one that died."""
+        with self._change:
+            if not self._over:
+                self._processes[at].end()
+                self._processes[at].close()
+                self._processes[at] = _Process(self._folder, self._collects)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes; what they were doing is lost."""
-        for slot in (*self._busy, *self._free):
-            slot.end()
-        self._busy.clear()
-        self._free.clear()
+        """End all processes; what they were doing is lost, and what waits for them is not done."""
+        with self._change:
+            self._over = True
+        try:
+            while (task := self._tasks.get_nowait()) is not None:
+                task[0].cancel()
+        except queue.Empty:
+            pass
+        for _ in self._threads:
+            self._tasks.put(None)
+        for process in self._processes:
+            process.end()
+        for thread in self._threads:
+            thread.join()
 
 
-def _begin(folder: str, collects: tuple[int, ...]) -> None:
-    """Begin as a process of a pool: Ctrl-C is not for it, and it ends when whoever started it is gone, however that ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Have what is started meanwhile begin without Ctrl-C, which reaches every process of a terminal."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may say so; the process itself does a moment later
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+# ---- in the process -----------------------------------------------------------------------------------------------------
+
+
+def _serve(pipe: Any, folder: str, collects: tuple[int, ...]) -> None:
+    """Be a process of a pool: do one task after another, as long as there is somebody who gives them."""
+    for number in (
+        signal.SIGINT,
+        signal.SIGTERM,
+    ):  # they may reach all processes, and whoever started them knows what to do
+        signal.signal(number, signal.SIG_IGN)
     if collects:
         gc.set_threshold(*collects)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_watch, args=(parent, folder), daemon=True).start()
+    while True:
+        try:
+            fn, arguments = pipe.recv()
+        except EOFError:
+            return
+        try:
+            outcome = True, fn(*arguments)
+        except Exception as error:  # noqa: BLE001 - it belongs to whoever wants the task done
+            error.add_note(f"In a process of -j:\n{''.join(traceback.format_exception(error))}")
+            outcome = False, error
+        try:
+            pipe.send(outcome)
+        except Exception as error:  # noqa: BLE001 - what cannot be pickled
+            pipe.send((False, TypeError(str(error))))
 
 
 def _watch(parent: Any, folder: str) -> None:
+    """End when whoever started this process is gone, however that ended."""
     parent.join()
     if folder:
         shutil.rmtree(folder, ignore_errors=True)

@@ -49,7 +49,7 @@ _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 #: Attributes that are not sent, by class: they are what a new object has.
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
-    "Analysis": frozenset(("_asked", "pipeline")),
+    "Analysis": frozenset(("_shared", "pipeline")),
     "CarvedBlock": frozenset(("activation", "operation")),
     "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),

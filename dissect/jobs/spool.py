@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,12 @@ from dissect.jobs.tasks import FileError
 MOST_CARRIED: Final = 64 * 1024 * 1024
 #: Bytes that are taken together.
 _BLOCK: Final = 1024 * 1024
+#: Rows of more bytes than this go to their file as they are.
+_SMALL: Final = 16 * 1024
+#: What the name of a file begins with that nobody needs any more, until somebody writes another one.
+_SPARE: Final = "spare-"
+#: How long rows and their index are.
+_PAIR: Final = struct.Struct("<QQ")
 
 
 class Spooled(NamedTuple):
@@ -35,9 +42,7 @@ class Spool:
         self._path = str(Path(folder, name)) if folder else ""
         self._memory = io.BytesIO()
         self._file: IO[bytes] = (
-            Path(self._path).open("wb", _BLOCK)  # noqa: SIM115 - `done` closes it
-            if folder
-            else gzip.GzipFile("", "wb", 1, self._memory, 0)  # type: ignore[assignment]  # it writes bytes as a file does
+            _begun(Path(self._path)) if folder else gzip.GzipFile("", "wb", 1, self._memory, 0)  # type: ignore[assignment]  # it writes bytes as a file does
         )
 
     @property
@@ -56,8 +61,15 @@ class Spool:
                 f"its rows are more than {MOST_CARRIED // 1024**2} MiB compressed; read it on the machine that writes them"
             )
 
+    def write_indexed(self, octets: bytes, index: bytes) -> None:
+        """Take rows and where their numbers stand (`dissect.jobs.spots`), for `indexed`. Raises as `write` does."""
+        for part in (_PAIR.pack(len(octets), len(index)), octets, index):
+            self.write(part)
+
     def done(self) -> Spooled:
-        """Return the rows; nothing can be written any more."""
+        """Return the rows; nothing can be written any more. Raises OSError when the disk is full."""
+        if self._path:
+            self._file.truncate()  # where it was a longer one
         self._file.close()
         return Spooled(self._path, self._memory.getvalue())
 
@@ -71,9 +83,20 @@ class Spool:
             Path(self._path).unlink(missing_ok=True)
 
 
+def _begun(path: Path) -> IO[bytes]:
+    """Return a new file, where there is one to spare that: room that the system already has costs half as much to write."""
+    for spare in path.parent.glob(f"{_SPARE}*"):
+        try:
+            spare.rename(path)
+        except FileNotFoundError:  # somebody else has it
+            continue
+        return path.open("r+b", _SMALL)
+    return path.open("wb", _SMALL)
+
+
 @contextmanager
-def opened(spooled: Spooled) -> Iterator[IO[bytes]]:
-    """Give a file with the rows, which is there for this once."""
+def opened(spooled: Spooled, spare: bool = False) -> Iterator[IO[bytes]]:
+    """Give a file with the rows, which is there for this once; with ``spare`` rows to come may take its place in its folder."""
     if not spooled.path:
         with gzip.GzipFile(fileobj=io.BytesIO(spooled.carried)) as packed:
             yield packed  # type: ignore[misc]  # it reads as a file does
@@ -82,7 +105,18 @@ def opened(spooled: Spooled) -> Iterator[IO[bytes]]:
         with Path(spooled.path).open("rb") as file:
             yield file
     finally:
-        Path(spooled.path).unlink(missing_ok=True)
+        path = Path(spooled.path)
+        if spare:
+            path.rename(path.with_name(f"{_SPARE}{path.name}"))
+        else:
+            path.unlink(missing_ok=True)
+
+
+def indexed(file: IO[bytes]) -> Iterator[tuple[bytes, bytes]]:
+    """Yield rows and their index, as they went to `Spool.write_indexed`."""
+    while head := file.read(_PAIR.size):
+        octets, index = _PAIR.unpack(head)
+        yield file.read(octets), file.read(index)
 
 
 def whole_lines(file: IO[bytes]) -> Iterator[bytes]:

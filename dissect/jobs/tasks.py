@@ -64,8 +64,9 @@ class FileError(Exception):
 class Files:
     """Does ``work(*arguments, place, file)`` for each of ``files``, ``at_once()`` at a time.
 
-    ``lost`` are exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun
-    again, and where the process that died was.
+    ``queued`` more tasks may wait in the executor, so that nobody waits for one while a result is taken. ``lost`` are
+    exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun again, and where the
+    process that died was.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Files:
         arguments: Sequence[Any],
         lost: tuple[type[BaseException], ...] = (BrokenExecutor,),
         retried: Callable[[str, str], None] = lambda *_: None,
+        queued: int = 0,
     ) -> None:
         self._executor = executor
         self._at_once = at_once
@@ -83,6 +85,7 @@ class Files:
         self._arguments = arguments
         self._lost = lost
         self._retried = retried
+        self._queued = queued
 
     def run(self, files: Sequence[str], stop: Callable[[], bool]) -> Iterator[Done]:
         """Yield what became of each file, in their order; ends early once ``stop`` returns True."""
@@ -93,8 +96,10 @@ class Files:
         again: list[int] = []
         try:
             while shown < len(files):
+                if shown not in done and stop():
+                    return
                 at_once = self._at_once()
-                while len(running) < at_once and (
+                while len(running) < at_once + self._queued and (
                     again or (following < len(files) and following < shown + at_once * _AHEAD)
                 ):
                     if again:
@@ -103,7 +108,7 @@ class Files:
                         at, following = following, following + 1
                     tries[at] += 1
                     running[self._executor.submit(self._work, *self._arguments, at, files[at])] = at
-                finished, _ = wait(running, _LOOK_S, FIRST_COMPLETED)
+                finished, _ = wait(running, 0 if shown in done else _LOOK_S, FIRST_COMPLETED)
                 for future in finished:
                     at = running.pop(future)
                     outcome = self._outcome(future, files[at], tries[at])
@@ -111,11 +116,9 @@ class Files:
                         again.append(at)
                     else:
                         done[at] = outcome
-                while shown in done:
+                if shown in done:  # one, so that nobody waits for a task while several are taken
                     yield done.pop(shown)
                     shown += 1
-                if stop():
-                    return
         finally:
             for future in running:
                 future.cancel()

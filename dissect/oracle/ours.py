@@ -149,7 +149,8 @@ def _connection_parameters(found: dict[Place, Fact], tpdu: Tpdu) -> None:
     for code, name in _SIZES.items():
         # `tpdu_size` is what holds of the two; each alone says what it states.
         alone = Tpdu(tpdu.type, tpdu.layout)
-        alone.parameters = [parameter for parameter in tpdu.parameters if parameter.code == code]
+        stated = [parameter.value for parameter in tpdu.parameters if parameter.code == code]
+        alone.variable = b"".join([bytes((code, len(value))) + value for value in stated])
         if alone.tpdu_size:
             found[Place(facts.IN_TPDU, 0, name)] = Fact(alone.tpdu_size, _last(tpdu, code) + 2)
 

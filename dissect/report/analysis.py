@@ -6,6 +6,7 @@ Answer times are exact for the first 16,384, then within one part in 128 (docs/d
 from __future__ import annotations
 
 import heapq
+import struct
 from array import array
 from typing import Any, Final
 
@@ -14,20 +15,23 @@ from mypy_extensions import i64
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
+from dissect.iso.tsap import Tsap
 from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import USERDATA
 from dissect.s7plus.parameters import PlusParameters
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import Book, Fact
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.ending import Ending
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 
 #: Answer times kept as they are; from then on they are counted in buckets.
 EXACT: Final = 16384
-#: How many of those are counted in buckets with each one that comes then: no packet waits for all of them.
+#: As many are gathered before they are kept: to put one into an array takes long.
+_GATHERED: Final = 64
+#: How many of those kept are counted in buckets with each one that comes then: no packet waits for all of them.
 _AT_ONCE: Final = 32
 #: Buckets to each doubling.
 _STEPS: Final = 128
@@ -43,13 +47,14 @@ class Latencies:
     captures) count as they are for the minimum and as 0 in buckets.
     """
 
-    __slots__ = ("_buckets", "_in_order", "_recent", "count", "largest", "smallest")
+    __slots__ = ("_buckets", "_fresh", "_in_order", "_recent", "count", "largest", "smallest")
 
     def __init__(self) -> None:
         self.count: i64 = 0
         self.smallest: i64 = 0
         self.largest: i64 = 0
         self._recent: array[int] = array("q")  # a list would keep an object for each
+        self._fresh: list[int] = []  # the latest, which go there together
         self._in_order: i64 = 0  # of how many answers they were put in order last
         self._buckets: list[int] | None = None
 
@@ -65,14 +70,21 @@ class Latencies:
         self.count += 1
         buckets = self._buckets
         if buckets is None:
-            self._recent.append(latency_ns)
-            if len(self._recent) > EXACT:
-                self._buckets = [0] * _BUCKETS
+            self._fresh.append(latency_ns)
+            if len(self._fresh) == _GATHERED or self.count > EXACT:
+                self._gather()
             return
         bucket: i64 = _bucket(latency_ns)
         buckets[bucket] = buckets[bucket] + 1  # `+=` on an element of a list is slower (mypyc)
         if self._recent:
             self._fold(_AT_ONCE)
+
+    def _gather(self) -> None:
+        """Keep those that came last with the others; begin with buckets where these are too many by now."""
+        self._recent.frombytes(_packed(self._fresh))
+        self._fresh = []
+        if self.count > EXACT and self._buckets is None:
+            self._buckets = [0] * _BUCKETS
 
     @property
     def exact(self) -> bool:
@@ -88,7 +100,8 @@ class Latencies:
         if buckets is None:
             if self._in_order != self.count:
                 self._in_order = self.count
-                self._recent = array("q", sorted(self._recent))
+                self._gather()
+                self._recent = array("q", _packed(sorted(self._recent)))
             ordered = self._recent
             if q == 0.5 and self.count % 2 == 0:
                 return (ordered[rank - 1] + ordered[rank]) // 2
@@ -115,6 +128,8 @@ class Latencies:
 
     def _fold(self, most: i64) -> None:
         """Count up to ``most`` of those kept as they are in buckets instead."""
+        if self._fresh:
+            self._gather()
         buckets = self._buckets
         if buckets is None:
             buckets = [0] * _BUCKETS
@@ -122,6 +137,8 @@ class Latencies:
         recent = self._recent
         for _ in range(min(most, len(recent))):
             buckets[_bucket(recent.pop())] += 1
+        if not recent:
+            self._recent = array("q")  # one that becomes shorter by little keeps all its memory
 
     def merge(self, other: Latencies) -> None:
         """Take all answer times of ``other``, which keeps them."""
@@ -132,12 +149,19 @@ class Latencies:
         if not self.count or other.largest > self.largest:
             self.largest = other.largest
         self.count += other.count
+        self._gather()
         self._recent.extend(other._recent)
-        if other._buckets is not None or len(self._recent) > EXACT:
+        self._recent.frombytes(_packed(other._fresh))
+        if other._buckets is not None or self._buckets is not None:
             self._fold(len(self._recent))
         if self._buckets is not None and other._buckets is not None:
             for bucket, count in enumerate(other._buckets):
                 self._buckets[bucket] += count
+
+
+def _packed(numbers: list[int]) -> bytes:
+    """Return numbers as an array has them in memory, which is quicker than to put in one after the other."""
+    return struct.pack(f"={len(numbers)}q", *numbers)
 
 
 def _bucket(latency_ns: i64) -> i64:
@@ -198,6 +222,69 @@ class FunctionStatistics:
         self.unanswered += other.unanswered
         self.errors += other.errors
         self.latencies.merge(other.latencies)
+
+
+#: Words of findings that are compared with the next ones.
+_WORDINGS: Final = 512
+
+
+class Shared:
+    """What connections and findings that are kept have in common, each of it kept once: thousands of them are much alike."""
+
+    __slots__ = ("_asked", "_details", "_ends", "_macs", "_tsaps")
+
+    def __init__(self) -> None:
+        self._asked: dict[tuple[int, bytes], Parameters] = {}  # what connections asked last, by ROSCTR and octets
+        self._ends: dict[bytes, Endpoint] = {}  # by address
+        self._macs: dict[bytes, bytes] = {}
+        self._tsaps: dict[bytes, Tsap] = {}
+        self._details: dict[str, str] = {}
+
+    def take(self, connection: Connection) -> None:
+        """Take a connection that is over."""
+        tcp = connection.tcp
+        tcp.ends = [self._end(end) for end in tcp.ends]
+        tcp.macs = self._macs.setdefault(tcp.macs, tcp.macs)
+        connection.tsap_calling = self._tsap(connection.tsap_calling)
+        connection.tsap_called = self._tsap(connection.tsap_called)
+        ending = connection.ending
+        if ending is not None:
+            connection.last_request = ending.last_request = self._once(ending.last_request)
+            connection.last_answer = ending.last_answer = self._once(ending.last_answer)
+            connection.last_error = ending.last_error = self._once(ending.last_error)
+
+    def word(self, finding: Finding) -> None:
+        """Take a finding: what is polled is refused in the same words each time."""
+        known = self._details.get(finding.detail)
+        if known is not None:
+            finding.detail = known
+            return
+        if len(self._details) >= _WORDINGS:
+            self._details = {}
+        self._details[finding.detail] = finding.detail
+
+    def _end(self, end: Endpoint) -> Endpoint:
+        known = self._ends.get(end.address)
+        if known is None:
+            self._ends[end.address] = end
+            return end
+        if known.port == end.port:
+            return known
+        end.share(known)
+        return end
+
+    def _tsap(self, tsap: Tsap | None) -> Tsap | None:
+        return None if tsap is None else self._tsaps.setdefault(tsap.octets, tsap)
+
+    def _once(self, asked: Parameters | None) -> Parameters | None:
+        if asked is None or asked.rosctr > USERDATA:
+            return asked  # others are more than their octets say
+        key = (int(asked.rosctr), asked.octets)
+        known = self._asked.get(key)
+        if known is None:
+            self._asked[key] = asked
+            return asked
+        return known
 
 
 class Part:
@@ -269,7 +356,7 @@ class Analysis(Observer):
         self._latest: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
-        self._asked: dict[tuple[int, bytes], Parameters] = {}  # what they asked last, by ROSCTR and octets
+        self._shared: Shared = Shared()  # what these and the findings have in common
         self.connections_not_listed: i64 = 0
         self.findings: list[Finding] = []
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
@@ -291,6 +378,7 @@ class Analysis(Observer):
         """Take over what the pipeline counted and the files that were read."""
         self.pipeline = pipeline
         self.files = files
+        self._shared = Shared()
 
     @property
     def finding_counts(self) -> dict[str, int]:
@@ -361,26 +449,9 @@ class Analysis(Observer):
         """Keep a connection for the list."""
         if len(self.connections) < MAX_CONNECTIONS:
             self.connections.append(connection)
-            if connection.ending is not None:
-                self._share(connection, connection.ending)
+            self._shared.take(connection)
         else:
             self.connections_not_listed += 1
-
-    def _share(self, connection: Connection, ending: Ending) -> None:
-        """What several connections asked last is kept once."""
-        connection.last_request = ending.last_request = self._once(ending.last_request)
-        connection.last_answer = ending.last_answer = self._once(ending.last_answer)
-        connection.last_error = ending.last_error = self._once(ending.last_error)
-
-    def _once(self, asked: Parameters | None) -> Parameters | None:
-        if asked is None or asked.rosctr > USERDATA:
-            return asked  # others are more than their octets say
-        key = (int(asked.rosctr), asked.octets)
-        known = self._asked.get(key)
-        if known is None:
-            self._asked[key] = asked
-            return asked
-        return known
 
     def operation(self, operation: Operation) -> None:
         """Count an operation by its kind and result."""
@@ -393,6 +464,7 @@ class Analysis(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
+        self._shared.word(finding)
         self.findings.append(finding)
 
     # ---- of several runs --------------------------------------------------------------------------------------------

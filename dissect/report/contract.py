@@ -21,6 +21,7 @@ from dissect.report.writers.jsonl import TransactionLines
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
+from dissect.wire.json_page import json_page
 from dissect.wire.text import Clock, encodable
 
 ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
@@ -88,7 +89,7 @@ def _transactions(analysis: Analysis) -> dict[str, object]:
 
 def analysis_as_json(analysis: Analysis, interrupted: bool = False) -> str:
     """Return an analysis as `analyze -T json` writes it: ASCII without control characters but the line feeds of its layout."""
-    return json.dumps(analysis_as_dict(analysis, interrupted), indent=1).replace("\x7f", "\\u007f")
+    return json_page(analysis_as_dict(analysis, interrupted), 1)
 
 
 def _number(connection: Connection) -> int:

@@ -5,7 +5,8 @@ To add a format:
    record it takes (`transaction`, `operation`, `pdu` …), or for single results a function from `Outcome` to lines.
 2. Add one row to `FORMATS` below: name, what its help says, and the class or function for each kind of result.
 3. No command changes: ``--help``, completion and the hint at a wrong name come from the row, wherever a kind is written.
-4. Lines are `str`, or `Line` to be wrapped and coloured on a terminal; escape what comes from the wire, hide secrets of PDUs.
+4. Lines are `str` (or its octets), or `Line` to be wrapped and coloured on a terminal; escape what comes from the wire, hide
+   secrets of PDUs.
 5. tests/report/test_formats.py tries every row; a schema of its own goes to dissect/schema, its columns to docs/.
 """
 

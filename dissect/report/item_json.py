@@ -14,7 +14,7 @@ from mypy_extensions import i64, u8
 from dissect.s7.items import Item
 from dissect.s7.parameters import UserdataHead
 from dissect.s7.tables import BIT, BYTE, CHAR, SUCCESS, USERDATA_TYPES, WCHAR
-from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers
+from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers, write_times
 from dissect.transactions.naming import NamedValue
 from dissect.wire.digits import write_escape, write_hexadecimal
 from dissect.wire.text import SHORT, hexadecimal, json_text
@@ -110,9 +110,11 @@ def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
 
 def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> None:
     """Write `item_json` of an item of which all is well: its ``octets`` are ``size`` from ``at``."""
-    if not item.head:
-        item.head = _item_beginning(item).encode("ascii")
-    out.write(item.head)
+    head = item.head
+    if len(head) == 0:  # for bytes that is quicker to ask (mypyc)
+        head = _item_beginning(item).encode("ascii")
+        item.head = head
+    out.write(head)
     write_hexadecimal(out, octets, at, at + size)
     out.write(_VALUE_OCTETS)
     kind: i64 = item.transport_size
@@ -124,7 +126,7 @@ def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: 
         text = spelled(octets[at : at + size]) if kind == BYTE and size >= LEAST_TEXT else ""
         if text:
             out.write(f',"text":{json_text(text)}'.encode("ascii"))
-    elif not _write_text(out, kind, octets, at, size):
+    elif not write_times(out, kind, octets, at, size) and not _write_text(out, kind, octets, at, size):
         out.write(value_text(decode_value(kind, octets[at : at + size])).encode("ascii"))
     out.append(_CLOSE)
 

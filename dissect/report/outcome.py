@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 from dissect.report.styled import PLAIN, Line
+from dissect.wire.json_page import json_page
+from dissect.wire.text import json_text
 
 #: Arguments of `json.dumps`. The layout is part of what users compare, so each command keeps its own.
 PAGE: Final[Mapping[str, Any]] = {"indent": 1}
@@ -90,32 +92,27 @@ def json_outcome(outcome: Outcome) -> Iterator[str | Line]:
     """
     layout = outcome.layout
     if "indent" not in layout:
-        yield _json(outcome.as_dict(), layout)
+        yield json.dumps(outcome.as_dict(), **layout).replace("\x7f", "\\u007f")
         return
-    pad = " " * layout["indent"]
+    indent: int = layout["indent"]
+    pad = " " * indent
     piece, behind = "{", ""
     for name, value in outcome.sections():
         yield piece + behind
         behind = ","
-        piece = f"{pad}{_json(name, layout)}: "
+        piece = f"{pad}{json_text(name)}: "
         if not isinstance(value, Iterator):
-            piece += _json(value, layout, pad)
+            piece += json_page(value, indent, pad)
             continue
         piece += "["
         between = ""
         for one in value:
             yield piece + between
             between = ","
-            piece = pad * 2 + _json(one, layout, pad * 2)
+            piece = pad * 2 + json_page(one, indent, pad * 2)
         if between:
             yield piece
             piece = pad
         piece += "]"
     yield piece
     yield "}"
-
-
-def _json(value: object, layout: Mapping[str, Any], before: str = "") -> str:
-    """Return a value as JSON, with ``before`` in front of each of its lines but the first."""
-    text = json.dumps(value, **layout).replace("\x7f", "\\u007f")
-    return text.replace("\n", f"\n{before}") if before else text

@@ -47,6 +47,10 @@ class Line(NamedTuple):
         return [*lines, margin + text]
 
 
+#: A line as a writer of records makes it: text, text with a style, or the octets that are to be written, in UTF-8.
+Written = str | Line | bytes
+
+
 def _columns(text: str) -> int:
     """Return the columns that a text takes on a terminal."""
     if text.isascii():

@@ -19,7 +19,7 @@ from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import DT, ED
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify
-from dissect.report.styled import Line
+from dissect.report.styled import Line, Written
 from dissect.report.words import Places, carried, message_name
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
@@ -52,11 +52,13 @@ MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessag
 class Writer(Observer):
     """Writes results in one format: override the methods for what it takes, and name that in `dissect.report.formats`.
 
-    ``lines`` are all text as it is to be written (`str`), or all lines with a style (`Line`), which a terminal wraps and
-    colours. ``clock`` writes times as the user wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC),
-    ``verbose`` asks for everything there is (option -V of `show`). ``number_width`` is how many characters the number of a
-    transaction takes at least. Names and values come from the wire: what goes to a person
-    passes `dissect.wire.text.printable`.
+    ``lines`` are all text as it is to be written (`str`), or all the octets of such text in UTF-8 (`bytes`), for what is put
+    together as octets, or all lines with a style (`Line`), which a terminal wraps and colours. ``clock`` writes times as the
+    user wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC), ``verbose`` asks for everything there is
+    (option -V of `show`). ``number_width`` is how many characters the number of a transaction takes at least. ``joint`` is what
+    stands between the numbers of transaction and connection, where each line names both in this way and nowhere else; it is
+    empty where lines name a connection alone, None where numbers may stand anywhere. Names and values come from the wire: what
+    goes to a person passes `dissect.wire.text.printable`.
 
     Of the methods of an observer it is told `transaction`, `operation`, and for PDUs `pdu`, `plus_pdu`, `tpdu` and
     `ibh_packet` (only of those that carry no PDU), `comment`; beside them `packet` and `scd_message`. PDUs may hold passwords:
@@ -68,8 +70,9 @@ class Writer(Observer):
         self.places: Places = Places([], False)
         self.clock: Clock = clock if clock is not None else Clock()
         self.verbose: bool = verbose
-        self.lines: list[str | Line] = []
+        self.lines: list[Written] = []
         self.number_width: int = 0
+        self.joint: bytes | None = None
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``; called once, before the first result."""
@@ -81,7 +84,7 @@ class Writer(Observer):
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Take an SCD message: one of its own, or one in an item of S7."""
 
-    def take(self) -> list[str | Line]:
+    def take(self) -> list[Written]:
         """Return the lines collected since the last call."""
         lines = self.lines
         self.lines = []
@@ -109,7 +112,7 @@ class TransactionFeed(Observer):
         self._most_lines: int = most_lines
         self._most_characters: int = most_characters
         self._packets: list[int] = []  # for each line of the writer the packet it stands at; these ascend
-        self._latest: int = 0
+        self._latest: i64 = 0
         self.protocols: dict[str, int] = {}  # of the connections that are over, and how many spoke each
 
     def connection_closed(self, connection: Connection) -> None:
@@ -120,9 +123,9 @@ class TransactionFeed(Observer):
         """Hand on a transaction."""
         if self._choose is not None and not self._choose(transaction):
             return
-        packet = 0
+        packet: i64 = 0
         if transaction.outcome != UNANSWERED:
-            packet = int(max(transaction.request_frame, transaction.response_frame))
+            packet = max(transaction.request_frame, transaction.response_frame)
         self.settle()
         self._writer.transaction(transaction)
         self.place(packet)
@@ -134,24 +137,26 @@ class TransactionFeed(Observer):
         while len(packets) < len(lines):
             packets.append(0)
 
-    def place(self, packet: int) -> None:
+    def place(self, packet: i64) -> None:
         """Put the lines that the writer has got since into their place: that of ``packet``, 0 for behind all others."""
         lines = self._writer.lines
         packets = self._packets
-        packet = packet or self._latest
-        fresh = len(lines) - len(packets)
+        if packet == 0:
+            packet = self._latest
+        fresh: i64 = len(lines) - len(packets)
         if packet >= self._latest:
             self._latest = packet
+            number: int = packet  # one object for all of them
             for _ in range(fresh):
-                packets.append(packet)
+                packets.append(number)
             return
         at = bisect_right(packets, packet)
         late = lines[len(packets) :]
         del lines[len(packets) :]
         lines[at:at] = late
-        packets[at:at] = [packet] * fresh
+        packets[at:at] = [int(packet)] * int(fresh)
 
-    def take(self, held: int) -> list[str | Line]:
+    def take(self, held: int) -> list[Written]:
         """Return the lines before packet ``held``, the first that is held back (0 for none); nothing can come before them.
 
         The others stay, at most ``most_lines`` of ``most_characters``: with more of them the oldest are returned as well.

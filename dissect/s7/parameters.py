@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from librt.strings import read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.items import SPECIFICATION, Item, item_fill, parse_items, written_areas
@@ -33,7 +34,7 @@ from dissect.s7.tables import (
 )
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import same, u16
 
 PROTOCOL_ID: Final = 0x32
 HEADER_SIZE: Final = 10
@@ -71,19 +72,22 @@ def header_size(rosctr: i64) -> i64:
 class Setup:
     """Setup communication: open jobs allowed each way and the PDU length, asked for or granted (reference 3.4)."""
 
-    __slots__ = ("max_amq_called", "max_amq_calling", "pdu_length")
+    __slots__ = ("_text", "max_amq_called", "max_amq_calling", "pdu_length")
 
     def __init__(self, max_amq_calling: int, max_amq_called: int, pdu_length: int) -> None:
         self.max_amq_calling = max_amq_calling
         self.max_amq_called = max_amq_called
         self.pdu_length = pdu_length
+        self._text: str = ""  # made when it is first asked for: connections share what they negotiate
 
     def __repr__(self) -> str:
         return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
 
     def __str__(self) -> str:
         """Return it as people read it and goldens hold it: ``PDU 480, AmQ 1/1``, the jobs of the caller first."""
-        return f"PDU {self.pdu_length}, AmQ {self.max_amq_calling}/{self.max_amq_called}"
+        if not self._text:
+            self._text = f"PDU {self.pdu_length}, AmQ {self.max_amq_calling}/{self.max_amq_called}"
+        return self._text
 
     def as_dict(self) -> dict[str, object]:
         """Return the three values, JSON-ready."""
@@ -149,6 +153,11 @@ class UserdataHead:
         return f"{self.group_name}: {self.subfunction_name}"
 
 
+#: What most blocks have of items and of what is wrong; nobody appends to these.
+_NO_ITEMS: Final[list[Item]] = []
+_NOTHING_WRONG: Final[list[Malformed]] = []
+
+
 class Parameters:
     """A parsed parameter block. ``function`` is -1 when the block is empty; ``item_count`` -1 when it has none."""
 
@@ -173,10 +182,10 @@ class Parameters:
         self.rosctr: i64 = rosctr
         self.function: i64 = octets[0] if len(octets) else -1
         self.item_count: i64 = -1
-        self.items: list[Item] = []
+        self.items: list[Item] = _NO_ITEMS
         self.setup: Setup | None = None
         self.userdata: UserdataHead | None = None
-        self.malformed: list[Malformed] = []
+        self.malformed: list[Malformed] = _NOTHING_WRONG
         self.written: i64 = 0  # kinds of areas that a write goes to (`dissect.s7.items.written_areas`)
         self.fragment: str = ""  # a report's cached text
         self.answer_size: i64 = (
@@ -184,6 +193,12 @@ class Parameters:
         )
         self.unjudged: bool = True  # nobody looked at codes and addresses yet
         self.answer_unjudged: bool = False  # of a read: nobody looked at the transport sizes of a good answer yet
+
+    def note(self, wrong: Malformed) -> None:
+        """Tell what is wrong about it."""
+        if not self.malformed:
+            self.malformed = []
+        self.malformed.append(wrong)
 
     @property
     def userdata_extended(self) -> bool:
@@ -238,7 +253,10 @@ def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
             return parameters
         parameters.item_count = octets[1]
         if rosctr == JOB:
-            parameters.items = parse_items(octets, 2, size, parameters.item_count, parameters.malformed)
+            wrong: list[Malformed] = []
+            parameters.items = parse_items(octets, 2, size, parameters.item_count, wrong)
+            if wrong:
+                parameters.malformed = wrong
             if function == WRITE_VAR:
                 parameters.written = written_areas(parameters.items)
             else:
@@ -262,7 +280,7 @@ def _answer_size(items: list[Item]) -> i64:
 
 def _wrong_size(parameters: Parameters, field: str, needed: i64, available: i64) -> None:
     reason = "too_short" if available < needed else "trailing_octets"
-    parameters.malformed.append(Malformed("s7", reason, field, min(needed, available), needed, available, "param"))
+    parameters.note(Malformed("s7", reason, field, min(needed, available), needed, available, "param"))
 
 
 def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
@@ -319,7 +337,7 @@ def _check_head(parameters: Parameters, octets: bytes, size: i64) -> None:
 
 
 def _bad_head(parameters: Parameters, reason: str, field: str, offset: i64, needed: i64, available: i64) -> None:
-    parameters.malformed.append(Malformed("s7", reason, f"userdata head.{field}", offset, needed, available, "param"))
+    parameters.note(Malformed("s7", reason, f"userdata head.{field}", offset, needed, available, "param"))
 
 
 class ParameterCache:
@@ -346,6 +364,15 @@ class ParameterCache:
         #: Of the younger generation, the latest block of a job with the same DB and address at its end.
         self._latest: list[Parameters | None] = [None] * self.PLACES
 
+    def clear(self) -> None:
+        """Forget every block."""
+        self._young = [{} for _ in range(8)]
+        self._old = [{} for _ in range(8)]
+        self._blocks = 0
+        self._octets = 0
+        self._short = [None] * 512
+        self._latest = [None] * self.PLACES
+
     def get(self, buf: bytes, at: i64, end: i64, rosctr: i64) -> Parameters:
         """Return the parsed block ``buf[at:end]`` of a PDU with ROSCTR 0 to 7."""
         if rosctr == ACK_DATA and end - at == 2 and (buf[at] == READ_VAR or buf[at] == WRITE_VAR):
@@ -356,17 +383,17 @@ class ParameterCache:
                 self._short[place] = short
             return short
         if rosctr == JOB and end - at >= _ONE_ITEM:
-            return self._asked(buf[at:end])
+            return self._asked(buf, at, end)
         return self._distinct(buf[at:end], rosctr)
 
-    def _asked(self, octets: bytes) -> Parameters:
+    def _asked(self, buf: bytes, at: i64, end: i64) -> Parameters:
         """Return the parsed block of a job with items: what the end of the last one refers to tells most of them apart."""
-        size: i64 = len(octets)
-        place: i64 = (u32(octets, size - 4) + (u16(octets, size - 6) << 4) + (size << 1)) & (self.PLACES - 1)
+        last: i64 = read_i64_be(buf, end - 8)  # of its six octets DB, area and address
+        place: i64 = ((last & 0xFFFFFFFF) + (last >> 28 & 0xFFFF0) + (end - at << 1)) & (self.PLACES - 1)
         latest = self._latest[place]
-        if latest is not None and latest.octets == octets:
+        if latest is not None and same(latest.octets, buf, at, end):
             return latest
-        parameters = self._distinct(octets, JOB)
+        parameters = self._distinct(buf[at:end], JOB)
         self._latest[place] = parameters
         return parameters
 

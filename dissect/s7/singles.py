@@ -50,6 +50,9 @@ _COUNT_BITS: Final = 4
 _POWER_AT: Final = _EXPONENT_BITS + _COUNT_BITS
 _DIGITS_AT: Final = _POWER_AT + 8
 _UNDECIDED: Final = -1
+#: A product and a shift that divide a number of less than 2**31 by ten.
+_BY_10: Final = 0xCCCCCCCD
+_BY_10_BITS: Final = 35
 #: The greatest power of ten that is a double without rounding.
 _EXACT_POWER: Final = 22
 
@@ -160,38 +163,46 @@ def _shortest(word: i64) -> i64:
         half_step *= 0.5
     decade: i64 = _DECADE[exponent] - _BIAS
     if decade >= -1:
-        if size >= _ten(decade + 1):
+        if size >= read_f64_le(_TENS, 8 * (decade + 1)):
             decade += 1
-    elif size * _ten(-1 - decade) >= 1.0:
+    elif size * read_f64_le(_TENS, -8 * (decade + 1)) >= 1.0:
         decade += 1
     digits: i64 = _FIRST_DIGITS[exponent]
     number: i64 = 0
     power: i64 = 0
+    ten: float = 0.0
+    scaled: float = 0.0
+    step: float = 0.0  # half of one of singles, as `scaled`
+    away: float = 0.0
     while True:
         power = digits - 1 - decade
-        ten: float = _ten(power if power >= 0 else -power)
-        scaled: float = size * ten if power >= 0 else size / ten
+        if power >= 0:
+            ten = read_f64_le(_TENS, 8 * power)
+            scaled = size * ten
+            step = half_step * ten
+        else:
+            ten = read_f64_le(_TENS, -8 * power)
+            scaled = size / ten
+            step = half_step / ten
         number = int(scaled)
-        over: float = scaled - float(number)
-        if over > 0.50001:
+        away = scaled - float(number)
+        if away > 0.50001:
             number += 1
-        elif over > 0.49999:
+            away = 1.0 - away
+        elif away > 0.49999:
             return _UNDECIDED
-        if digits == 9:
+        if digits == 9 or away < 0.99999 * step:
             break
-        told: float = float(number) / ten if power >= 0 else float(number) * ten
-        away: float = (told - size) / half_step
-        if away < 0.0:
-            away = -away
-        if away < 0.99999:
-            break
-        if away < 1.00001:
+        if away < 1.00001 * step:
             return _UNDECIDED
         digits += 1
-    if float(number) >= _ten(digits):
+    if number >= read_i64_le(_WHOLE_TENS, 8 * digits):
         decade += 1  # rounded up to the next power of ten
-    while number % 10 == 0:
-        number //= 10
+    while True:
+        tenth: i64 = number * _BY_10 >> _BY_10_BITS
+        if tenth * 10 != number:
+            break
+        number = tenth
         power -= 1
     return (number << _DIGITS_AT) | ((_BIAS - power) << _POWER_AT) | (digits << _EXPONENT_BITS) | (decade + _BIAS)
 

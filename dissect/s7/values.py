@@ -10,13 +10,13 @@ import struct
 from codecs import utf_16_be_decode
 from typing import Final
 
-from librt.strings import BytesWriter
+from librt.strings import BytesWriter, read_i16_be, read_i32_be, read_i64_le
 from mypy_extensions import i64
 
 from dissect.s7.singles import real, real_json, real_repr, write_real_json
 from dissect.s7.tables import BIT, BYTE, CHAR, DINT, DWORD, ELEMENT_OCTETS, INT, REAL, WCHAR, WORD
 from dissect.wire.build import COMPILED
-from dissect.wire.digits import write_decimal
+from dissect.wire.digits import MINUS, write_decimal, write_octets
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import SHORT, civil, decimal
 
@@ -30,6 +30,14 @@ LEAST_TEXT: Final = 4
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
 _UNITS: Final[list[str]] = ["d", "h", "m", "s", "ms"]
 _UNIT_MS: Final[list[int]] = [_MS_PER_DAY, 3_600_000, 60_000, 1000, 1]
+#: The same as compiled code reads them without making objects.
+_S5_BASES: Final = struct.pack(f"<{len(_S5_BASE_MS)}q", *_S5_BASE_MS)
+_UNIT_NAMES: Final[list[bytes]] = [name.encode("ascii") for name in _UNITS]
+_UNIT_SIZES: Final = struct.pack(f"<{len(_UNIT_MS)}q", *_UNIT_MS)
+#: Transport sizes of times; the second form of S5TIME is that of a timer.
+_TIME: Final = 0x0B
+_S5TIME: Final = 0x0C
+_S5TIME_TIMER: Final = 0x1D
 
 
 def decode_value(transport_size: i64, octets: bytes) -> Value:
@@ -80,19 +88,19 @@ def _element(transport_size: i64, octets: bytes) -> bool | int | float | str | N
         return wide
     if transport_size == 0x1C:
         return bcd(octets[0] & 0x0F, octets[1])
-    if transport_size == 0x0C or transport_size == 0x1D:
+    if transport_size == _S5TIME or transport_size == _S5TIME_TIMER:
         return s5time(octets)
-    number = int.from_bytes(octets, "big", signed=transport_size == 0x0B)
+    number = int.from_bytes(octets, "big", signed=transport_size == _TIME)
     if transport_size == 0x09:
         return date_text(number)
     if transport_size == 0x0A:
         return time_of_day(number)
-    if transport_size == 0x0B:
+    if transport_size == _TIME:
         return duration(number)
     return date_and_time(octets)
 
 
-#: Octets of one element by transport size, 0 for those that are not written here; and how `struct` knows them.
+#: Octets of one element by transport size, 0 for those that `write_numbers` does not write; and how `struct` knows them.
 _TEXT_SIZES: Final = bytes([{BYTE: 1, WORD: 2, INT: 2, DWORD: 4, DINT: 4, REAL: 4}.get(code, 0) for code in range(256)])
 _LETTERS: Final[dict[int, str]] = {BYTE: "B", WORD: "H", INT: "h", DWORD: "I", DINT: "i"}
 
@@ -143,19 +151,60 @@ def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64,
 
     False, and nothing is written, where they are no numbers or the size does not fit.
     """
-    step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
-    if step == 0 or size == 0 or size % step:
+    step: i64 = 0  # as one expression it would make int objects (mypyc)
+    if 0 <= transport_size < 256:
+        step = _TEXT_SIZES[transport_size]
+    if step == 0 or size == 0 or size & (step - 1):  # 1, 2 or 4
+        return False
+    if size == step:
+        _write_number(out, transport_size, octets, at)
+        return True
+    out.append(_BEGIN)
+    end: i64 = at + size
+    if step == 1:
+        write_octets(out, octets, at, end)
+    else:
+        while at < end:
+            _write_number(out, transport_size, octets, at)
+            out.append(_COMMA)
+            at += step
+    out.truncate(len(out) - 1)  # the last comma
+    out.append(_END)
+    return True
+
+
+def _write_number(out: BytesWriter, transport_size: i64, octets: bytes, at: i64) -> None:
+    """Write a number of one, two or four octets."""
+    if transport_size == REAL:
+        write_real_json(out, octets, at)
+    elif transport_size == BYTE:
+        write_decimal(out, octets[at])
+    else:
+        write_decimal(out, _whole(transport_size, octets, at))
+
+
+def write_times(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, size: i64) -> bool:
+    """Write TIME or S5TIME as `write_numbers` does numbers: what `duration` and `s5time` return as JSON strings.
+
+    False, and nothing is written, where it is neither or the size does not fit.
+    """
+    step: i64 = 0
+    if transport_size == _TIME:
+        step = 4
+    elif transport_size == _S5TIME or transport_size == _S5TIME_TIMER:
+        step = 2
+    if step == 0 or size == 0 or size & (step - 1):
         return False
     if size > step:
         out.append(_BEGIN)
     end: i64 = at + size
     while True:
-        if transport_size == BYTE:
-            write_decimal(out, octets[at])
-        elif transport_size == REAL:
-            write_real_json(out, octets, at)
+        if step == 4:
+            out.append(_QUOTE)
+            _write_duration(out, i64(read_i32_be(octets, at)))
+            out.append(_QUOTE)
         else:
-            write_decimal(out, _whole(transport_size, octets, at))
+            _write_s5time(out, u16(octets, at))
         at += step
         if at >= end:
             break
@@ -165,6 +214,40 @@ def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64,
     return True
 
 
+def _write_s5time(out: BytesWriter, word: i64) -> None:
+    """Write `s5time` of two octets as JSON."""
+    tens: i64 = word >> 4 & 0xF
+    ones: i64 = word & 0xF
+    if word >> 8 & 0xF > 9 or tens > 9 or ones > 9:
+        out.write(b"null")
+        return
+    out.write(b'"S5')
+    base: i64 = read_i64_le(_S5_BASES, 8 * (word >> 12 & 3))
+    _write_duration(out, ((word >> 8 & 0xF) * 100 + tens * 10 + ones) * base)
+    out.append(_QUOTE)
+
+
+def _write_duration(out: BytesWriter, ms: i64) -> None:
+    """Write `duration`."""
+    out.write(b"T#")
+    left: i64 = ms
+    if ms < 0:
+        out.append(MINUS)
+        left = -ms
+    begin = len(out)
+    index: i64 = 0
+    while left:
+        unit: i64 = read_i64_le(_UNIT_SIZES, 8 * index)
+        if left >= unit:
+            write_decimal(out, left // unit)
+            out.write(_UNIT_NAMES[index])
+            left %= unit
+        index += 1
+    if len(out) == begin:
+        out.write(b"0ms")
+
+
+_QUOTE: Final = 0x22
 _BEGIN: Final = 0x5B
 _COMMA: Final = 0x2C
 _END: Final = 0x5D
@@ -172,16 +255,13 @@ _END: Final = 0x5D
 
 def _whole(transport_size: i64, octets: bytes, at: i64) -> i64:
     """Return a number of two or four octets."""
-    number: i64
-    if transport_size == WORD or transport_size == INT:
-        number = u16(octets, at)
-        if transport_size == INT and number >= 0x8000:
-            number -= 0x10000
-        return number
-    number = u32(octets, at)
-    if transport_size == DINT and number >= 0x80000000:
-        number -= 0x100000000
-    return number
+    if transport_size == WORD:
+        return u16(octets, at)
+    if transport_size == INT:
+        return i64(read_i16_be(octets, at))
+    if transport_size == DINT:
+        return i64(read_i32_be(octets, at))
+    return u32(octets, at)
 
 
 def spelled(octets: bytes) -> str:

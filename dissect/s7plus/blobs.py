@@ -11,6 +11,9 @@ import zlib
 from collections.abc import Mapping
 from typing import Final
 
+from librt.strings import read_i64_be
+from mypy_extensions import i64
+
 #: Attributes that hold compressed blobs.
 COMPRESSED: Final = frozenset((2449, 2533, 2544, 2545, 2546, 2583, 2584, 2585, 2589, 4275, 4683, 7564))
 #: In a sparse array, elements from this key on are not compressed.
@@ -26,8 +29,15 @@ _LEAST: Final = 4096
 
 #: A stream this long may become more than `MAX_INFLATED`: deflate makes at most 1032 octets of one.
 _LARGE: Final = MAX_INFLATED // 1032
-#: Octets whose even bits are all the same, or whose odd ones are.
-_ALTERNATING: Final = bytes([octet for octet in range(256) if {octet & 0x55, octet & 0xAA} & {0, 0x55, 0xAA}])
+#: By octet, 0 where its even bits are all the same, or its odd ones are.
+_OTHERWISE: Final = bytes([not {octet & 0x55, octet & 0xAA} & {0, 0x55, 0xAA} for octet in range(256)])
+#: Every other bit of seven octets, their bits but the highest, and the highest ones.
+_EVERY_OTHER: Final = 0x55555555555555
+_LOW: Final = 0x7F7F7F7F7F7F7F
+_HIGH: Final = 0x80808080808080
+#: Octets that are looked at at once, and how often before what was counted of each is added up.
+_SEVEN: Final = 7
+_TURNS: Final = 64
 
 # Why a blob stays closed; the first two are reasons of `Malformed`.
 BAD: Final = "bad_compression"
@@ -108,8 +118,33 @@ def may_swell(octets: bytes) -> bool:
     such a run every other bit is constant. Whatever else stands between two runs makes at most two octets look otherwise, and
     costs 129 octets or more. So where half of the octets look otherwise, at least one part in 32 is lost.
     """
-    size = len(octets)
-    return size >= _LARGE or 2 * len(octets.translate(None, _ALTERNATING)) < size
+    size: i64 = len(octets)
+    if size >= _LARGE:
+        return True
+    otherwise: i64 = 0
+    last: i64 = size - _SEVEN - 1
+    at: i64 = 0
+    while at <= last:
+        stop: i64 = min(at + _SEVEN * _TURNS, last + 1)
+        counts: i64 = 0  # of each of the seven octets, side by side
+        while at < stop:
+            word: i64 = read_i64_be(octets, at) >> 8  # of eight octets the last is left for the next turn
+            even: i64 = word & _EVERY_OTHER
+            odd: i64 = word >> 1 & _EVERY_OTHER
+            # The highest bit of an octet becomes set where any of the others is.
+            differs: i64 = (even + _LOW) & ((even ^ _EVERY_OTHER) + _LOW) & (odd + _LOW) & ((odd ^ _EVERY_OTHER) + _LOW)
+            counts += (differs & _HIGH) >> 7
+            at += _SEVEN
+        while counts:
+            otherwise += counts & 0xFF
+            counts >>= 8
+        if 2 * otherwise >= size:
+            return False
+    while at < size:
+        octet: i64 = octets[at]
+        otherwise += _OTHERWISE[octet]
+        at += 1
+    return 2 * otherwise < size
 
 
 def check_blob(octets: bytes, allowed: int = MAX_INFLATED) -> Opened:

@@ -95,31 +95,41 @@ _CLASSIC_BLOB: Final = 3
 _ACTUAL: Final = frozenset((2550, 3736))
 
 
-class Contents:
+class Made:
+    """What CreateObject and Explore are about. ``object_id`` is where an object is made, -1 for none, ``ids`` are those it got.
+
+    ``begun`` are the objects where one of them ends too soon or is wrong somewhere, as far as they were read.
+    """
+
+    __slots__ = ("begun", "ids", "object_id", "objects")
+
+    def __init__(self) -> None:
+        self.object_id = -1
+        self.ids: list[int] = []
+        self.objects: list[PlusObject] = []
+        self.begun: list[PlusObject] = []
+
+
+class Contents(Made):
     """The contents of one PDU. What a function does not have stays empty, or -1.
 
     ``items`` are values by the number of their item (in a notification by its reference), ``refusals`` return values by the
-    same. ``items_left_out`` of so many items that a tree ends before them are counted only. ``begun`` are the objects where one
-    of them ends too soon or is wrong somewhere, as far as they were read. ``blobs`` are the compressed ones, ``pieces`` the
-    octets of a stream, one range of offsets within the data each.
+    same. ``items_left_out`` of so many items that a tree ends before them are counted only. ``blobs`` are the compressed ones,
+    ``pieces`` the octets of a stream, one range of offsets within the data each.
     """
 
     __slots__ = (
         "addresses",
-        "begun",
         "blobs",
         "digest",
         "exhausted",
         "frame_starts",
-        "ids",
         "integrity_id",
         "items",
         "items_left_out",
         "list",
         "malformed",
         "method",
-        "object_id",
-        "objects",
         "parts",
         "pieces",
         "refusals",
@@ -132,6 +142,7 @@ class Contents:
 
     def __init__(self, version: int, return_value: int, frame_starts: dict[int, int]) -> None:
         """``frame_starts`` are those of `PlusPdu`."""
+        super().__init__()
         self.version = version
         self.return_value = return_value
         self.frame_starts = frame_starts
@@ -141,17 +152,13 @@ class Contents:
         self.exhausted = False  # given up, because it takes more work than was allowed
         self.integrity_id = -1
         self.digest = b""
-        self.object_id = -1
         self.method = -1
         self.sequence = -1
-        self.ids: list[int] = []
         self.addresses: list[Address] = []
         self.items: list[tuple[int, Value]] = []
         self.items_left_out = 0
         self.refusals: list[tuple[int, int]] = []
         self.value: Value | None = None
-        self.objects: list[PlusObject] = []
-        self.begun: list[PlusObject] = []
         self.list: list[Member] = []
         self.pieces: list[tuple[int, int]] = []
         self.blobs: list[tuple[int, int]] = []

@@ -17,7 +17,6 @@ from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.session import (
-    CPU_EXEC_UNIT,
     CPU_PROXY,
     IDENTIFICATION,
     OPERATING_STATE,
@@ -25,6 +24,7 @@ from dissect.s7plus.session import (
     SESSION_KEY,
     STATE_REQUEST,
 )
+from dissect.s7plus.skimming import ASKS, CODES, PLACE, PLACES, REFUSES, SOUND, VALUES, WORDS
 from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     DELETE_OBJECT,
@@ -40,6 +40,11 @@ from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, UDINT
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED, read_varint
 
+#: What begins the ids of an attribute that is read by itself.
+_IDS: Final = bytes((ADDRESS_ARRAY, UDINT))
+#: What stands above `WORDS` for the return value 0, and the largest number there that is no error.
+_GOOD: Final = 1
+_ERROR: Final = 0x8000
 _SEQUENCE: Final = 7
 _SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
@@ -55,17 +60,32 @@ class Glance:
 
     __slots__ = ("_end", "_octets", "_skipper", "data", "plain", "version")
 
-    def __init__(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
-        """``size`` octets are fixed, of a PDU in one frame of version 1, 2 or 3."""
+    def __init__(self) -> None:
+        self._octets = b""
+        self._end: i64 = 0
+        self._skipper: Skipper = Skipper(b"", 0, 0)
+        self.data: i64 = 0  # where the opcode stands
+        self.version: i64 = 0
+        self.plain = False
+
+    def begin(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
+        """Begin with a PDU in one frame of version 1, 2 or 3, of which ``size`` octets are fixed."""
         at, end = one_frame(octets)
-        self._octets: bytes = octets
-        self._end: i64 = end
-        self._skipper: Skipper = Skipper(octets, at + size, end)
-        self.data: i64 = at  # where the opcode stands
-        self.version: i64 = octets[1] if at >= 0 else 0
-        self.plain: bool = (
+        self._octets = octets
+        self._end = end
+        self._skipper.begin(octets, at + size, end)
+        self.data = at
+        self.plain = (
             at >= 0 and at + size <= end <= _LARGEST and octets[at] == opcode and u16(octets, at + 3) == function
         )
+        if self.plain:
+            self.version = octets[1]
+
+    def free(self) -> None:
+        """Let go of the octets; this one may be used again."""
+        self._octets = b""
+        self._skipper.begin(b"", 0, 0)
+        _FREE.append(self)
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
@@ -75,12 +95,6 @@ class Glance:
         if value < 0:
             self.plain = False
         return value
-
-    def numbers(self, count: i64) -> bool:
-        """Pass over so many numbers of at most 32 bits without sign."""
-        if not self.plain or not self._skipper.numbers(count):
-            self.plain = False
-        return self.plain
 
     def count(self) -> i64:
         """Read a count of things that take one octet or more each."""
@@ -108,14 +122,11 @@ class Glance:
         self._skipper.at = behind
         return True
 
-    def zero(self) -> bool:
-        """Pass over an octet that must be 0."""
-        at: i64 = self._skipper.at
-        if not self.plain or at >= self._end or self._octets[at]:
+    def go_on(self, at: i64) -> None:
+        """Go on at a place that is known, and not 0."""
+        self._skipper.at = at
+        if at == 0:
             self.plain = False
-            return False
-        self._skipper.at = at + 1
-        return True
 
     def skip(self, size: i64) -> bool:
         """Pass over octets whatever they are."""
@@ -179,16 +190,29 @@ class Glance:
         return self._end - at == 1 + DIGEST_SIZE and self._octets[at] == DIGEST_SIZE
 
 
+#: Those that are free, as in `dissect.s7plus.skimming`.
+_FREE: Final[list[Glance]] = [Glance() for _ in range(8)]
+
+
+def _free_glance() -> Glance:
+    try:
+        return _FREE.pop()
+    except IndexError:
+        return Glance()
+
+
 class Seen:
     """What a plain transaction says: ``state`` is the operating state, -1 for none; ``record`` an identification record.
 
-    ``authenticated``: the key of a session was written. ``deleted`` is the object that was, -1 for none. ``integrity_id``,
-    ``sequence`` and ``session_id`` are those of the request. ``matters`` is False for a read of anything else.
+    ``authenticated``: the key of a session was written. ``deleted`` is the object that was, -1 for none; ``good`` is False
+    where that was refused. ``integrity_id``, ``sequence`` and ``session_id`` are those of the request. ``matters`` is False
+    for a read of anything else.
     """
 
     __slots__ = (
         "authenticated",
         "deleted",
+        "good",
         "integrity_id",
         "matters",
         "record",
@@ -199,6 +223,7 @@ class Seen:
     )
 
     def __init__(self) -> None:
+        self.good = True
         self.matters = True
         self.state: int = -1
         self.stated = False  # the state was asked for, and came
@@ -210,51 +235,58 @@ class Seen:
         self.session_id: int = 0
 
 
-def glance(function: i64, request: bytes, response: bytes, outputs: bool, elsewhere: bool) -> Seen | None:
+def glance(
+    function: i64, request: bytes, response: bytes, read: i64, skimmed: i64, outputs: bool, elsewhere: bool
+) -> Seen | None:
     """Look at a request and the response that it got; None when they must be read.
 
+    ``skimmed`` is what `dissect.s7plus.skimming.skim` said of the response, ``read`` what it said of a request to read.
     ``outputs`` and ``elsewhere`` tell of writes to outputs and to other areas that no more of them are worth a look.
     """
-    asked = Glance(request, REQUEST, function, REQUEST_SIZE)
-    if not asked.plain:
+    deletes: bool = function == DELETE_OBJECT
+    code: i64 = skimmed >> WORDS & CODES
+    if not skimmed & SOUND or skimmed & REFUSES or (code != _GOOD and not deletes):
         return None
-    told = Glance(response, RESPONSE, function, RESPONSE_SIZE)
-    if not told.plain or told.number() != 0:
-        return None
+    asked = _free_glance()
+    told = _free_glance()
+    asked.begin(request, REQUEST, function, REQUEST_SIZE)
+    told.begin(response, RESPONSE, function, RESPONSE_SIZE)
     seen = Seen()
-    if function == GET_MULTI_VARIABLES:
-        _got(asked, told, seen)
-    elif function == GET_VAR_SUBSTREAMED:
-        _streamed(asked, told, seen)
-    elif function == SET_MULTI_VARIABLES:
-        _set(asked, told, seen, outputs, elsewhere)
-    elif function == DELETE_OBJECT:
-        _deleted(asked, told, seen)
+    if asked.plain and told.plain and (deletes or told.number() == 0):
+        if function == GET_MULTI_VARIABLES:
+            _got(asked, told, seen, read, skimmed >> VALUES > 0)
+        elif function == GET_VAR_SUBSTREAMED:
+            _streamed(asked, told, seen)
+        elif function == SET_MULTI_VARIABLES:
+            _set(asked, seen, outputs, elsewhere)
+        elif deletes:
+            seen.deleted = asked.four()
+            seen.good = code <= _ERROR
+            if asked.skip(1):
+                asked.expect(USUAL_QUALIFIER)
+        else:
+            asked.plain = False
+        seen.integrity_id = asked.ends()
     else:
-        return None
-    if not _plain(asked, told):
-        return None
-    seen.integrity_id = asked.ends()
-    told.ends()
-    if not _plain(asked, told):
-        return None
-    if (function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED) and not seen.stated and not seen.record:
-        seen.matters = False
-    data: i64 = asked.data
-    seen.sequence = u16(request, data + _SEQUENCE)
-    seen.session_id = u32(request, data + _SESSION_ID)
-    return seen
+        asked.plain = False
+    plain: bool = asked.plain and told.plain
+    if plain:
+        seen.sequence = u16(request, asked.data + _SEQUENCE)
+        seen.session_id = u32(request, asked.data + _SESSION_ID)
+    asked.free()
+    told.free()
+    return seen if plain else None
 
 
-def _plain(asked: Glance, told: Glance) -> bool:
-    """Return whether both halves are plain so far."""
-    return asked.plain and told.plain
-
-
-def _got(asked: Glance, told: Glance, seen: Seen) -> None:
-    """A read of several variables, the operating state perhaps among them."""
-    wanted = _read_addresses(asked)
+def _got(asked: Glance, told: Glance, seen: Seen, read: i64, ordered: bool) -> None:
+    """A read of several variables, the operating state perhaps among them; ``ordered`` are those that come once each."""
+    seen.matters = False
+    wanted: i64 = read >> VALUES & PLACES
+    asked.go_on(read >> PLACE)
     if not asked.expect(USUAL_QUALIFIER):
+        return
+    if wanted == 0:
+        asked.plain = not read & ASKS  # twice: to be read
         return
     while told.plain:
         number = told.number()
@@ -263,48 +295,18 @@ def _got(asked: Glance, told: Glance, seen: Seen) -> None:
         if number == wanted:
             seen.state = told.state()
             seen.stated = told.plain
+            seen.matters = True
+            if ordered:
+                break
         else:
             told.value()
-    told.zero()  # no refusals
-
-
-def _read_addresses(asked: Glance) -> i64:
-    """Pass over the addresses of a read. Returns the number of the one item that asks for the operating state, 0 for none."""
-    link = asked.four()
-    count = asked.count()
-    fields = asked.count()
-    if link:
-        asked.numbers(fields)
-        return 0
-    wanted: i64 = 0
-    index: i64 = 0
-    while index < count and asked.plain:
-        index += 1
-        asked.number()
-        area = asked.number()
-        ids = asked.count()
-        if ids <= 0:
-            asked.plain = False
-            return 0
-        fields -= 3 + ids
-        if area != CPU_EXEC_UNIT or ids == 1:
-            asked.numbers(ids)
-            continue
-        asked.numbers(ids - 1)
-        last = asked.number()
-        if last == OPERATING_STATE:
-            if wanted:
-                asked.plain = False  # twice: to be read
-            wanted = index
-    if fields != 0:
-        asked.plain = False
-    return wanted
 
 
 def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
     """A read of one attribute: the operating state, the identification record, or another."""
+    seen.matters = False
     object_id = asked.four()
-    if not asked.expect(bytes((ADDRESS_ARRAY, UDINT))):
+    if not asked.expect(_IDS):
         return
     count = asked.number()
     first: i64 = -1
@@ -322,13 +324,13 @@ def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
     if last == OPERATING_STATE:
         seen.state = told.state()
         seen.stated = told.plain
+        seen.matters = True
     elif first == IDENTIFICATION and object_id == CPU_PROXY:
         seen.record = told.blob()
-    else:
-        told.value()
+        seen.matters = len(seen.record) > 0
 
 
-def _set(asked: Glance, told: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
+def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
     """A write: the key of a session, attributes that say nothing, or variables of which no more is to be told."""
     link = asked.four()
     count = asked.count()
@@ -351,8 +353,8 @@ def _set(asked: Glance, told: Glance, seen: Seen, outputs: bool, elsewhere: bool
         if asked.number() < 0 or not asked.value():
             return
         count -= 1
-    if asked.plain and asked.skip(1) and asked.expect(USUAL_QUALIFIER):
-        told.zero()  # no refusals
+    if asked.plain and asked.skip(1):
+        asked.expect(USUAL_QUALIFIER)
 
 
 def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhere: bool) -> None:
@@ -379,9 +381,3 @@ def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhe
         count -= 1
     if fields != 0:
         asked.plain = False
-
-
-def _deleted(asked: Glance, told: Glance, seen: Seen) -> None:
-    seen.deleted = asked.four()
-    if asked.skip(1) and asked.expect(USUAL_QUALIFIER):
-        told.four()

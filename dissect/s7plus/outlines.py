@@ -10,7 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.contents import Contents
+from dissect.s7plus.contents import Made
 from dissect.s7plus.message import parsed
 from dissect.s7plus.objects import objects_at
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
@@ -23,21 +23,20 @@ _SEQUENCE: Final = 7
 _SESSION_ID: Final = 9
 
 
-class Outline:
-    """A sound request or response with objects. Numbers that it does not have are -1.
+class Outline(Made):
+    """A sound request or response with objects, of which only the attributes are there that were asked for.
 
-    ``contents`` are those of `dissect.s7plus.bodies`, with nothing but the integrity id, the return value of a response, the
-    object and the ids of CreateObject, and the objects, of which only the attributes are there that were asked for.
+    Numbers that it does not have are -1.
     """
 
-    __slots__ = ("contents", "return_code", "seen", "sequence", "session_id")
+    __slots__ = ("integrity_id", "return_code", "sequence", "session_id")
 
-    def __init__(self, contents: Contents, seen: i64, session_id: int, sequence: int) -> None:
-        self.contents = contents
-        self.seen: i64 = seen
-        self.session_id = session_id
-        self.sequence = sequence
-        self.return_code: int = contents.return_value & 0xFFFF if contents.return_value >= 0 else -1
+    def __init__(self) -> None:
+        super().__init__()
+        self.integrity_id: int = -1
+        self.session_id: int = -1
+        self.sequence: int = -1
+        self.return_code: int = -1
 
 
 def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outline | None:
@@ -65,16 +64,19 @@ def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outlin
     body.begin(data, at + size, end, version, marks)
     body.skipper.noted = noted
     sound: bool = _passes(body, request, function)
-    found = Contents(int(version), -1 if request else read_varint(data, at + size, end, VLQ64)[0], {})
-    found.object_id = int(body.object_id) if request else -1
+    found = Outline()
     found.integrity_id = int(body.integrity_id)
     found.ids = body.ids
-    seen = body.result(sound, -1)
-    if seen & SOUND == 0:
+    if request:
+        found.object_id = int(body.object_id)
+        found.session_id = u32(data, at + _SESSION_ID)
+    else:
+        found.return_code = read_varint(data, at + size, end, VLQ64)[0] & 0xFFFF  # of what is sound
+    found.sequence = u16(data, at + _SEQUENCE)
+    if body.result(sound, -1) & SOUND == 0:
         return None
     found.objects = objects_at(data, noted, end)
-    found.whole = True
-    return Outline(found, seen, u32(data, at + _SESSION_ID) if request else -1, u16(data, at + _SEQUENCE))
+    return found
 
 
 def _passes(body: Body, request: bool, function: i64) -> bool:

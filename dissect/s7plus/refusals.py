@@ -14,7 +14,7 @@ from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.program import CODE, TYPE_INFO
-from dissect.s7plus.skimming import REFUSES, SOUND, VALUES, WORDS, skim
+from dissect.s7plus.skimming import CODES, REFUSES, SOUND, VALUES, WORDS, skim
 from dissect.s7plus.skipping import marks
 from dissect.s7plus.tables import (
     GET_MULTI_VARIABLES,
@@ -31,8 +31,6 @@ from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: What objects hold that matters: the code of a block, or the names of variables.
 _MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)))
-#: What a return code plus 1 takes in what `skim` says.
-_CODES: Final = 0x1FFFF
 #: Where a request with a list of items says how many there are, and how much further back in version 3.
 _COUNT: Final = 4 + REQUEST_SIZE + 4
 _DIGEST: Final = 33
@@ -51,7 +49,7 @@ def answered(octets: bytes, skimmed: i64) -> tuple[int, bool]:
     ``skimmed`` is what `glimpse` says of it. Never raises.
     """
     if skimmed & SOUND:
-        code: int = (skimmed >> WORDS & _CODES) - 1
+        code: int = (skimmed >> WORDS & CODES) - 1
         return code, refuses(code) or skimmed & REFUSES != 0
     pdu = parsed(octets)
     return pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu)

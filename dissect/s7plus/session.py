@@ -9,7 +9,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.contents import Address, Made
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.program import Program, symbol
 from dissect.s7plus.program_tables import ROLES
@@ -158,7 +158,7 @@ class PlusSession:
 
     # ---- sessions ---------------------------------------------------------------------------------------------------
 
-    def open_session(self, asked: Contents) -> None:
+    def open_session(self, asked: Made) -> None:
         """Take the request that opens a session: its object says who the client is."""
         for one in asked.objects:
             if one.class_id == SERVER_SESSION:
@@ -169,7 +169,7 @@ class PlusSession:
                 self.user = one.text(_USER)
                 self.role = one.number(_ROLE)
 
-    def session_opened(self, told: Contents) -> None:
+    def session_opened(self, told: Made) -> None:
         """Take the answer: its object says which CPU it is, and whether clients can authenticate themselves there."""
         self.challenged = False
         self.authenticated = False
@@ -223,10 +223,11 @@ class PlusSession:
 
     # ---- subscriptions ----------------------------------------------------------------------------------------------
 
-    def subscribe(self, asked: Contents, told: Contents) -> None:
+    def subscribe(self, asked: Made, told: Made) -> None:
         """Take a request that makes subscriptions, and the answer with their ids, in the order of the objects."""
         made = [one for one in every_object(asked.objects) if one.class_id == SUBSCRIPTION]
-        for one, id_ in zip(made, told.ids, strict=False):
+        for number in range(min(len(made), len(told.ids))):
+            one, id_ = made[number], told.ids[number]
             self.unsubscribe(id_)
             while len(self.subscriptions) >= MAX_SUBSCRIPTIONS:
                 self.unsubscribe(next(iter(self.subscriptions)))

@@ -13,6 +13,7 @@ from mypy_extensions import i64
 from dissect.s7plus.message import DIGEST_SIZE, SHORT_HEADS, parsed
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
+from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, OPERATING_STATE
 from dissect.s7plus.skipping import Skipper
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
@@ -52,15 +53,26 @@ from dissect.wire.varint import VLQ64, read_varint
 SOUND: Final = 8
 UNSOUND: Final = 16
 REFUSES: Final = 4
+#: And of a read: it may ask for the operating state, or for what the CPU is.
+ASKS: Final = 1
 #: How many bits such words take. Above them stand the lower 16 bits of the return value of a response, plus 1; 0 for none.
 WORDS: Final = 8
+#: What a return code plus 1 takes there.
+CODES: Final = 0x1FFFF
 _CODE: Final = 0xFFFF
 #: Above which bits stands how many values an answer has, where they are numbered from 1; 0 where they are not, or some are
 #: refused. Below that is all the rest.
 VALUES: Final = 32
+#: Of a request to read several variables there stands which of them is the operating state, 0 for none or more than one, and
+#: above these bits where within the frame the addresses end; neither where one of them is larger than this.
+PLACE: Final = 48
+PLACES: Final = 0x7FFF
+_WITHOUT_PLACES: Final = (1 << VALUES) - 1
 _NO_CODE: Final = -1
 
 _BIT_7: Final = 0x80
+#: The last two octets of the id of the operating state, however many it has.
+_STATE: Final = (OPERATING_STATE >> 7 | _BIT_7) << 8 | OPERATING_STATE & (_BIT_7 - 1)
 _DETAILS: Final = 62
 #: Zeros that end a response of the other kind, and at most those of a notification and of everything else.
 _RESPONSE2_FILL: Final = 11
@@ -76,9 +88,9 @@ _TIME: Final = 8
 def skim(octets: bytes, marks: bytes) -> i64:
     """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
 
-    Else `SOUND`, with `REFUSES` and what ``marks`` says of the objects in it (`Skipper.seen`), above `WORDS` bits the return
-    code plus 1, and above `VALUES` bits how many values there are; 0 for contents that nobody judges: of what is no whole PDU,
-    or of a function whose body is not known.
+    Else `SOUND`, with `REFUSES`, `ASKS` and what ``marks`` says of the objects in it (`Skipper.seen`), above `WORDS` bits the
+    return code plus 1, and above `VALUES` bits how many values there are, or what is read; 0 for contents that nobody judges:
+    of what is no whole PDU, or of a function whose body is not known.
     """
     at, end = one_frame(octets)
     if at >= 0:
@@ -86,7 +98,8 @@ def skim(octets: bytes, marks: bytes) -> i64:
     pdu = parsed(octets)
     if not pdu.whole or pdu.malformed:
         return 0
-    return _skim(pdu.data, 0, len(pdu.data), pdu.version, pdu.frames == 1, marks)
+    found = _skim(pdu.data, 0, len(pdu.data), pdu.version, pdu.frames == 1, marks)
+    return found & _WITHOUT_PLACES if pdu.opcode == REQUEST else found
 
 
 def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: bytes) -> i64:
@@ -131,10 +144,13 @@ class Body:
     """
 
     __slots__ = (
+        "_asks",
         "_end",
+        "_item",
         "_marks",
         "_numbered",
         "_octets",
+        "_place",
         "_refused",
         "_version",
         "ids",
@@ -149,6 +165,9 @@ class Body:
         self._end: i64 = 0
         self._version: i64 = 0
         self._marks = b""
+        self._asks: i64 = 0  # `ASKS`, once it does
+        self._item: i64 = 0  # the one by which it does, 0 for more than one
+        self._place: i64 = 0  # where the addresses of a read end
         self._refused: i64 = 0  # `REFUSES`, once an item is
         self._numbered: i64 = 0  # as far as they are numbered from 1
         self.integrity_id: i64 = -1
@@ -163,6 +182,9 @@ class Body:
         self._end = end
         self._version = version
         self._marks = marks
+        self._asks = 0
+        self._item = 0
+        self._place = 0
         self._refused = 0
         self._numbered = 0
         self.integrity_id = -1
@@ -179,9 +201,11 @@ class Body:
         if sound and skipper.spent <= MAX_WORK:
             result = 0
             if self.known:
-                result = SOUND | skipper.seen | self._refused | code + 1 << WORDS
+                result = SOUND | skipper.seen | self._refused | self._asks | code + 1 << WORDS
                 if self._numbered > 0 and not self._refused:
                     result |= self._numbered << VALUES
+                elif 0 < self._place <= PLACES and self._item <= PLACES:
+                    result |= self._item << VALUES | self._place << PLACE
         self._octets = b""
         skipper.begin(b"", 0, 0)
         _FREE.append(self)
@@ -191,11 +215,11 @@ class Body:
         """Pass over the body of a request, its end left out."""
         skipper = self.skipper
         if function == GET_MULTI_VARIABLES:
-            return self._addresses() >= 0 and self._qualifier(0)
+            return self._addresses() >= 0 and self._read_end()
         if function == SET_VARIABLE:
             return self._ids() and skipper.value(0) and self._qualifier(1)
         if function == GET_VAR_SUBSTREAMED:
-            return self._skip(_ID) and skipper.value(0) and self._qualifier(2)
+            return self._stream() and self._qualifier(2)
         if function == SET_MULTI_VARIABLES:
             return self._values(self._addresses()) and self._skip(1) and self._qualifier(0)
         if function == EXPLORE:
@@ -339,14 +363,35 @@ class Body:
             return count if skipper.numbers(fields) else -1
         index: i64 = 0
         while index < count:
-            if not skipper.numbers(2):
+            if not skipper.numbers(1):
                 return -1
+            area = skipper.number()
             ids = self._count()
-            if ids <= 0 or not skipper.numbers(ids):
+            if area < 0 or ids <= 0 or not skipper.numbers(ids - 1):
                 return -1
-            fields -= 3 + ids
+            last = skipper.number()
+            if last < 0:
+                return -1
             index += 1
+            if last == OPERATING_STATE and area == CPU_EXEC_UNIT and ids > 1:
+                self._item = index if self._asks == 0 else 0
+                self._asks = ASKS
+            fields -= 3 + ids
         return count if fields == 0 else -1
+
+    def _read_end(self) -> bool:
+        """Pass over the qualifier behind the addresses of a read, and note where they end."""
+        self._place = self.skipper.at
+        return self._qualifier(0)
+
+    def _stream(self) -> bool:
+        """Pass over an object and the ids of one of its attributes."""
+        at: i64 = self.skipper.at
+        if not self._skip(_ID) or not self.skipper.value(0):
+            return False
+        if u32(self._octets, at) == CPU_PROXY or u16(self._octets, self.skipper.at - 2) == _STATE:
+            self._asks = ASKS
+        return True
 
     def _values(self, count: i64) -> bool:
         """Pass over so many numbers and values."""
@@ -362,7 +407,7 @@ class Body:
     def _items(self) -> bool:
         """Pass over numbers and values up to the number 0, counting them while they are numbered from 1."""
         skipper = self.skipper
-        count: i64 = 0
+        count: i64 = skipper.items()
         while True:
             number = skipper.number()
             if number <= 0:

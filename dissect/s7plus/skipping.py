@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from librt.strings import read_i16_be, read_i64_be
 from mypy_extensions import i64
 
-from dissect.s7plus.blobs import COMPRESSED, may_swell
+from dissect.s7plus.blobs import COMPRESSED, MAX_INFLATED, check_blob, is_compressed, may_swell
 from dissect.s7plus.ids import is_packed
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
@@ -40,6 +41,11 @@ from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED64, VLQ64, pass_varint
 
 _BIT_7: Final = 0x80
+#: Octets that are read at once, where they are there; of these the bits behind the first, behind two, and behind three.
+_WORD: Final = 8
+_BEHIND_1: Final = 56
+_BEHIND_2: Final = 48
+_BEHIND_3: Final = 40
 #: Octets of the longest number of 32 bits.
 _LONGEST: Final = 5
 _SEVERAL: Final = SPARSE_ARRAY | ARRAY | ADDRESS_ARRAY
@@ -57,6 +63,8 @@ _KINDS: Final = {
 }  # fmt: skip
 #: By type: octets of one element, or one of the above.
 _SIZES: Final = bytes([_KINDS.get(type_, _UNKNOWN) for type_ in range(256)])
+#: Octets of compressed blobs that are inflated at once where they may swell: many tools send the same ones again and again.
+_SMALL: Final = 64
 #: Structures inside each other that are passed over; deeper ones are read.
 _MAX_NESTED: Final = 8
 #: Octets of the id of an object or a structure.
@@ -94,13 +102,16 @@ def table(wanted: frozenset[int]) -> bytes:
 _COMPRESSED: Final = table(frozenset())
 
 
-def marks(attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset()) -> bytes:
+def marks(
+    attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset(), known: bool = False
+) -> bytes:
     """Return a table for `Skipper.elements`: `MET` for each id of an attribute and of a class that is among these.
 
-    ``noted`` are the attributes whose places are to be noted.
+    ``noted`` are the attributes whose places are to be noted. ``known``: what is passed over was found sound before, so that
+    compressed blobs are not looked at.
     """
     said = bytearray(2 * _IDS)
-    for id_ in COMPRESSED:
+    for id_ in () if known else COMPRESSED:
         said[id_] = _CAREFUL
     for id_ in attributes:
         said[id_] |= MET
@@ -124,11 +135,12 @@ class Skipper:
     lists and of the attributes that the table says are to be noted; None where nobody asks for them.
     """
 
-    __slots__ = ("_careful", "_end", "_octets", "at", "noted", "seen", "spent")
+    __slots__ = ("_careful", "_end", "_inflated", "_octets", "at", "noted", "seen", "spent")
 
     def __init__(self, octets: bytes, at: i64, end: i64) -> None:
         self._octets: bytes = octets
         self._end: i64 = end
+        self._inflated: i64 = 0  # octets that small compressed blobs become
         self._careful = False
         self.at: i64 = at
         self.spent: i64 = 0
@@ -139,6 +151,7 @@ class Skipper:
         """Begin anew with other octets."""
         self._octets = octets
         self._end = end
+        self._inflated = 0
         self._careful = False
         self.at = at
         self.spent = 0
@@ -155,21 +168,19 @@ class Skipper:
         at: i64 = self.at
         if at + 2 > end:
             return False
-        flags: i64 = octets[at]
-        type_: i64 = octets[at + 1]
+        head: i64 = i64(read_i16_be(octets, at))
+        type_: i64 = head & 0xFF
         at += 2
         self.spent += STEP
-        if flags & _SEVERAL == 0 and type_ != STRUCT:
+        if head & (_SEVERAL << 8) == 0 and type_ != STRUCT:
             kind: i64 = _SIZES[type_]
             if kind < _OTHER:
                 self.at = at + kind
                 return at + kind <= end
-            if kind == _NUMBER or kind == _WIDE:
-                self.at = pass_varint(octets, at, end, kind == _WIDE)
-                return self.at >= 0
             self.at = at
             return self._one(kind)
         self.at = at
+        flags: i64 = head >> 8 & 0xFF
         if type_ == STRUCT:
             return self._struct(flags, depth, nested)
         if flags & SPARSE_ARRAY:
@@ -234,11 +245,17 @@ class Skipper:
         """
         octets = self._octets
         end: i64 = self._end
+        last: i64 = len(octets) - _WORD
         noted = self.noted
         level: i64 = 0
-        id_: i64 = 0
         while self.at < end:
             at: i64 = self.at
+            if at <= last:
+                passed: i64 = _pass_attribute(read_i64_be(octets, at), bits)
+                if passed > 0:
+                    self.at = at + passed
+                    self.spent += STEP
+                    continue
             tag: i64 = octets[at]
             self.at = at + 1
             if tag == ATTRIBUTE_TAG:
@@ -273,29 +290,35 @@ class Skipper:
                     return level == 0 and tag != TAG_DESCRIPTION_TAG
                 if noted is not None:
                     noted.append(at)
-        return level == 0
+        return level == 0 and self.at == end
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
         at: i64 = self.at
-        if at >= self._end:
-            return -1
-        first: i64 = self._octets[at]
-        if first < _BIT_7:
-            self.at = at + 1
-            return first
-        value: i64 = first & 0x7F
-        stop: i64 = at + _LONGEST
-        stop = min(stop, self._end)
-        at += 1
+        if at + 1 < self._end:
+            two: i64 = i64(read_i16_be(self._octets, at))
+            if two >= 0:
+                self.at = at + 1
+                return two >> 8
+            if two & _BIT_7 == 0:
+                self.at = at + 2
+                return (two >> 1 & 0x3F80) | (two & 0x7F)
+        return self._long_number()
+
+    def _long_number(self) -> i64:
+        """Read a number as `number` does, of any size and as close to the end as may be."""
+        octets = self._octets
+        at: i64 = self.at
+        stop: i64 = min(at + _LONGEST, self._end)
+        value: i64 = 0
         while at < stop:
-            octet: i64 = self._octets[at]
+            octet: i64 = octets[at]
             at += 1
             value = value << 7 | octet & 0x7F
             if octet < _BIT_7:
                 self.at = at
                 return value & 0xFFFFFFFF
-        self.at = -1
+        self.at = self._end  # where nothing more is found
         return -1
 
     def numbers(self, count: i64) -> bool:
@@ -324,6 +347,25 @@ class Skipper:
             count -= 1
         self._careful = id_ < _IDS and _COMPRESSED[id_] != 0
         return True
+
+    def items(self) -> i64:
+        """Pass over plain values that are numbered 1, 2, 3 …, as far as they are; return how many."""
+        octets = self._octets
+        at: i64 = self.at
+        last: i64 = min(self._end, len(octets)) - _WORD
+        count: i64 = 0
+        while at <= last and count < _BIT_7 - 1:
+            word: i64 = read_i64_be(octets, at)
+            if word >> _BEHIND_1 != count + 1:
+                break
+            passed: i64 = pass_plain(word, _BEHIND_1)
+            if passed == 0 or at + passed > self._end:
+                break
+            at += passed
+            count += 1
+        self.spent += STEP * count
+        self.at = at
+        return count
 
     def wide(self) -> bool:
         """Pass over a number of 64 bits without sign; False when it is not there."""
@@ -366,7 +408,11 @@ class Skipper:
     def _one(self, kind: i64) -> bool:
         """Pass over an element that has no fixed size."""
         if kind == _NUMBER or kind == _WIDE:
-            self.at = pass_varint(self._octets, self.at, self._end, kind == _WIDE)
+            at: i64 = self.at
+            if at < self._end and self._octets[at] < _BIT_7:
+                self.at = at + 1
+                return True
+            self.at = pass_varint(self._octets, at, self._end, kind == _WIDE)
             return self.at >= 0
         if kind == _TEXT or kind == _BLOB:
             if kind == _BLOB:
@@ -380,8 +426,18 @@ class Skipper:
             self.at = begin + size
             if self.at > self._end:
                 return False
-            return not (self._careful and kind == _BLOB and may_swell(self._octets[begin : self.at]))
+            return not (self._careful and kind == _BLOB and self._is_risky(self._octets[begin : self.at]))
         return False  # a Variant, or no type at all
+
+    def _is_risky(self, blob: bytes) -> bool:
+        """Tell whether a blob of an attribute of compressed ones may become large, or is small and unsound."""
+        if not is_compressed(blob) or not may_swell(blob):
+            return False
+        if len(blob) > _SMALL:
+            return True
+        opened = check_blob(blob)
+        self._inflated += opened.size
+        return len(opened.fault) > 0 or self._inflated > MAX_INFLATED
 
     def _sparse(self, type_: i64) -> bool:
         """Pass over pairs of keys and values up to the key 0."""
@@ -434,6 +490,46 @@ class Skipper:
             size = self.number()
         self.at += size
         return size >= 0 and self.at <= self._end
+
+
+def _pass_attribute(word: i64, bits: bytes) -> i64:
+    """Return how many octets an attribute takes, of which ``word`` are the first eight, its tag included; 0 for another look.
+
+    That is told of plain values (`pass_plain`) of attributes of which ``bits`` say nothing. Whether all of it is there the
+    caller sees.
+    """
+    if word >> 56 != ATTRIBUTE_TAG - 0x100:  # with its sign
+        return 0
+    id_: i64 = word >> _BEHIND_2 & 0xFF
+    if id_ < _BIT_7:
+        return pass_plain(word, _BEHIND_2) if bits[id_] == 0 else 0
+    second: i64 = word >> _BEHIND_3 & 0xFF
+    id_ = (id_ & 0x7F) << 7 | second
+    return pass_plain(word, _BEHIND_3) if second < _BIT_7 and bits[id_] == 0 else 0
+
+
+def pass_plain(word: i64, left: i64) -> i64:
+    """Return where a plain value ends, counted from the first of the eight octets that ``word`` is; 0 for another look.
+
+    ``left`` are the bits of the word behind which the value begins. A plain one has a fixed size, or is a number that ends
+    within the word.
+    """
+    left -= 16
+    head: i64 = word >> left & 0xFFFF
+    if head > 0xFF:
+        return 0
+    kind: i64 = _SIZES[head]
+    behind: i64 = _WORD - (left >> 3)
+    if kind < _OTHER:
+        return behind + kind
+    if kind != _NUMBER and kind != _WIDE:
+        return 0
+    while left > 0:
+        left -= 8
+        behind += 1
+        if word >> left & _BIT_7 == 0:
+            return behind
+    return 0
 
 
 def passed(walk: Walk) -> bool:

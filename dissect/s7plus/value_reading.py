@@ -65,6 +65,10 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
         # Elements of Null have no octets: the budget alone bounds how many there are.
         count = walk.number(VLQ, "count") if type_ == NULL else walk.counted(VLQ, "count")
         walk.spend(count, "count")
+        kind = VARIABLE_SIZES.get(type_, 0)
+        if kind:  # as lists of references are
+            name = TYPE_NAMES[type_]
+            return [walk.number(kind, name) for _ in range(count)]
         return [_read_one(walk, type_) for _ in range(count)]
     return _read_one(walk, type_)
 

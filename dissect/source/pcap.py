@@ -10,12 +10,11 @@ from __future__ import annotations
 import struct
 from typing import Final, Protocol
 
-from librt.strings import read_i32_le
+from librt.strings import read_i32_le, read_i64_be, read_i64_le
 from mypy_extensions import i64
 
 from dissect.source.packet import PacketSink, Reader
 from dissect.wire.build import COMPILED
-from dissect.wire.octets import u32
 
 #: How many octets are asked for at a time. Above 128 KiB the C library may map and unmap memory for every chunk, which was
 #: measured to cost up to three times as much as reading the packets; below, a reader costs the same whatever the heap is like.
@@ -272,17 +271,22 @@ class PcapReader(ChunkReader):
         fraction: i64
         captured: i64
         wire: i64
+        pair: i64
         absurd: i64 = 0
         try:
             while pos + header <= size:
                 if not compiled:
                     seconds, fraction, captured, wire = unpack(buf, pos)
-                elif big:
-                    seconds, fraction = u32(buf, pos), u32(buf, pos + 4)
-                    captured, wire = u32(buf, pos + 8), u32(buf, pos + 12)
+                elif big:  # two numbers with each read
+                    pair = read_i64_be(buf, pos)
+                    seconds, fraction = pair >> 32 & 0xFFFFFFFF, pair & 0xFFFFFFFF
+                    pair = read_i64_be(buf, pos + 8)
+                    captured, wire = pair >> 32 & 0xFFFFFFFF, pair & 0xFFFFFFFF
                 else:
-                    seconds, fraction = u32le(buf, pos), u32le(buf, pos + 4)
-                    captured, wire = u32le(buf, pos + 8), u32le(buf, pos + 12)
+                    pair = read_i64_le(buf, pos)
+                    seconds, fraction = pair & 0xFFFFFFFF, pair >> 32 & 0xFFFFFFFF
+                    pair = read_i64_le(buf, pos + 8)
+                    captured, wire = pair & 0xFFFFFFFF, pair >> 32 & 0xFFFFFFFF
                 if wire < captured and self._old:
                     captured, wire = wire, captured
                 if captured > limit:

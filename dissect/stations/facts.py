@@ -181,7 +181,8 @@ class Station:
         else:
             fact.before = last.value
             fact.fresh = True
-            stretches.append(Stretch(fact.value, fact.source, frame, fact.time_ns))
+            source = last.source if last.source == fact.source else fact.source  # kept once
+            stretches.append(Stretch(_known(fact.value, stretches), source, frame, fact.time_ns))
             if len(stretches) > MAX_STRETCHES:
                 del stretches[1]  # the first says what it was in the beginning
                 self.not_kept += 1
@@ -231,6 +232,13 @@ class Station:
         else:
             fact.fresh = True
             self.blocks[fact.value] = Stretch(fact.value, fact.source, frame, fact.time_ns)
+
+
+def _known(value: str, stretches: list[Stretch]) -> str:
+    """Return ``value``, as the object that it was when it was the value before, if it was: most change to and fro."""
+    if len(stretches) > 1 and stretches[-2].value == value:
+        return stretches[-2].value
+    return value
 
 
 class Book:

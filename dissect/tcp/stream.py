@@ -80,6 +80,10 @@ class Chunk:
         self.time_ns: i64 = time_ns
 
 
+#: What a stream has ready while that is nothing: most streams share it, and nobody appends to it.
+_NOTHING: Final[list[Chunk]] = []
+
+
 class HalfStream:
     """Reassembly of one direction. `accept` takes segments; `ready` holds what can be read, in order."""
 
@@ -111,7 +115,7 @@ class HalfStream:
         self.octets: i64 = 0  # octets passed on, holes not counted
         self.held: list[Held] | None = None  # None while nothing is held, so that the fast path need not look inside
         self.held_octets: i64 = 0
-        self.ready: list[Chunk] = []
+        self.ready: list[Chunk] = _NOTHING
         self.conflicts: i64 = 0
         # The two latest stretches passed on in place, to compare a retransmission with.
         self.last: bytes = b""
@@ -248,7 +252,7 @@ class HalfStream:
         """Declare the next ``hole`` octets missing (also used for octets the capture cut off)."""
         self.position += hole
         self.next_seq = (self.next_seq + hole) & MASK
-        self.ready.append(Chunk(b"", hole, self.next_seq, -1, frame, time_ns))
+        self._append(Chunk(b"", hole, self.next_seq, -1, frame, time_ns))
 
     def finish(self) -> None:
         """The stream ends: give up every gap and pass on what is held."""
@@ -259,7 +263,19 @@ class HalfStream:
 
     def _pass(self, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> None:
         self.passed(octets)
-        self.ready.append(Chunk(octets, 0, self.next_seq, ack, frame, time_ns))
+        self._append(Chunk(octets, 0, self.next_seq, ack, frame, time_ns))
+
+    def _append(self, chunk: Chunk) -> None:
+        if self.ready:
+            self.ready.append(chunk)
+        else:
+            self.ready = [chunk]
+
+    def take_ready(self) -> list[Chunk]:
+        """Return what can be read, which is not there any more then."""
+        ready = self.ready
+        self.ready = _NOTHING
+        return ready
 
     def _hold(self, at: i64, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> bool:
         """Keep those octets of a stretch that no held one covers; True when there were any."""
@@ -376,6 +392,11 @@ class Endpoint:
             self._host = address_text(self.address)
         return self._host
 
+    def share(self, other: Endpoint) -> None:
+        """Have the address in common with ``other``, which has the same: many connections are of few stations."""
+        self.address = other.address
+        self._host = other.host
+
     def __repr__(self) -> str:
         return f"Endpoint({str(self)!r})"
 
@@ -399,7 +420,12 @@ class TcpConnection:
     """
 
     __slots__ = (
+        "_first_octets",
+        "_first_position",
+        "_second_octets",
+        "_second_position",
         "_silent",
+        "_streams",
         "ended",
         "ended_by",
         "ended_frame",
@@ -416,14 +442,17 @@ class TcpConnection:
         "reset_by",
         "reset_frame",
         "reset_ns",
-        "streams",
         "vlan",
     )
 
     def __init__(self, first: Endpoint, second: Endpoint, vlan: i64, frame: i64, time_ns: i64) -> None:
         self.ends: list[Endpoint] = [first, second]
         self.vlan: i64 = vlan
-        self.streams: list[HalfStream] = [HalfStream(), HalfStream()]
+        self._streams: list[HalfStream] | None = [HalfStream(), HalfStream()]
+        self._first_octets: i64 = 0  # what is kept of the streams once they are let go, as the next ones
+        self._first_position: i64 = 0
+        self._second_octets: i64 = 0
+        self._second_position: i64 = 0
         self.initiator: i64 = -1
         self.first_frame: i64 = frame
         self.first_ns: i64 = time_ns
@@ -441,9 +470,36 @@ class TcpConnection:
         self.macs: bytes = b""
         self.heard: i64 = 0
 
+    @property
+    def streams(self) -> list[HalfStream]:
+        """What each side sent; of a connection that was let go they know ``octets`` and ``position`` only."""
+        found = self._streams
+        if found is not None:
+            return found
+        first, second = HalfStream(), HalfStream()
+        first.octets, first.position = self._first_octets, self._first_position
+        second.octets, second.position = self._second_octets, self._second_position
+        return [first, second]
+
+    def let_go(self) -> None:
+        """It is over: keep how much passed, and nothing that streams work with. Results keep a thousand connections."""
+        streams = self._streams
+        if streams is None:
+            return
+        first, second = streams
+        self._first_octets = first.octets
+        self._first_position = first.position
+        self._second_octets = second.octets
+        self._second_position = second.position
+        self._streams = None
+
     def note_link(self, side: i64, addresses: bytes) -> None:
         """Take the Ethernet addresses of a packet that ``side`` sent: that of its receiver in front, as on the wire."""
         if len(addresses) != 12:
+            return
+        if side == 1 and (self.heard == 0 or addresses == self.macs):  # in the order that they are kept in
+            self.macs = addresses
+            self.heard |= 2
             return
         sender, receiver = addresses[6:], addresses[:6]
         if self.heard & (2 >> side):

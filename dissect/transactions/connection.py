@@ -94,7 +94,7 @@ class Traits:
     are said once for a connection; ``szl_ids`` are what was asked for, ``loaded`` the blocks that were loaded, by name.
     """
 
-    __slots__ = ("_writes", "inquiries", "loaded", "pace_ns", "refusals", "szl_ids", "told", "written")
+    __slots__ = ("_loaded", "_szl_ids", "_told", "_writes", "inquiries", "pace_ns", "refusals", "written")
 
     def __init__(self) -> None:
         self.written: i64 = 0
@@ -102,9 +102,39 @@ class Traits:
         self.pace_ns = 0
         self.inquiries = 0
         self.refusals = 0
-        self.told: set[str] = set()
-        self.szl_ids: set[int] = set()
-        self.loaded: dict[str, Activation] = {}
+        # Made when they are first asked for: most connections only read and write.
+        self._told: set[str] | None = None
+        self._szl_ids: set[int] | None = None
+        self._loaded: dict[str, Activation] | None = None
+
+    @property
+    def told(self) -> set[str]:
+        """What was said of it."""
+        found = self._told
+        if found is None:
+            found = self._told = set()
+        return found
+
+    @property
+    def szl_ids(self) -> set[int]:
+        """The lists that were asked for."""
+        found = self._szl_ids
+        if found is None:
+            found = self._szl_ids = set()
+        return found
+
+    @property
+    def loaded(self) -> dict[str, Activation]:
+        """The blocks that were loaded."""
+        found = self._loaded
+        if found is None:
+            found = self._loaded = {}
+        return found
+
+    @property
+    def has_loaded(self) -> bool:
+        """True when blocks were loaded."""
+        return self._loaded is not None and len(self._loaded) > 0
 
     @property
     def writes(self) -> Writes:
@@ -298,6 +328,11 @@ class Connection:
         if found is None:
             found = self._traits = Traits()
         return found
+
+    @property
+    def has_loaded(self) -> bool:
+        """True when blocks were loaded on it."""
+        return self._traits is not None and self._traits.has_loaded
 
     @property
     def subscriptions(self) -> dict[int, Subscription]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from librt.strings import read_i32_be
 from mypy_extensions import i64
 
 from dissect.s7.items import DATA_HEAD, Item, data_size_within, item_fill
 from dissect.s7.parameters import ACK_HEADER_SIZE
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
 from dissect.transactions.transaction import ANSWERED, Transaction
-from dissect.wire.octets import u16
 
 
 def good_octets(transaction: Transaction) -> list[bytes] | None:
@@ -75,10 +75,13 @@ class GoodItems:
         buf = self.buf
         at: i64 = self._next
         end: i64 = self._end
-        if at + DATA_HEAD > end or buf[at] != SUCCESS or self._items[index].areas is not None:
+        if at + DATA_HEAD > end:
+            return False
+        head: i64 = i64(read_i32_be(buf, at))
+        if head >> 24 & 0xFF != SUCCESS or self._items[index].areas is not None:
             return False
         body: i64 = at + DATA_HEAD
-        size: i64 = data_size_within(buf[at + 1], u16(buf, at + 2), end - body)
+        size: i64 = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - body)
         if body + size > end:
             return False
         self.index = index

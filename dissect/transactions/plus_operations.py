@@ -31,6 +31,7 @@ from dissect.s7plus.events import (
 )
 from dissect.s7plus.message import parsed
 from dissect.s7plus.session import PlusSession
+from dissect.s7plus.skimming import PLACE
 from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
@@ -70,6 +71,7 @@ _LARGEST: Final = 2048
 _BODY: Final = 18
 _DIGEST: Final = 33
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
+_THIRD: Final = 0x04
 _LAST: Final = 0xE8
 
 
@@ -95,17 +97,25 @@ def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int
     return left_out
 
 
-def addresses_in(octets: bytes) -> bytes:
-    """Return what a read asks for: its body up to the qualifier."""
+def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
+    """Return what a read asks for: its body up to the qualifier, which begins at ``end``; 0 where that is to be found."""
     size: i64 = len(octets)
     begin: i64 = _BODY
     if size > 1 and octets[1] == V3:
         begin += _DIGEST
-    at: i64 = begin + len(_QUALIFIER)
-    while at <= size:  # four times as fast as `bytes.find`
-        if octets[at - 1] == _LAST and octets[at - len(_QUALIFIER) : at] == _QUALIFIER:
-            return octets[begin : at - len(_QUALIFIER)]
-        at += 1
+    if end > 0:
+        return octets[begin:end]
+    at: i64 = begin + len(_QUALIFIER) - 1  # of the last octet that may be one of it
+    while at < size:  # several times as fast as `bytes.find`: what stands there says how far away it is at least
+        octet: i64 = octets[at]
+        if octet == _LAST and octets[at - len(_QUALIFIER) + 1 : at + 1] == _QUALIFIER:
+            return octets[begin : at - len(_QUALIFIER) + 1]
+        if octet == _THIRD:
+            at += 1
+        elif octet == 0:
+            at += 2
+        else:
+            at += len(_QUALIFIER)
     return octets[min(begin, size) :]
 
 
@@ -234,12 +244,15 @@ class PlusOperations:
                 del self._open[number]
         self._most = max(_MANY, 2 * self._count)
 
-    def polled(self, session: PlusSession, transaction: Transaction) -> None:
-        """Take a read of variables: the third of the same ones, each soon after the other, begins an operation."""
+    def polled(self, session: PlusSession, transaction: Transaction, read: i64) -> None:
+        """Take a read of variables: the third of the same ones, each soon after the other, begins an operation.
+
+        ``read`` is what `dissect.s7plus.refusals.glimpse` says of its request.
+        """
         octets = transaction.request_octets
         number = int(transaction.connection.number)
         here = self._polls.get(number)
-        asked = addresses_in(octets)
+        asked = addresses_in(octets, read >> PLACE)
         if len(asked) > _LARGEST:
             asked = blake2b(asked, digest_size=16).digest()
         poll = here.get(asked) if here is not None else None

@@ -8,10 +8,10 @@ that opens, because a live capture must not stall while thousands of connections
 
 from __future__ import annotations
 
-import heapq
 from collections import OrderedDict, deque
 from typing import Final
 
+from librt.strings import read_i32_be, read_i64_be
 from mypy_extensions import i64
 
 from dissect.ibh.framer import PacketFramer
@@ -22,7 +22,7 @@ from dissect.s7plus.stream import FrameStream
 from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Kept, Protocol
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u16
 
 #: Connections looked at in one step.
 LOOK_AT_ONCE: Final = 64
@@ -33,6 +33,48 @@ _FEW_LEFT: Final = 160
 _TRIED: Final = 16
 
 
+class _Idle:
+    """A connection as it was when it was looked at."""
+
+    __slots__ = ("first_frame", "last_ns", "side")
+
+    def __init__(self, side: Side) -> None:
+        self.side: Side = side
+        self.last_ns: i64 = side.tcp.last_ns
+        self.first_frame: i64 = side.tcp.first_frame
+
+    def look(self, side: Side) -> None:
+        """Stand for another connection."""
+        self.side = side
+        self.last_ns = side.tcp.last_ns
+        self.first_frame = side.tcp.first_frame
+
+    def less(self, other: _Idle) -> bool:
+        """Return whether it is less idle than ``other``; of two that are equally so, the one that began later is."""
+        if self.last_ns == other.last_ns:
+            return self.first_frame > other.first_frame
+        return self.last_ns > other.last_ns
+
+
+def _sink(heap: list[_Idle], at: i64, size: i64) -> None:
+    """Let the entry at ``at`` sink to its place in the first ``size`` of a heap, of which the least idle is the first.
+
+    By hand, because `heapq` compares tuples of int objects, which took more than all else of a connection that opens.
+    """
+    entry = heap[at]
+    below: i64 = 2 * at + 1
+    while below < size:
+        if below + 1 < size and heap[below + 1].less(heap[below]):
+            below += 1
+        child = heap[below]
+        if not child.less(entry):
+            break
+        heap[at] = child
+        at = below
+        below = 2 * at + 1
+    heap[at] = entry
+
+
 class IdleSearch:
     """Looks through the open connections in rounds, `LOOK_AT_ONCE` with each `step`, and keeps the longest idle of a round.
 
@@ -41,11 +83,10 @@ class IdleSearch:
 
     def __init__(self) -> None:
         self.looks: i64 = 0
-        self._sides: list[Side] = []  # of the round under way, and of the one before it, from which `_found` is
-        self._before: list[Side] = []
+        self._sides: list[Side] = []  # of the round under way
         self._at: i64 = 0
-        self._longest: list[tuple[int, int, int]] = []  # a heap, the least idle first: (-last_ns, -first frame, place)
-        self._found: list[tuple[int, int, int]] = []  # of the last whole round, the longest idle last
+        self._longest: list[_Idle] = []  # a heap once it is full, the least idle first
+        self._found: list[_Idle] = []  # of the last whole round, the longest idle last
 
     @property
     def running_out(self) -> bool:
@@ -53,39 +94,65 @@ class IdleSearch:
         return not self._sides and len(self._found) < _FEW_LEFT
 
     def begin(self, sides: list[Side]) -> None:
-        """Begin a round through ``sides``, one side of each open connection."""
+        """Begin a round through ``sides``, both of each open connection."""
         self._sides = sides
         self._at = 0
         self._longest = []
 
     def step(self) -> None:
         """Look at the next connections of a round, if one is under way."""
-        count: i64 = len(self._sides)
+        sides = self._sides
+        count: i64 = len(sides)
         if count == 0:
             return
-        stop: i64 = min(self._at + LOOK_AT_ONCE, count)
-        full = len(self._longest) == MAX_FOUND
-        last_ns: i64 = -self._longest[0][0] if full else 0  # of the least idle one found
-        for at in range(self._at, stop):
-            side = self._sides[at]
-            self.looks += 1
+        longest = self._longest
+        at: i64 = self._at
+        looked: i64 = 0
+        while at < count and looked < LOOK_AT_ONCE:
+            side = sides[at]
+            at += 1
+            if side.index:
+                continue  # the other side of it stands for the connection
+            looked += 1
             if side.peer is None:
                 continue  # over
-            if full and side.tcp.last_ns > last_ns:
-                continue  # less idle than all of those: most are, and no entry has to be made for them
-            entry = (-int(side.tcp.last_ns), -int(side.tcp.first_frame), int(at))
-            if full:
-                heapq.heappushpop(self._longest, entry)
-            else:
-                heapq.heappush(self._longest, entry)
-                full = len(self._longest) == MAX_FOUND
-            last_ns = -self._longest[0][0]
-        self._at = stop
-        if stop == count:
-            self._before = self._sides
-            self._sides = []
-            self._found = sorted(self._longest)
-            self._longest = []
+            if len(longest) < MAX_FOUND:
+                longest.append(_Idle(side))
+                if len(longest) == MAX_FOUND:
+                    self._order()
+                continue
+            least = longest[0]
+            tcp = side.tcp
+            if tcp.last_ns > least.last_ns or (tcp.last_ns == least.last_ns and tcp.first_frame > least.first_frame):
+                continue  # less idle than all of those, as most are
+            least.look(side)
+            _sink(longest, 0, MAX_FOUND)
+        self._at = at
+        self.looks += looked
+        if at == count:
+            self._end_round()
+
+    def _order(self) -> None:
+        """Make a heap of what was found."""
+        size: i64 = len(self._longest)
+        for place in range(size // 2 - 1, -1, -1):
+            _sink(self._longest, place, size)
+
+    def _end_round(self) -> None:
+        """Everything was looked at: put what was found in order."""
+        if len(self._longest) < MAX_FOUND:
+            self._order()
+        heap = self._longest
+        found: list[_Idle] = []
+        size: i64 = len(heap)
+        while size > 0:
+            found.append(heap[0])
+            size -= 1
+            heap[0] = heap[size]
+            _sink(heap, 0, size)
+        self._found = found
+        self._longest = []
+        self._sides = []
 
     def finish(self) -> None:
         """Look through the rest of a round."""
@@ -101,10 +168,10 @@ class IdleSearch:
         tried: i64 = 0
         while self._found and tried < _TRIED:
             entry = self._found.pop()
-            side = self._before[entry[2]]
+            side = entry.side
             if side.peer is None:
                 continue
-            if int(side.tcp.last_ns) == -entry[0]:
+            if side.tcp.last_ns == entry.last_ns:
                 return side
             tried += 1
             if best is None or side.tcp.last_ns < best.tcp.last_ns:
@@ -134,6 +201,7 @@ class Side:
     """One direction of a connection: everything that reads what side ``index`` sends."""
 
     __slots__ = (
+        "addresses",
         "assembler",
         "connection",
         "end_seq",
@@ -151,11 +219,10 @@ class Side:
         "peer",
         "place",
         "plus",
+        "ports",
         "probes",
         "protocol",
-        "receiver",
         "requests",
-        "sender",
         "stream",
         "tcp",
         "told_overdue",
@@ -178,8 +245,8 @@ class Side:
         self.kept: Kept | None = None  # of another protocol that frames the stream by itself, in the place of `framer`
         self.peer: Side | None = None
         self.place: i64 = -1  # where `ConnectionTable.find` found it last, by these two
-        self.sender: i64 = 0
-        self.receiver: i64 = 0
+        self.addresses: i64 = 0
+        self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.requests: i64 = 0
@@ -270,17 +337,18 @@ class ConnectionTable:
 
         What was found last for a packet with the same hash is tried first, which needs no bytes of its own.
         """
-        sender: i64 = (u32(buf, at) << 16) | u16(buf, at + 8)
-        receiver: i64 = (u32(buf, at + 4) << 16) | u16(buf, at + 10)
+        addresses: i64 = read_i64_be(buf, at)
+        ports: i64 = i64(read_i32_be(buf, at + 8))
         places = self._places
-        place: i64 = ((sender ^ (sender >> 16)) + 5 * (receiver ^ (receiver >> 16))) & self._mask
+        mixed: i64 = (addresses ^ (addresses >> 29)) + (ports ^ (ports >> 16))
+        place: i64 = (mixed ^ (mixed >> 13)) & self._mask
         side = places[place]
-        if side is not None and side.sender == sender and side.receiver == receiver:
+        if side is not None and side.ports == ports and side.addresses == addresses:
             return side
         side = self.sides.get(buf[at : at + _KEY4])
         if side is not None:
-            side.sender = sender
-            side.receiver = receiver
+            side.addresses = addresses
+            side.ports = ports
             side.place = place
             places[place] = side
         return side
@@ -385,7 +453,7 @@ class ConnectionTable:
         over: i64 = len(self.sides) - 2 * MAX_CONNECTIONS
         idle = self._idle
         if idle.running_out:
-            idle.begin(self.all_open())
+            idle.begin(list(self.sides.values()))
         idle.step()
         if over > 2 * RESERVE:
             idle.finish()

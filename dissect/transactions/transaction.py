@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Final
 
+from librt.strings import read_i32_be
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7.errors import ERROR_CODES
@@ -488,9 +489,10 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
         transport_size: i64
         length: i64
         if COMPILED:
-            return_code = buf[at]
-            transport_size = buf[at + 1]
-            length = u16(buf, at + 2)
+            head: i64 = i64(read_i32_be(buf, at))
+            return_code = head >> 24 & 0xFF
+            transport_size = head >> 16 & 0xFF
+            length = head & 0xFFFF
         else:
             return_code, transport_size, length = _HEAD.unpack_from(buf, at)
         at += 4

@@ -311,6 +311,10 @@ def _or_null(text: str) -> str:
 class ValueJsonl(RowWriter):
     """Writes an object for each row, on a line."""
 
+    def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
+        super().__init__(clock, verbose)
+        self.joint = b""
+
     def values(self, rows: list[ValueRow]) -> None:
         """Add the lines of rows."""
         self.lines += self.texts(rows)
@@ -372,6 +376,7 @@ class ValueCsv(RowWriter):
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
+        self.joint = b""
         self._begun: bool = False
 
     def values(self, rows: list[ValueRow]) -> None:

@@ -168,10 +168,11 @@ class Layout:
     """A fixed header, or a part with one field of open size at its end: its name, its source, its fields in wire order.
 
     ``size`` is that of the fixed fields; with numbers of variable size the part is larger. ``open`` tells whether the last
-    field takes the rest of the part.
+    field takes the rest of the part. ``numbers`` are the fields of fixed size in front of any other, by name, each with where
+    it begins.
     """
 
-    __slots__ = ("fields", "name", "open", "size", "source")
+    __slots__ = ("fields", "name", "numbers", "open", "size", "source")
 
     def __init__(self, name: str, source: str, fields: list[Field]) -> None:
         self.name = name
@@ -179,6 +180,15 @@ class Layout:
         self.fields = fields
         self.size = sum(field.size for field in fields if not field.shares and field.size > 0)
         self.open = bool(fields) and fields[-1].size == REST
+        self.numbers: dict[str, tuple[int, Field]] = {}
+        start = end = 0
+        for field in fields:
+            if field.size < 0:
+                break
+            if not field.shares:
+                start = end
+                end += field.size
+            self.numbers.setdefault(field.name, (start, field))
 
     def places(self, holds: str) -> list[tuple[int, int]]:
         """Return (begin, end) of the fixed fields that hold ``holds``, counted from where the part begins."""

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from librt.strings import read_i16_be, read_i32_be
+from typing import Final
+
+from librt.strings import read_i16_be, read_i32_be, read_i64_be
 from mypy_extensions import i64
+
+from dissect.wire.build import COMPILED
+
+#: Up to so many octets a comparison of eight at a time takes less than a copy.
+_SHORT: Final = 64
 
 
 def u16(octets: bytes, at: i64) -> i64:
@@ -19,6 +26,21 @@ def u24(octets: bytes, at: i64) -> i64:
 def u32(octets: bytes, at: i64) -> i64:
     """Return the four octets at ``at`` as a number; IndexError when they are not there."""
     return i64(read_i32_be(octets, at)) & 0xFFFFFFFF
+
+
+def same(octets: bytes, buf: bytes, at: i64, end: i64) -> bool:
+    """Return whether ``buf[at:end]``, which is there, is ``octets``; compiled, what is short is compared where it stands."""
+    size: i64 = len(octets)
+    if size != end - at:
+        return False
+    if not COMPILED or size < 8 or size > _SHORT:
+        return buf[at:end] == octets
+    index: i64 = 0
+    while index + 8 < size:
+        if read_i64_be(octets, index) != read_i64_be(buf, at + index):
+            return False
+        index += 8
+    return read_i64_be(octets, size - 8) == read_i64_be(buf, end - 8)
 
 
 class Tally:

@@ -216,7 +216,7 @@ class Clock:
         self._zone: str = "UTC"
         self._second: i64 = 0
         self._text: str = "1970-01-01T00:00:00."
-        self._moment: str = "1970-01-01 00:00:00."  # the same for a person
+        self._moment: str = ""  # the same for a person, once that is asked for
 
     def iso(self, time_ns: i64) -> str:
         """Return ISO 8601 in UTC with nanoseconds, for example ``2016-02-08T14:51:37.916123000Z``."""
@@ -238,7 +238,7 @@ class Clock:
         year, month, of_month = civil(day)
         of_day = f"{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}."
         self._text = f"{year:04d}-{month:02d}-{of_month:02d}T{of_day}"
-        self._moment = f"{year:04d}-{month:02d}-{of_month:02d} {of_day}"
+        self._moment = ""
         self._second = second
 
     def moment(self, time_ns: i64) -> str:
@@ -247,6 +247,8 @@ class Clock:
             second: i64 = time_ns // _NS_PER_S
             if second != self._second:
                 self._turn(second)
+            if not self._moment:
+                self._moment = self._text.replace("T", " ")
             rest: i64 = time_ns % _NS_PER_S
             return f"{self._moment}{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]} UTC"
         self._localise(time_ns)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from dissect.jobs.pool import Pool
+from dissect.jobs.tasks import FileError
 
 
 def square(number: int) -> tuple[int, int]:
@@ -26,8 +27,9 @@ def killed() -> None:
 
 
 def interrupted() -> str:
-    """Be a task that Ctrl-C strikes, as it strikes all processes of a terminal."""
+    """Be a task that Ctrl-C strikes, as it strikes all processes of a terminal, or the end of a service all of its own."""
     os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGTERM)
     return "goes on"
 
 
@@ -38,21 +40,46 @@ def endless(folder: str) -> None:
         time.sleep(0.01)
 
 
+def refused() -> None:
+    """Be a task that cannot be done."""
+    raise FileError("it cannot be read", "tcp://a")
+
+
+def unsendable() -> object:
+    """Be a task whose result is none."""
+    return lambda: None
+
+
 def test_who_dies_fails_its_own_task(tmp_path: Path) -> None:
-    with Pool(2) as pool:
-        dies, lives = pool.submit(killed), pool.submit(square, 7)
-        with pytest.raises(RuntimeError, match="busy"):
-            pool.submit(square, 1)
+    with Pool(2) as executor:
+        dies, lives = executor.submit(killed), executor.submit(square, 7)
         with pytest.raises(BrokenExecutor):
             dies.result()
-        number, process = lives.result()
-        assert number == 49
-        assert pool.submit(square, 3).result() == (9, process), "a process takes one task after another"
-        assert pool.submit(interrupted).result() == "goes on"
-        pool.submit(endless, str(tmp_path))
-        while not any(tmp_path.iterdir()):  # the limit is that of the test run
+        assert lives.result()[0] == 49
+        with pytest.raises(FileError, match="it cannot be read") as told:
+            executor.submit(refused).result()
+        assert told.value.where == "tcp://a"
+        assert executor.submit(interrupted).result() == "goes on"
+        many = [executor.submit(square, number).result() for number in range(8)]
+        assert [number for number, _ in many] == [number * number for number in range(8)]
+        assert len({process for _, process in many}) <= 2, "a process takes one task after another"
+        endings = [executor.submit(endless, str(tmp_path)) for _ in range(3)]
+        while len(list(tmp_path.iterdir())) < 2:  # the limit is that of the test run
             time.sleep(0.01)
+    assert endings[2].cancelled(), "what waits is not done"
+    for ended in endings[:2]:
+        with pytest.raises(BrokenExecutor):
+            ended.result()
     _gone(tmp_path)
+
+
+def test_what_cannot_be_sent_fails_its_own_task() -> None:
+    with Pool(1) as executor:
+        with pytest.raises(Exception, match=r"pickle|local object"):
+            executor.submit(unsendable).result()
+        with pytest.raises(Exception, match=r"pickle|local object"):
+            executor.submit(lambda: None).result()
+        assert executor.submit(square, 2).result()[0] == 4
 
 
 def test_nobody_outlives_a_parent_that_was_killed(tmp_path: Path) -> None:

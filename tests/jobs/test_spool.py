@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from dissect.jobs import spool
-from dissect.jobs.spool import Spool, opened, whole_lines
+from dissect.jobs.spool import Spool, indexed, opened, whole_lines
 from dissect.jobs.tasks import FileError
 
 
@@ -28,6 +28,26 @@ def test_rows_come_as_they_went(tmp_path: Path) -> None:
             assert b"".join(pieces) == rows(count)
             assert all([piece.endswith(b"\n") and len(piece) < 2 * 1024 * 1024 for piece in pieces])
     assert not any(tmp_path.iterdir()), "whoever takes the rows removes the file"
+
+
+def test_rows_come_with_their_index(tmp_path: Path) -> None:
+    """The file of rows that were taken is that of the next ones, whether these are more or fewer."""
+    given = [(rows(count), bytes(24 * count)) for count in (3, 1, 9000, 2)]
+    for folder in ("", str(tmp_path)):
+        for some in (given, given[:2], given[:3]):
+            spooled = Spool(folder, "rows")
+            for octets, index in some:
+                spooled.write_indexed(octets, index)
+            with opened(spooled.done(), spare=True) as file:
+                assert list(indexed(file)) == some
+            assert len(list(tmp_path.iterdir())) == (1 if folder else 0)
+    one, other = Spool(str(tmp_path), "one"), Spool(str(tmp_path), "other")
+    one.write(b"1\n")
+    other.write(b"2\n")
+    assert {path.name for path in tmp_path.iterdir()} == {"one", "other"}
+    for spooled, octets in ((one, b"1\n"), (other, b"2\n")):
+        with opened(spooled.done()) as file:
+            assert file.read() == octets
 
 
 def test_what_a_result_carries_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,6 +64,29 @@ def test_results_come_in_order_whoever_is_first(seed: int) -> None:
     assert executor.most <= 5, "no more at once than are wanted"
 
 
+class Late(Executor):
+    """Does the tasks it has when it has three, and all that there are with the last file."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **_kwargs: Any) -> Future[Any]:
+        """Take a task."""
+        future: Future[Any] = Future()
+        self._waiting.append((future, lambda: fn(*args)))
+        if len(self._waiting) == 3 or args[-1] == FILES[19]:
+            for done, task in self._waiting:
+                done.set_result(task())
+            self._waiting = []
+        return future
+
+
+def test_tasks_wait_in_the_executor() -> None:
+    """One at once, and two more, or this would have no end."""
+    done = list(Files(Late(), lambda: 1, lambda _, file: file, (), queued=2).run(FILES[:20], lambda: False))
+    assert [one.result for one in done] == FILES[:20]
+
+
 class Here(Executor):
     """Does each task at once."""
 

@@ -92,7 +92,7 @@ def test_every_row_writes_what_it_takes(kind: str, name: str) -> None:
     observed(FEEDS[kind](writer), read(read(begun(), 1), 2).packets())
     lines = writer.take()
     assert lines
-    assert len({type(line) for line in lines}) == 1  # all text, or all with a style
+    assert len({type(line) for line in lines}) == 1  # all text, all octets, or all with a style
     assert writer.take() == []
 
 

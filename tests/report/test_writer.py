@@ -7,7 +7,7 @@ import pytest
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.formats import FORMATS, TRANSACTIONS
-from dissect.report.styled import Line
+from dissect.report.styled import Line, Written
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed, Writer
 from dissect.source.packet import SourceFile
@@ -42,6 +42,13 @@ class Taken(Observer):
         self.got.append(transaction)
 
 
+def text_of(line: Written) -> str:
+    """Return a line as it is written where there is no terminal."""
+    if isinstance(line, Line):
+        return line.text
+    return line if isinstance(line, str) else line.decode()
+
+
 class Stepwise(Talk):
     """Looks for lines after each packet, or only at the end."""
 
@@ -62,7 +69,7 @@ class Stepwise(Talk):
     def look(self) -> None:
         if isinstance(self.feed, TransactionFeed):
             lines = self.feed.take(int(self.pipeline.timers.oldest_held()))
-            self.lines += [line.text if isinstance(line, Line) else line for line in lines]
+            self.lines += [text_of(line) for line in lines]
 
 
 def gap(observer: Observer, every: bool = False, polls: int = 2) -> Stepwise:
@@ -129,7 +136,7 @@ def test_every_format_stands_in_the_order_of_the_capture(name: str) -> None:
     whole.begin(Places([SourceFile("a.pcap", 1)], False))
     for transaction in sorted(taken.got, key=lambda one: (one.response_frame == 0, completed(one))):
         whole.transaction(transaction)
-    assert lines[False] == [line.text if isinstance(line, Line) else line for line in whole.take()]
+    assert lines[False] == [text_of(line) for line in whole.take()]
 
 
 def test_nothing_is_kept_where_nothing_is_held_back() -> None:

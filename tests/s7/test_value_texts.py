@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import json
+
 from hypothesis import given
 from hypothesis import strategies as st
 from librt.strings import BytesWriter
 
 from dissect.s7.singles import real_json
 from dissect.s7.tables import BYTE, DINT, DWORD, INT, REAL, WORD
-from dissect.s7.values import decode_value, number_texts, numbers_json, write_numbers
+from dissect.s7.values import decode_value, number_texts, numbers_json, write_numbers, write_times
 
 NUMBERS = (BYTE, WORD, INT, DWORD, DINT, REAL)
 
@@ -36,6 +38,41 @@ def test_numbers_are_written_as_json(transport_size: int, octets: bytes) -> None
     out = BytesWriter()
     assert write_numbers(out, transport_size, b"\xff" + octets + b"\xff", 1, len(octets)) == (wanted != "")
     assert out.getvalue() == wanted.encode("ascii")
+
+
+TIMES = (0x0B, 0x0C, 0x1D)
+
+
+def written_times(transport_size: int, octets: bytes) -> str:
+    out = BytesWriter()
+    written = write_times(out, transport_size, b"\xff" + octets + b"\xff", 1, len(octets))
+    assert written == (len(out) > 0)
+    return out.getvalue().decode("ascii")
+
+
+@given(st.sampled_from([-1, *range(256), 256, *TIMES * 50]), st.binary(max_size=40))
+def test_times_are_written_as_json(transport_size: int, octets: bytes) -> None:
+    wanted = ""
+    if transport_size in TIMES:
+        decoded = decode_value(transport_size, octets)
+        if decoded is not None or len(octets) == 2:  # two octets may be no S5TIME
+            wanted = json.dumps(decoded, separators=(",", ":"))
+        if len(octets) % (4 if transport_size == 0x0B else 2) or not octets:
+            wanted = ""
+    assert written_times(transport_size, octets) == wanted
+
+
+def test_every_s5time() -> None:
+    for word in range(0x10000):
+        octets = word.to_bytes(2, "big")
+        assert written_times(0x0C, octets) == json.dumps(decode_value(0x0C, octets))
+
+
+def test_times_at_the_ends_of_units() -> None:
+    for unit in (1, 1000, 60_000, 3_600_000, 86_400_000, 2**31):
+        for ms in (unit - 1, unit, min(unit + 1, 2**31 - 1), -unit):
+            octets = min(ms, 2**31 - 1).to_bytes(4, "big", signed=True)
+            assert written_times(0x0B, octets) == json.dumps(decode_value(0x0B, octets))
 
 
 def test_other_sizes_have_no_texts() -> None:

@@ -219,6 +219,15 @@ def test_what_swells_is_always_looked_into(runs: list[tuple[bytes, int]], strate
     assert may_swell(blob) or len(text) <= blobs.MAX_RATIO * len(blob)
 
 
+@given(st.lists(st.tuples(st.binary(min_size=1, max_size=9), st.integers(1, 300)), max_size=6))
+def test_what_may_swell_has_less_than_half_of_its_octets_without_a_run_of_every_other_bit(
+    runs: list[tuple[bytes, int]],
+) -> None:
+    blob = b"".join([pattern * count for pattern, count in runs])
+    otherwise = [octet for octet in blob if {octet & 0x55, octet & 0xAA}.isdisjoint({0, 0x55, 0xAA})]
+    assert may_swell(blob) == (2 * len(otherwise) < len(blob))
+
+
 def test_bombs_may_swell() -> None:
     for pattern in (b"\0", b"ab", b"pump"):
         text = pattern * (3_000_000 // len(pattern))

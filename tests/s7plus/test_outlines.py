@@ -39,7 +39,7 @@ def check(octets: bytes, request: bool, function: int) -> Outline | None:
     assert pdu.whole
     assert all_.whole
     assert not all_.malformed
-    said = found.contents
+    said = found
     assert said.integrity_id == all_.integrity_id
     if function == CREATE_OBJECT:
         assert (said.object_id, said.ids) == (all_.object_id, all_.ids)
@@ -103,7 +103,7 @@ def test_a_session_is_outlined() -> None:
     for octets, function in _requests(_SESSION):
         found = check(octets, True, function)
         assert found is not None
-        (one,) = found.contents.objects
+        (one,) = found.objects
         assert (one.text(233), one.number(299), one.number(1049)) == ("ServerSession", 300, -3)
         assert one.member(306, 319) == "1;6ES7 215-1AG40-0XB0 ;V4.3"
         assert one.objects[0].member(306, 319) == ""

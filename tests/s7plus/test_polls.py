@@ -10,6 +10,7 @@ from dissect.s7plus.contents import Address
 from dissect.s7plus.events import REPLAYED, RUNNING, STOPPED, take
 from dissect.s7plus.glance import glance
 from dissect.s7plus.program import Program
+from dissect.s7plus.refusals import glimpse
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.s7plus.value_tables import DINT, INT
@@ -40,7 +41,9 @@ class Line:
         request = framed(asked(self.number, body=get_multi(*self.before, STATE, integrity_id=asks)), self.version)
         refusals = [] if plain else [(len(items) + 1, 0xFFF4)]
         answer = framed(told(self.number, body=multi_got(items, refusals, tells)), self.version)
-        assert (glance(GET_MULTI_VARIABLES, request, answer, False, False) is not None) == plain
+        assert (
+            glance(GET_MULTI_VARIABLES, request, answer, glimpse(request), glimpse(answer), False, False) is not None
+        ) == plain
         facts = take(self.session, GET_MULTI_VARIABLES, request, answer)
         return [event.kind for event in facts.events] if facts is not None else []
 

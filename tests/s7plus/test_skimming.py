@@ -18,7 +18,8 @@ from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_object
 from dissect.s7plus.program import TYPE_INFO, Program
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.skimming import SOUND, UNSOUND, WORDS, skim
+from dissect.s7plus.skimming import ASKS, PLACE, PLACES, REFUSES, SOUND, UNSOUND, WORDS, skim
+from dissect.s7plus.skimming import VALUES as ABOVE
 from dissect.s7plus.skipping import MET, marks
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
@@ -37,6 +38,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Packed, Rows, Struct, Value, build_value
+from dissect.transactions.plus_operations import addresses_in
 from dissect.transactions.transaction import Transaction
 from tests.s7plus import bodies
 from tests.s7plus.bodies import end, number, rid
@@ -47,6 +49,7 @@ from tests.transactions.talk import Talk
 _MARKS: Final = marks(frozenset((2533,)), frozenset((TYPE_INFO,)))
 _WORD: Final = Address(0, 82, 3736, [3, 100, 2])
 _TAG: Final = Address(0xABCDEF12, 0x8A0E0003, 2550, [14, 2])
+_STATE: Final = Address(0, 52, 2237, [3486])
 _INT: Final = Value(0, INT, 5)
 _TREE: Final = PlusObject(
     0x8A0E0001, 2574, 0, 0, 0,
@@ -138,7 +141,7 @@ def test_sound_contents_are_passed_over() -> None:
     for name, data in sound().items():
         octets = framed(data, 3)
         assert faults(octets) == [], name
-        assert skim(octets, _MARKS) & 0xFB == SOUND, name
+        assert skim(octets, _MARKS) & ~(REFUSES | ASKS) & 0xFF == SOUND, name
 
 
 def test_no_lie_is_passed_over() -> None:
@@ -186,6 +189,32 @@ def test_what_it_says_of_objects() -> None:
     ):
         octets = framed(told(7, EXPLORE, b"\0" + rid(3) + number(9) + build_object(one) + end()), 3)
         assert skim(octets, _MARKS) == SOUND | seen | 1 << WORDS
+
+
+@given(
+    st.lists(st.sampled_from([_WORD, _TAG, _STATE, Address(0, 52, 3486, []), Address(0, 9, 2237, [3486])]), max_size=5)
+)
+def test_what_it_says_of_a_read(wanted: list[Address]) -> None:
+    """Whether it asks for the operating state, by which item, and where its addresses end."""
+    states = [index for index, one in enumerate(wanted, 1) if one is _STATE]
+    for version in (1, 2, 3):
+        body = bodies.get_multi(*wanted, integrity_id=9 if version > 1 else -1)
+        octets = framed(asked(7, GET_MULTI_VARIABLES, body=body), version)
+        said = skim(octets, _MARKS)
+        assert said & (SOUND | ASKS) == SOUND | (ASKS if states else 0)
+        assert said >> ABOVE & PLACES == (states[0] if len(states) == 1 else 0)
+        assert octets[said >> PLACE :].startswith(bodies.QUALIFIER)
+        assert addresses_in(octets, said >> PLACE) == addresses_in(octets) == body[: body.index(bodies.QUALIFIER)]
+    data = asked(7, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted))
+    frames = framed(data[:20], 3, trailer=False) + framed(data[20:], 3)
+    assert skim(frames, _MARKS) >> ABOVE == 0  # places within several frames say nothing
+    assert skim(frames, _MARKS) & ASKS == (ASKS if states else 0)
+
+
+def test_what_it_says_of_a_read_of_one_attribute() -> None:
+    for rid_, ids, asks in ((52, [2237, 3486], ASKS), (49, [3753], ASKS), (7, [3753], 0), (7, [300], 0)):
+        octets = framed(asked(7, GET_VAR_SUBSTREAMED, body=bodies.get_stream(rid_, ids) + end(9)), 3)
+        assert skim(octets, _MARKS) & (SOUND | ASKS) == SOUND | asks
 
 
 def test_every_report_says_the_same_of_the_same_pdu() -> None:

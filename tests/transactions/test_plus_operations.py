@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import dissect
 from dissect.s7plus.assembly import MAX_PDU
@@ -14,7 +16,7 @@ from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIAB
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
 from dissect.transactions.operation import MAX_OPEN
-from dissect.transactions.plus_operations import MAX_POLLS
+from dissect.transactions.plus_operations import MAX_POLLS, addresses_in
 from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -348,3 +350,12 @@ def test_beginnings_that_are_remembered_are_bounded() -> None:
     (connection,) = {one.connection for one in talk.transactions} or {talk.pipeline.table.all_open()[0].connection}
     assert connection.begun is not None
     assert len(connection.begun) == 64
+
+
+@given(st.binary(max_size=12), st.lists(st.sampled_from(b"\x00\x04\xe8\x07"), max_size=40))
+def test_a_poll_is_known_by_what_stands_before_the_first_qualifier(ahead: bytes, more: list[int]) -> None:
+    body = ahead + bytes(more)
+    for version, size in ((1, 18), (3, 51)):
+        head = bytes((0x72, version)) + bytes(size - 2)
+        assert addresses_in(head + body) == body.partition(b"\x00\x00\x04\xe8")[0]
+        assert addresses_in(head[: size - 3]) == b""

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from librt.strings import BytesWriter
 
-from dissect.wire.digits import write_decimal, write_digits, write_escape, write_hexadecimal
+from dissect.wire.digits import write_decimal, write_digits, write_escape, write_hexadecimal, write_octets
 from dissect.wire.text import decimal, hexadecimal
 
 
@@ -36,6 +36,21 @@ def test_decimal_where_a_digit_more_begins() -> None:
     for digits in range(19):
         for number in (10**digits - 1, 10**digits, 10**digits + 1):
             assert written(write_decimal, number) == str(number)
+
+
+def test_where_multiplying_gives_way_to_dividing() -> None:
+    for number in (2**31 - 1, 2**31, 2**31 + 1, 2**31 - 2**31 % 10_000 - 1, 2**31 - 2**31 % 10_000):
+        assert written(write_decimal, number) == str(number)
+        assert written(write_digits, number, 12) == f"{number:012d}"
+
+
+def test_octets() -> None:
+    octets = bytes(range(256))
+    assert written(write_octets, octets, 0, 256) == "".join([f"{octet}," for octet in octets])
+    assert written(write_octets, octets, 9, 11) == "9,10,"
+    assert written(write_octets, octets, 7, 7) == ""
+    with pytest.raises(IndexError):
+        written(write_octets, octets, 255, 257)
 
 
 @given(NUMBERS, st.integers(0, 4))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.wire.octets import Tally, u16, u24, u32
+from dissect.wire.octets import Tally, same, u16, u24, u32
 
 READERS: list[tuple[Callable[[bytes, int], int], int]] = [(u16, 2), (u24, 3), (u32, 4)]
 
@@ -24,6 +24,18 @@ def test_big_endian_or_not_there(read: Callable[[bytes, int], int], size: int, o
 @pytest.mark.parametrize(("read", "size"), READERS)
 def test_the_largest_number(read: Callable[[bytes, int], int], size: int) -> None:
     assert read(b"\xff" * size, 0) == 256**size - 1
+
+
+@given(st.integers(0, 90), st.binary(max_size=9), st.binary(max_size=9), st.data())
+def test_what_stands_somewhere(size: int, before: bytes, behind: bytes, data: st.DataObject) -> None:
+    octets = bytes(range(100, 100 + size))
+    whole = before + octets + behind
+    assert same(octets, whole, len(before), len(before) + size)
+    assert not same(octets + b"x", whole, len(before), len(before) + size)
+    if size:
+        at = data.draw(st.integers(0, size - 1))
+        other = octets[:at] + b"\0" + octets[at + 1 :]
+        assert not same(other, whole, len(before), len(before) + size)
 
 
 @given(

@@ -272,6 +272,7 @@ class CsvWriter(Writer):
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
+        self.joint = b","
         self._rows: CsvRows = CsvRows(self.places)
 
     def begin(self, places: Places) -> None:

@@ -63,6 +63,7 @@ TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
+_CONNECTION: Final = ',"connection":'
 _ITEMS: Final = ',"items":['
 #: What stands between latency and items of a transaction of which all is well, and behind those.
 _WELL: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null{_ITEMS}'.encode("ascii")
@@ -73,11 +74,13 @@ _SECOND_NS: Final = 1_000_000_000
 _SECOND_DIGITS: Final = 9
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
+#: Beginnings of lines that are found without a dictionary, a power of two.
+_PLACES: Final = 1024
 
 #: Where the header holds the PDU reference, and the octets of PDUs whose notes are cached.
 _REFERENCE_AT: Final = 4
 _REFERENCE_END: Final = 6
-_SHORT: Final = 64
+_SHORT: Final = 240
 
 
 def function_text(parameters: Parameters) -> str:
@@ -94,6 +97,16 @@ def function_text(parameters: Parameters) -> str:
     return parameters.fragment
 
 
+class _Start:
+    """What a connection and who asks on it have in a line, by a number for both."""
+
+    __slots__ = ("key", "octets")
+
+    def __init__(self, key: i64, octets: bytes) -> None:
+        self.key: i64 = key
+        self.octets: bytes = octets
+
+
 class TransactionLines(Observer):
     """Writes transactions as lines of JSON; ``lines`` collects those it is told of as an observer.
 
@@ -108,7 +121,7 @@ class TransactionLines(Observer):
         self._ends: dict[int, str] = {}
         self._out: BytesWriter = BytesWriter()
         self._good: GoodItems = GoodItems()
-        self._starts: dict[int, bytes] = {}
+        self._starts: list[_Start | None] = [None] * _PLACES
         self._second: str = ""
         self._second_octets: bytes = b""
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
@@ -127,8 +140,14 @@ class TransactionLines(Observer):
     def line(self, transaction: Transaction) -> str:
         """Return the line of one transaction, without a line end."""
         if COMPILED and self._is_usual(transaction):
-            return self._polled(transaction)
+            return self._polled(transaction).decode("ascii")
         return self._any_line(transaction)
+
+    def octets(self, transaction: Transaction) -> bytes:
+        """Return the line of one transaction in UTF-8."""
+        if COMPILED and self._is_usual(transaction):
+            return self._polled(transaction)
+        return self._any_line(transaction).encode("utf-8", "backslashreplace")
 
     def _is_usual(self, transaction: Transaction) -> bool:
         """Tell whether a transaction is a read or write of which all is well, as most are."""
@@ -145,7 +164,7 @@ class TransactionLines(Observer):
             and transaction.response_frame != 0
         )
 
-    def _polled(self, transaction: Transaction) -> str:
+    def _polled(self, transaction: Transaction) -> bytes:
         """Return the line of a usual transaction. What does not vary is put together once."""
         out = self._out
         out.truncate(0)
@@ -180,25 +199,26 @@ class TransactionLines(Observer):
             out.truncate(begin)
             out.write(self._items(transaction).encode("ascii"))
         out.write(_NO_ERRORS)
-        return out.getvalue().decode("ascii")
+        return out.getvalue()
 
     def _poll(self, parameters: Parameters) -> bytes:
         """Return what a job has between its reference and its packet."""
         function: i64 = parameters.function
-        if not self._polls[function]:
-            text = f',"rosctr":{JOB},"function":{function_text(parameters)},"request_frame":'
-            self._polls[function] = text.encode("ascii")
-        return self._polls[function]
+        found = self._polls[function]
+        if len(found) == 0:  # for bytes that is quicker to ask (mypyc)
+            found = f',"rosctr":{JOB},"function":{function_text(parameters)},"request_frame":'.encode("ascii")
+            self._polls[function] = found
+        return found
 
     def _start(self, connection: Connection, asked_by: i64) -> bytes:
         """Return `_connection` as octets."""
         key: i64 = connection.number * 2 + asked_by
-        found = self._starts.get(key)
-        if found is None:
-            if len(self._starts) >= _MAX_CACHED:
-                self._starts.clear()
-            found = self._starts[key] = self._connection(connection, asked_by).encode("ascii")
-        return found
+        place: i64 = key & (_PLACES - 1)
+        found = self._starts[place]
+        if found is None or found.key != key:
+            found = _Start(key, self._connection(connection, asked_by).encode("ascii"))
+            self._starts[place] = found
+        return found.octets
 
     def _any_line(self, transaction: Transaction) -> str:
         asked: i64 = transaction.request_frame
@@ -271,7 +291,7 @@ class TransactionLines(Observer):
                 self._ends.clear()
             ends = connection.tcp.ends
             found = (
-                f',"connection":{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
+                f'{_CONNECTION}{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
                 f',"answered_by":{json_text(str(ends[1 - asked_by]))},"pdu_ref":'
             )
             self._ends[key] = found
@@ -466,6 +486,7 @@ class JsonlWriter(Writer):
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
+        self.joint = _CONNECTION.encode("ascii")
         self._transactions: TransactionLines = TransactionLines()
         self._pdus: PduLines = PduLines()
 
@@ -478,7 +499,7 @@ class JsonlWriter(Writer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
-        self.lines.append(self._transactions.line(transaction))
+        self.lines.append(self._transactions.octets(transaction))
 
     def operation(self, operation: Operation) -> None:
         """Add the line of an operation."""
