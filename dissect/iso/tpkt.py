@@ -445,9 +445,8 @@ class Framer:
         given: i64 = self.framed + self.skipped + len(pending) - at
         length: i64 = sound_length(octets, at, end)
         while length:
-            self.packets.append(octets[at : at + length])
+            self._whole(octets[at : at + length], given + at + length)
             at += length
-            self.ends.append(given + at)
             length = sound_length(octets, at, end)
 
     def _part(self, size: i64) -> bytes:

@@ -178,13 +178,13 @@ def parse_plus(
         _read_head(pdu)
         if not pdu.whole and not cut and not pdu.malformed:
             pdu.tell("too_short", "trailer", size, size + _HEADER, size)
-    if size <= _SMALL and not cut:
+    if size <= _LARGEST and not cut:
         _LATEST.pdu = pdu
     return pdu
 
 
 class _Latest:
-    """The PDU that was parsed last, while it is small."""
+    """The PDU that was parsed last, unless it is very large: pairing and judging look at it once more."""
 
     __slots__ = ("pdu",)
 
@@ -194,7 +194,7 @@ class _Latest:
 
 _LATEST: Final = _Latest()
 #: Octets of the largest PDU that is remembered.
-_SMALL: Final = 4096
+_LARGEST: Final = 0x40000
 
 
 def parsed(octets: bytes) -> PlusPdu:

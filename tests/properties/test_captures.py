@@ -10,7 +10,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -20,7 +20,10 @@ from typing import Final
 import pytest
 
 import dissect
+from dissect.iso import tpkt
+from dissect.s7 import parameters
 from dissect.source.packet import PacketSink
+from dissect.tcp import stream
 from dissect.wire.build import COMPILED
 from tests.cases import each
 from tests.growth import UNCOUNTED, lines
@@ -31,6 +34,10 @@ from tests.properties.packets import Packet
 LARGEST: Final = 64 * 1024
 SAMPLES: Final = [path for path in sorted(SHARED.glob("*.pcap*")) if path.stat().st_size <= LARGEST]
 ALL: Final = os.environ.get("S7DISSECT_MUTATIONS") == "all"
+#: Lists that many objects share while they have nothing of their kind.
+EMPTY: Final[list[Sequence[object]]] = [
+    tpkt._NO_PLACES, tpkt._NO_PACKETS, tpkt._NO_FAULTS, stream._NOTHING, parameters._NO_ITEMS, parameters._NOTHING_WRONG,
+]  # fmt: skip
 #: Packets that all samples together may take to try.
 BUDGET: Final = 2_000_000 if COMPILED else 400_000
 
@@ -118,6 +125,7 @@ def test_no_damage_raises_or_is_lost(path: Path) -> None:
         analyze(spoilt)
         tried += 1
     assert tried >= 100
+    assert not any(map(len, EMPTY)), "what is shared while it is empty was written to"
 
 
 @pytest.mark.skipif(COMPILED, reason=UNCOUNTED)

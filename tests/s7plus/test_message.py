@@ -225,7 +225,8 @@ def test_the_same_octets_are_not_parsed_twice_in_a_row() -> None:
     cut = parse_plus(octets[:-4], 13, cut=True)
     assert parsed(octets[:-4]) is not cut
     assert parsed(octets[:-4]).malformed
-    large = parse_plus(framed(asked(7, body=bytes(5000)), 3))
+    large = parse_plus(framed(asked(7, body=bytes(60_000)), 3) * 5)
+    assert len(large.octets) > 0x40000
     assert parsed(large.octets) is not large
 
 
