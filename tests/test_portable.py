@@ -39,7 +39,7 @@ ABSENT = {
     os: ("O_CLOEXEC", "O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "WNOHANG", "chown", "chroot", "fchmod", "fchown", "fork",
         "forkpty", "getegid", "geteuid", "getgid", "getgroups", "getloadavg", "getpgid", "getuid", "initgroups", "killpg",
         "mkfifo", "mknod", "nice", "openpty", "setegid", "seteuid", "setgid", "setgroups", "setpgid", "setsid", "setuid",
-        "statvfs", "sysconf", "uname", "wait"),
+        "statvfs", "sysconf", "uname", "wait", "writev"),
     socket: ("AF_NETLINK", "AF_PACKET", "AF_UNIX", "CMSG_LEN", "MSG_DONTWAIT", "NETLINK_ROUTE", "SO_REUSEPORT"),
 }
 for module, names in ABSENT.items():

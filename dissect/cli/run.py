@@ -36,7 +36,7 @@ _GROWS: Final = 10
 #: Lines that are joined and written together; many more cost fresh memory each time.
 PIECE: Final = 64
 #: Pieces that the system writes without having them in one, 0 where it cannot.
-_GATHERED: Final = os.sysconf("SC_IOV_MAX") if hasattr(os, "writev") else 0
+_GATHERED: Final = os.sysconf("SC_IOV_MAX") if hasattr(os, "sysconf") and hasattr(os, "writev") else 0
 
 #: What stands in names that are patterns, ranges of days, or of another machine.
 _NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
