@@ -430,9 +430,10 @@ class AllOrNothing(build_ext):
         _copy_shim(shims, outputs)
         if all(path.exists() for path in outputs.values()):
             train(Path(self.build_lib))
+        for path in outputs.values():
+            path.unlink(missing_ok=True)  # where the next build fails, one that counts must not be taken for it
         library.extra_compile_args = [*asked, *COUNTED]
         library.extra_link_args = []
-        self.force = True  # what is there is newer than its sources
 
 
 def _copy_shim(shims: list[Extension], outputs: dict[str, Path]) -> None:
@@ -451,11 +452,16 @@ def is_gcc(compiler: Any) -> bool:
     return "Free Software Foundation" in said
 
 
+def importing(folder: Path) -> dict[str, str]:
+    """Return the environment of a process that imports the package in a folder, whatever else is installed."""
+    path = os.pathsep.join([name for name in (str(folder.resolve()), os.environ.get("PYTHONPATH")) if name])
+    return {**os.environ, "PYTHONPATH": path}
+
+
 def train(library: Path) -> None:
     """Run what a release is to be quick at, with the package in ``library``; where that fails, end the build."""
-    path = os.pathsep.join([name for name in (str(library.resolve()), os.environ.get("PYTHONPATH")) if name])
     print("s7dissect: counting what the engine runs", file=sys.stderr)
-    ran = subprocess.run([sys.executable, "-P", TRAINING], env={**os.environ, "PYTHONPATH": path}, check=False)
+    ran = subprocess.run([sys.executable, "-P", TRAINING], env=importing(library), check=False)
     if ran.returncode:
         message = f"s7dissect: {TRAINING} failed, so that a release cannot be compiled for speed"
         raise SystemExit(message)
@@ -485,9 +491,8 @@ def man_pages() -> list[str]:
     folder = Path("build", "man1")
     shutil.rmtree(folder, ignore_errors=True)
     # In a process of its own, from the sources: what is installed may be older.
-    path = os.pathsep.join([name for name in (str(Path.cwd()), os.environ.get("PYTHONPATH")) if name])
     program = [sys.executable, "scripts/man_pages.py", str(folder)]
-    ran = subprocess.run(program, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    ran = subprocess.run(program, env=importing(Path()), capture_output=True, text=True, check=False)
     if ran.returncode:
         reason = (ran.stderr.strip() or "no reason given").rsplit("\n", 1)[-1]
         print(f"s7dissect: the pages of man are NOT built: {reason}", file=sys.stderr)

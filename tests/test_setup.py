@@ -300,6 +300,7 @@ def test_a_release_is_built_with_what_its_first_build_counted(
     def build(extension: Extension) -> None:
         path = Path(building.get_ext_fullpath(extension.name))
         path.parent.mkdir(parents=True, exist_ok=True)
+        assert not path.exists(), "what the first build left would be taken for that of the second one"
         path.touch()
         if extension.name != setup.LIBRARY:
             assert extension.extra_compile_args == []

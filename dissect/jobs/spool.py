@@ -10,7 +10,7 @@ import gzip
 import io
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Final, NamedTuple
 
@@ -107,7 +107,8 @@ def opened(spooled: Spooled, spare: bool = False) -> Iterator[IO[bytes]]:
     finally:
         path = Path(spooled.path)
         if spare:
-            path.rename(path.with_name(f"{_SPARE}{path.name}"))
+            with suppress(FileNotFoundError):  # it was gone, as whoever reads it is told
+                path.replace(path.with_name(f"{_SPARE}{path.name}"))
         else:
             path.unlink(missing_ok=True)
 

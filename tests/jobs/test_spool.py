@@ -59,6 +59,16 @@ def test_what_a_result_carries_is_bounded(monkeypatch: pytest.MonkeyPatch) -> No
         spooled.write(octets * 2)
 
 
+@pytest.mark.parametrize("spare", [False, True])
+def test_a_file_that_was_removed_is_told_of_as_that(spare: bool, tmp_path: Path) -> None:
+    spooled = Spool(str(tmp_path), "rows").done()
+    Path(spooled.path).unlink()
+    with pytest.raises(FileNotFoundError) as told, opened(spooled, spare=spare):
+        pass
+    assert told.value.filename == spooled.path
+    assert told.value.__context__ is None
+
+
 def test_what_is_abandoned_is_gone(tmp_path: Path) -> None:
     spooled = Spool(str(tmp_path), "rows")
     spooled.write(rows(10))
