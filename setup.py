@@ -264,11 +264,11 @@ JOBS: Final = os.cpu_count() or 1
 #: How many C files a build makes of each kind: as few as keep two processors at work, for each reads the same long
 #: headers.
 PARTS: Final = 2
-#: How each kind is compiled, by how the names of its files begin. -Og is half the work of -O1, but does not see that a variable
-#: is always set. Glibc's checks of buffers want an optimizing compiler, and complain of any other.
+#: How each kind is compiled, by how the names of its files begin. -Og is half the work of -O1. Glibc's checks of buffers want
+#: an optimizing compiler, and complain of any other.
 FAST: Final = {
     "busiest": ("-finline-small-functions",),  # that much more than mypyc asks for; it costs no time
-    "busy": ("-Og", "-Wno-maybe-uninitialized"),
+    "busy": ("-Og",),
     "plain": ("-O0", "-U_FORTIFY_SOURCE"),
 }
 #: The same for a release, where mypyc asks for -O3. What is no hot module is not worth the minutes.
@@ -277,9 +277,8 @@ RELEASED: Final = {"busiest": (), "busy": (), "plain": ("-O1",)}
 #: What a release does between its two builds, with the first one.
 TRAINING: Final = "scripts/train.py"
 #: How the two are compiled: each file counts what it runs, beside its object file, and is then compiled with these counts.
-#: What was not run, mypyc's compiler flags make an error.
 COUNTING: Final = ("-fprofile-generate",)
-COUNTED: Final = ("-fprofile-use", "-Wno-missing-profile", "-Wno-error")
+COUNTED: Final = ("-fprofile-use",)
 
 
 def is_release() -> bool:
@@ -393,7 +392,8 @@ def extensions() -> list[Extension]:
             # another, and each call from one C file to another would go through a table. What Python looks for is exported
             # all the same.
             hidden = ("-fno-semantic-interposition", "-fvisibility=hidden")
-            extension.extra_compile_args = [*extension.extra_compile_args, *hidden]
+            # Nobody reads what a compiler would say of generated code, and to look for it is a sixth of its work.
+            extension.extra_compile_args = [*extension.extra_compile_args, *hidden, "-w"]
     return compiled
 
 
