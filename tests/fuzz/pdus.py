@@ -121,7 +121,7 @@ def _plus(octets: bytes, cut: bool) -> None:
         _check_cover(found.parts, found.parts[0].offset, len(pdu.data))
     _check_malformed(found.malformed, len(pdu.data))
     assert [value for _, value in parse_contents(pdu, shown=False).items] == [value for _, value in found.items]
-    if not cut and pdu.opcode != REQUEST:  # nobody asks whether a request refuses something
+    if not cut and pdu.opcode not in {REQUEST, -1}:  # nobody asks this of a request, or of what has no opcode
         skimmed = glimpse(octets)
         assert answered(octets, skimmed) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
         notifies_refusal(octets, skimmed)
