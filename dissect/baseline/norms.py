@@ -42,11 +42,6 @@ class PairNorm:
     longest_ms: float | None = None
     longest_silence: float | None = None
 
-    @property
-    def mean(self) -> float | None:
-        """Transactions a second, None when they were too few to tell."""
-        return self.transactions / self.seconds if self.seconds > 0 else None
-
 
 @dataclass(slots=True)
 class Baseline:

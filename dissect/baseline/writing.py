@@ -61,8 +61,11 @@ def _pair(norm: PairNorm) -> Iterator[str]:
             yield from _list(key, [toml_text(name) for name in sorted(names, key=_naturally)])
     yield f"connections = {norm.connections}"
     yield f"transactions = {norm.transactions}"
-    yield f"seconds = {_number(norm.seconds)}"
-    yield from _table("rate", [("mean", norm.mean), ("highest_1s", norm.highest_1s), ("highest_10s", norm.highest_10s)])
+    seconds = _number(norm.seconds)
+    yield f"seconds = {seconds}"
+    # By the seconds that are written, so that what is read back and written again is the same.
+    mean = norm.transactions / float(seconds) if float(seconds) > 0 else None
+    yield from _table("rate", [("mean", mean), ("highest_1s", norm.highest_1s), ("highest_10s", norm.highest_10s)])
     yield from _table("answer_ms", [("median", norm.median_ms), ("p99", norm.p99_ms), ("longest", norm.longest_ms)])
     if norm.longest_silence is not None:
         yield f"longest_silence = {_seconds(norm.longest_silence)}"

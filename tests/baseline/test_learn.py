@@ -33,7 +33,6 @@ def test_a_pair_is_learned() -> None:
     assert norm.tsaps == frozenset(("01.00 > 01.02",))
     assert (norm.connections, norm.transactions) == (1, 8)
     assert norm.seconds == pytest.approx(9.5)
-    assert norm.mean == pytest.approx(8 / 9.5)
     assert norm.longest_silence == pytest.approx(9.2 - 4.502)
     assert (norm.highest_1s, norm.highest_10s) == (2, 8)
     assert norm.median_ms == pytest.approx(2.0, rel=1 / 100)

@@ -26,7 +26,7 @@ def test_what_is_left_out_is_not_watched(tmp_path: Path) -> None:
     norm = load_baseline(saved(tmp_path, PAIR)).pairs["10.0.0.5", "10.0.0.1"]
     assert norm.functions is norm.reads is norm.writes is norm.tsaps is None
     assert norm.server_ports is None
-    assert norm.longest_silence is norm.highest_1s is norm.mean is None
+    assert norm.longest_silence is norm.highest_1s is None
 
 
 def test_addresses_are_taken_as_traffic_is_told(tmp_path: Path) -> None:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from dissect.baseline import Baseline, baseline_toml
 from dissect.baseline.loading import parse_baseline
+from dissect.baseline.norms import PairNorm
 from tests.baseline.wire import learned
 
 
@@ -40,3 +45,16 @@ def test_long_lists_take_several_lines() -> None:
     text = baseline_toml(baseline)
     assert max(map(len, text.splitlines())) <= 128
     assert parse_baseline(text).pairs["10.0.0.1", "10.0.0.2"].reads == names
+
+
+@given(transactions=st.integers(0, 10**9), seconds=st.floats(0, 10**7))
+@example(transactions=6, seconds=0.2094776)
+def test_what_is_read_back_is_written_the_same(transactions: int, seconds: float) -> None:
+    norm = PairNorm("10.0.0.1", "10.0.0.2", transactions=transactions, seconds=seconds)
+    text = baseline_toml(Baseline({("10.0.0.1", "10.0.0.2"): norm}))
+    assert baseline_toml(parse_baseline(text)) == text
+    said = tomllib.loads(text)["pair"][0]
+    if "rate" in said:
+        assert said["rate"]["mean"] == pytest.approx(transactions / said["seconds"], rel=1e-5, abs=1e-9)
+    else:
+        assert said["seconds"] == 0
