@@ -16,8 +16,10 @@ import inspect
 import re
 from array import array
 from collections import OrderedDict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
+from itertools import repeat
+from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 from dissect.findings.catalogue import CATALOGUE, Rule
@@ -60,16 +62,16 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
 
 
 class Sent(NamedTuple):
-    """Objects as plain values: ``found``, and for each object of ours in it its class, what that takes, and its state.
+    """Objects as plain values: ``found``, and for each object of ours in it its class and what that takes.
 
-    ``classes`` are those of the objects, by module and name; an object has the place of its class there. A state is the names
-    of attributes and a value for each.
+    ``classes`` are those of the objects, by module and name; an object has the place of its class there. A column is an
+    attribute of objects of one class: their places in ``objects``, its name, and a value for each.
     """
 
     found: Any
     classes: list[tuple[str, str]]
     objects: list[tuple[int, list[Any] | None]]
-    states: list[tuple[tuple[str, ...], list[Any]]]
+    columns: list[tuple[list[int], str, list[Any]]]
 
 
 def send(found: object) -> Sent:
@@ -77,71 +79,82 @@ def send(found: object) -> Sent:
     sender = _Sender()
     plain = sender.plain(found)
     sender.finish()
-    return Sent(plain, list(sender.classes), sender.objects, sender.states)
+    return Sent(plain, list(sender.classes), sender.objects, sender.columns)
 
 
 class _Sender:
     def __init__(self) -> None:
         self.classes: dict[tuple[str, str], int] = {}
         self.objects: list[tuple[int, list[Any] | None]] = []
-        self.states: list[tuple[tuple[str, ...], list[Any]]] = []
+        self.columns: list[tuple[list[int], str, list[Any]]] = []
         self._places: dict[int, int] = {}
-        self._kept: list[tuple[Any, tuple[str, ...], Sequence[Any]]] = []
+        self._kept: list[Any] = []  # an id is that of another object once its own is gone
+        self._new: dict[Any, list[Any]] = {}  # objects whose attributes are not sent yet, by class
 
     def plain(self, value: Any) -> Any:
         """Return a value as it is sent."""
         kind: Any = type(value)
         if kind in _PLAIN:
             return value
+        place = self._places.get(id(value))
+        if place is not None:
+            return _OBJECT, place
         name = kind.__name__
         if kind in _KINDS:
-            inner = list(value.items()) if kind is dict or kind is OrderedDict else value
-            plain = self.plain
-            return name, [each if type(each) in _PLAIN else plain(each) for each in inner]
+            return name, self._all_plain(list(value.items()) if kind is dict or kind is OrderedDict else list(value))
         if isinstance(value, Rule):
             return _RULE, value.slug
         if not kind.__module__.startswith(_OURS):
             raise TypeError(f"{kind.__module__}.{name} cannot be sent")
         if isinstance(value, tuple):
-            return _TUPLE, kind.__module__, name, [self.plain(each) for each in value]
+            return _TUPLE, kind.__module__, name, self._all_plain(list(value))
         return _OBJECT, self._object(value)
 
     def finish(self) -> None:
-        """Add the states of all objects, and of those in them."""
+        """Add the attributes of all objects, and of those in them."""
+        while self._new:
+            new, self._new = self._new, {}
+            for objects in new.values():
+                self._add_columns(objects)
+
+    def _all_plain(self, values: list[Any]) -> list[Any]:
+        if _PLAIN.issuperset(map(type, values)):
+            return values
         plain = self.plain
-        for _, names, values in self._kept:  # grows meanwhile
-            self.states.append((names, [value if type(value) in _PLAIN else plain(value) for value in values]))
+        return [each if type(each) in _PLAIN else plain(each) for each in values]
 
     def _object(self, obj: Any) -> int:
-        place = self._places.get(id(obj))
-        if place is not None:
-            return place
         kind: Any = type(obj)
-        names, values = _state(obj)
-        arguments = _arguments(obj, names, values)
-        taken = None if arguments is None else [self.plain(each) for each in arguments]
+        arguments = _arguments(obj)
+        taken = None if arguments is None else self._all_plain(list(arguments))
         place = self._places[id(obj)] = len(self.objects)
         known = self.classes.setdefault((kind.__module__, kind.__name__), len(self.classes))
         self.objects.append((known, taken))
-        self._kept.append((obj, names, values))
+        self._kept.append(obj)
+        self._new.setdefault(kind, []).append(obj)
         return place
 
+    def _add_columns(self, objects: list[Any]) -> None:
+        """Add the attributes of objects of one class."""
+        places = [self._places[id(obj)] for obj in objects]
+        kind: Any = type(objects[0])
+        for name in _sent(kind):
+            try:
+                values = list(map(attrgetter(name), objects))
+            except AttributeError:  # not all have it
+                self._add_some(name, objects)
+            else:
+                self.columns.append((places, name, self._all_plain(values)))
+        if hasattr(objects[0], "__dict__"):
+            left_out = _left_out(kind)
+            for name in dict.fromkeys([name for obj in objects for name in obj.__dict__ if name not in left_out]):
+                self._add_some(name, objects)
 
-def _state(obj: Any) -> tuple[tuple[str, ...], Sequence[Any]]:
-    """Return the names of the attributes of an object that are sent, and their values."""
-    kind: Any = type(obj)
-    names = _sent(kind)
-    try:
-        values: tuple[Any, ...] = tuple([getattr(obj, name) for name in names])
-    except AttributeError:  # those that it has
-        names = tuple([name for name in names if hasattr(obj, name)])
-        values = tuple([getattr(obj, name) for name in names])
-    own = getattr(obj, "__dict__", None)
-    if not own:
-        return names, values
-    left_out = _LEFT_OUT.get(kind.__name__, frozenset())
-    state = {**dict(zip(names, values, strict=True)), **{name: own[name] for name in own if name not in left_out}}
-    return tuple(state), tuple(state.values())
+    def _add_some(self, name: str, objects: list[Any]) -> None:
+        having = [obj for obj in objects if hasattr(obj, name)]
+        if having:
+            values = self._all_plain([getattr(obj, name) for obj in having])
+            self.columns.append(([self._places[id(obj)] for obj in having], name, values))
 
 
 def receive(sent: Sent, offsets: Offsets) -> Any:
@@ -149,11 +162,14 @@ def receive(sent: Sent, offsets: Offsets) -> Any:
     objects: list[Any] = []
     kinds = [_ours(module, name) for module, name in sent.classes]
     for kind, arguments in sent.objects:
-        objects.append(_made(kinds[kind], None if arguments is None else [_value(each, objects) for each in arguments]))
-    for obj, (names, values) in zip(objects, sent.states, strict=True):
-        for name, value in zip(names, values, strict=True):
-            whole = _value(value, objects) if type(value) is tuple else value
-            setattr(obj, name, _moved(obj, name, whole, offsets) if _moves(name) else whole)
+        objects.append(_made(kinds[kind], None if arguments is None else _values(arguments, objects)))
+    for places, name, values in sent.columns:
+        which = [objects[place] for place in places]
+        whole = _values(values, objects)
+        if _moves(name):
+            whole = _moved(type(which[0]), name, whole, offsets)
+        for _ in map(setattr, which, repeat(name), whole):
+            pass
     return _value(sent.found, objects)
 
 
@@ -165,6 +181,12 @@ def _ours(module: str, name: str) -> Any:
     return found
 
 
+def _values(plain: list[Any], objects: list[Any]) -> list[Any]:
+    if tuple not in map(type, plain):
+        return plain
+    return [_value(each, objects) if type(each) is tuple else each for each in plain]
+
+
 def _value(plain: Any, objects: list[Any]) -> Any:
     if not isinstance(plain, tuple):
         return plain
@@ -173,7 +195,7 @@ def _value(plain: Any, objects: list[Any]) -> Any:
         return objects[content]
     if kind == _RULE:
         return CATALOGUE[content]
-    inner = [_value(each, objects) if type(each) is tuple else each for each in content]
+    inner = _values(content, objects)
     return _ours(plain[1], plain[2])(*inner) if kind == _TUPLE else _HOLDERS[kind](inner)
 
 
@@ -183,27 +205,46 @@ def _moves(name: str) -> bool:
     return name.endswith("frame") or name in {"_frames", "frames", "number", "connection", "detail"}
 
 
-def _moved(obj: Any, name: str, value: Any, offsets: Offsets) -> Any:
-    """Return an attribute with the numbers of the whole in it."""
+def _moved(kind: type, name: str, values: list[Any], offsets: Offsets) -> list[Any]:
+    """Return an attribute of objects of a class with the numbers of the whole in it."""
+    packets, connections = offsets.packets, offsets.connections
     if name.endswith("frame"):
-        return value + offsets.packets if value > 0 else value
+        return [value + packets if value > 0 else value for value in values]
     if name in {"_frames", "frames"}:
-        return None if value is None else [frame + offsets.packets for frame in value]
-    if name == "number" and isinstance(obj, Connection):
-        return value + offsets.connections
-    if name == "number" and isinstance(obj, Transaction):
-        return value + offsets.transactions
-    if name == "connection" and value and isinstance(obj, (Fact, Finding)):
-        return value + offsets.connections
-    if name == "detail" and isinstance(obj, Finding):
-        return _NAMED.sub(lambda match: str(int(match[0]) + offsets.connections), value)
-    return value
+        return [value and [frame + packets for frame in value] for value in values]
+    if name == "number" and issubclass(kind, Connection):
+        return [value + connections for value in values]
+    if name == "number" and issubclass(kind, Transaction):
+        return [value + offsets.transactions for value in values]
+    if name == "connection" and issubclass(kind, (Fact, Finding)):
+        return [value and value + connections for value in values]
+    if name == "detail" and issubclass(kind, Finding):
+        return [_NAMED.sub(lambda match: str(int(match[0]) + connections), value) for value in values]
+    return values
+
+
+_NOWHERE: Final = Endpoint(b"", 0)
+_SOME_RULE: Final = next(iter(CATALOGUE.values()))
+#: Constructors with something that they take, for what there is many of: all that they set is set again. An `Ending` looks at
+#: a connection that may not be there yet.
+_BLANK: Final[dict[type, Callable[[], Any]]] = {
+    Endpoint: lambda: Endpoint(b"", 0),
+    TcpConnection: lambda: TcpConnection(_NOWHERE, _NOWHERE, 0, 0, 0),
+    Stretch: lambda: Stretch("", "", 0, 0),
+    Ending: lambda: Ending(_nobody(), [0, 0], 0, 0),
+    Finding: lambda: Finding(_SOME_RULE, 0, [], 0, ""),
+}
+
+
+def _nobody() -> Connection:
+    return Connection(0, TcpConnection(_NOWHERE, _NOWHERE, 0, 0, 0))
 
 
 def _made(kind: Any, arguments: list[Any] | None) -> Any:
     """Return a new object that still needs its attributes."""
-    if kind is Ending:
-        return Ending(_nobody(), [0, 0], 0, 0)
+    blank = _BLANK.get(kind)
+    if blank is not None:
+        return blank()
     return kind.__new__(kind) if arguments is None else kind(*arguments)
 
 
@@ -218,10 +259,13 @@ def _attributes(kind: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
+def _left_out(kind: Any) -> frozenset[str]:
+    return _LEFT_OUT.get(kind.__name__, frozenset())
+
+
 @cache
 def _sent(kind: Any) -> tuple[str, ...]:
-    left_out = _LEFT_OUT.get(kind.__name__, frozenset())
-    return tuple([name for name in _attributes(kind) if name not in left_out])
+    return tuple([name for name in _attributes(kind) if name not in _left_out(kind)])
 
 
 @cache
@@ -235,35 +279,32 @@ def _parameters(kind: Any) -> tuple[str, ...]:
     )
 
 
-def _nobody() -> Connection:
-    end = Endpoint(b"", 0)
-    return Connection(0, TcpConnection(end, end, 0, 0, 0))
-
-
-#: What constructors take that is no attribute of their object; an `Ending` looks at a connection that may not be there yet.
+#: What constructors take that is no attribute of their object.
 _TAKEN: Final[dict[type, Callable[[Any], tuple[Any, ...]]]] = {
-    TcpConnection: lambda tcp: (*tcp.ends, tcp.vlan, tcp.first_frame, tcp.first_ns),
     UserdataHead: lambda head: (head.type, head.group, head.subfunction, head.sequence),
-    Stretch: lambda stretch: (stretch.value, stretch.source, stretch.first_frame, stretch.first_ns),
-    Ending: lambda _: (),
-    Finding: lambda finding: (finding.rule, finding.connection, finding.frames, finding.time_ns, finding.detail),
 }
 
 
-def _arguments(obj: Any, names: tuple[str, ...], values: Sequence[Any]) -> tuple[Any, ...] | None:
-    """Return what the constructor of a class takes, None where that is not known; a compiled class cannot do without."""
+def _arguments(obj: Any) -> tuple[Any, ...] | None:
+    """Return what the constructor of a class takes, None where nothing is needed (`_BLANK`) or known.
+
+    A compiled class cannot do without.
+    """
     kind: Any = type(obj)
+    if kind in _BLANK:
+        return None
     taken = _TAKEN.get(kind)
     if taken is not None:
         return taken(obj)
-    places = _places(kind, names)
-    return None if places is None else tuple([values[place] for place in places])
+    names = _taken_names(kind, tuple(getattr(obj, "__dict__", ())))
+    if names is None or not all([hasattr(obj, name) for name in names]):
+        return None
+    return tuple([getattr(obj, name) for name in names])
 
 
 @cache
-def _places(kind: Any, names: tuple[str, ...]) -> tuple[int, ...] | None:
-    """Return where in a state what the constructor of a class takes is, None where something is not there."""
-    at = {name: place for place, name in enumerate(names)}
-    found = [at.get(name, at.get(f"_{name}")) for name in _parameters(kind)]
-    places = tuple([place for place in found if place is not None])
-    return places if len(places) == len(found) else None
+def _taken_names(kind: Any, own: tuple[str, ...]) -> tuple[str, ...] | None:
+    """Return the attributes that a class's constructor takes, None where one is not there; ``own`` are in ``__dict__``."""
+    there = {*_sent(kind), *own} - _left_out(kind)
+    names = [next((name for name in (each, f"_{each}") if name in there), "") for each in _parameters(kind)]
+    return tuple(names) if all(names) else None
