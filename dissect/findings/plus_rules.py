@@ -36,7 +36,7 @@ from dissect.s7plus.events import (
     take,
 )
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import count_mismatch, glimpse
+from dissect.s7plus.refusals import count_mismatch
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
@@ -103,8 +103,7 @@ class PlusWatch:
         read: i64 = -1
         if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
             if function == GET_MULTI_VARIABLES:
-                read = glimpse(transaction.request_octets)
-                self._operations.polled(session, transaction, read)
+                read = self._operations.polled(session, transaction)
             octets = transaction.response_octets
             wrong = count_mismatch(function, transaction.request_octets, octets, transaction.skimmed)
             if wrong:

@@ -14,7 +14,7 @@ from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.program import CODE, TYPE_INFO
-from dissect.s7plus.skimming import CODES, REFUSES, SOUND, VALUES, WORDS, skim
+from dissect.s7plus.skimming import CODES, PLACE, REFUSES, SOUND, VALUES, WORDS, skim, skim_again
 from dissect.s7plus.skipping import marks
 from dissect.s7plus.tables import (
     GET_MULTI_VARIABLES,
@@ -41,6 +41,14 @@ _NAMED: Final = 3
 def glimpse(octets: bytes) -> i64:
     """Return what `dissect.s7plus.skimming.skim` says of a PDU, `MET` for the code of a block or the names of variables."""
     return skim(octets, _MARKS)
+
+
+def reads_again(octets: bytes, asked: bytes, read: i64) -> bool:
+    """Tell whether a request surely is another read of the same: `glimpse` says ``read`` of it as well.
+
+    ``asked`` are the addresses of the read before, ``read`` is what `glimpse` said of that.
+    """
+    return read & SOUND != 0 and skim_again(octets, asked, read >> PLACE)
 
 
 def answered(octets: bytes, skimmed: i64) -> tuple[int, bool]:

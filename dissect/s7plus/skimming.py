@@ -136,9 +136,33 @@ def _skim(octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: b
     return body.result(body.response(function, details) and (not body.known or body.ends(fill)), code)
 
 
+def skim_again(octets: bytes, asked: bytes, place: i64) -> bool:
+    """Tell whether a request to read is sound and asks for what another did: the octets ``asked``, which end at ``place``."""
+    at, end = one_frame(octets)
+    begin: i64 = place - len(asked)
+    if at < 0 or at + REQUEST_SIZE != begin or place > end or octets[begin:place] != asked:
+        return False
+    body = free_body()
+    body.begin(octets, place, end, octets[1], b"")
+    return body.result(body.read_ends(), _NO_CODE) & SOUND != 0
+
+
+def skim_refusals(octets: bytes) -> list[tuple[int, int]] | None:
+    """Return which items a notification refuses, by number and kind; None for one that must be read, and any other PDU."""
+    at, end = one_frame(octets)
+    if at < 0 or end - at < NOTIFICATION_SIZE or octets[at] != NOTIFICATION or octets[1] == V1:
+        return None
+    body = free_body()
+    body.begin(octets, at + NOTIFICATION_SIZE, end, octets[1], b"")
+    sound = body.notification(u32(octets, at + 1))
+    found = body.refusals
+    return found if body.result(sound, _NO_CODE) & SOUND else None
+
+
 class Body:
     """The body of a PDU, which ``skipper`` passes over; each method returns False where it must be read.
 
+    ``refusals`` are the items that a notification refuses, by number and kind.
     ``known`` is False for functions whose body nobody knows. ``object_id`` is the object that CreateObject creates in, ``ids``
     are those of the objects that were created, ``integrity_id`` is -1 as long as none has passed.
     """
@@ -157,6 +181,7 @@ class Body:
         "integrity_id",
         "known",
         "object_id",
+        "refusals",
         "skipper",
     )
 
@@ -173,6 +198,7 @@ class Body:
         self.integrity_id: i64 = -1
         self.object_id: i64 = -1
         self.ids: list[int] = []
+        self.refusals: list[tuple[int, int]] = []
         self.known = True
         self.skipper: Skipper = Skipper(b"", 0, 0)
 
@@ -191,6 +217,8 @@ class Body:
         self.object_id = -1
         if self.ids:
             self.ids = []
+        if self.refusals:
+            self.refusals = []
         self.known = True
         self.skipper.begin(octets, at, end)
 
@@ -297,6 +325,10 @@ class Body:
             return False
         at = self.skipper.at
         return self._filled(at, FILL) or self._is_digest(at)
+
+    def read_ends(self) -> bool:
+        """Pass over what stands behind the addresses of a read."""
+        return self._qualifier(0) and self.ends(FILL)
 
     def _filled(self, at: i64, fill: i64) -> bool:
         left: i64 = self._end - at
@@ -510,6 +542,7 @@ class Body:
                     return False
                 if kind != UNKNOWN_ITEM:
                     self._refused = REFUSES
+                    self.refusals.append((int(u32(self._octets, skipper.at - _ID)), int(kind)))
             elif kind == VALUE_ITEM_VLQ:
                 if skipper.number() < 0 or not skipper.value(0):
                     return False

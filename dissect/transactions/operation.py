@@ -13,6 +13,7 @@ from dissect.wire.part import Part
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
     from dissect.transactions.multipart import Joiner
+    from dissect.transactions.plus_operations import PlusOpen
     from dissect.transactions.transaction import Transaction
 
 #: Operations that may be open on one connection; the oldest gives way.
@@ -160,21 +161,21 @@ class Operation:
         "transactions",
     )
 
-    def __init__(self, kind: str, connection: Connection, asked_by: int, key: str, begin_ns: int, frame: int) -> None:
+    def __init__(self, kind: str, connection: Connection, asked_by: int, key: str, begin_ns: i64, frame: i64) -> None:
         self.number = 0
         self.kind = kind
         self.connection = connection
         self.asked_by = asked_by
         self.key = key  # what tells it from others of its kind on the connection
         self.subject = ""
-        self.begin_ns = begin_ns
-        self.end_ns = begin_ns
-        self.first_frame = frame
-        self.last_frame = frame
+        self.begin_ns: i64 = begin_ns
+        self.end_ns: i64 = begin_ns
+        self.first_frame: i64 = frame
+        self.last_frame: i64 = frame
         self.transactions: list[int] = []
-        self.parts = 0
-        self.pushes = 0
-        self.octets = 0
+        self.parts: i64 = 0
+        self.pushes: i64 = 0
+        self.octets: i64 = 0
         self.announced = -1
         self.complete = False  # the last piece came
         self.result = ""
@@ -217,10 +218,14 @@ class Operation:
         """Go on up to a packet and its time; frame 0 is none."""
         if frame == 0:
             return
-        if frame > self.last_frame:
-            self.last_frame = int(frame)
-        if time_ns > self.end_ns:
-            self.end_ns = int(time_ns)
+        self.last_frame = max(self.last_frame, frame)
+        self.end_ns = max(self.end_ns, time_ns)
+
+    def push(self, transaction: Transaction) -> None:
+        """Count a push of S7comm-plus as part of this operation."""
+        self.add(transaction)
+        self.pushes += 1
+        self.octets += transaction.response_size
 
     def odd(self, name: str, detail: str, frame: int) -> None:
         """Note that something contradicts itself."""
@@ -231,11 +236,12 @@ class Operation:
 class OpenOperations:
     """The operations of a connection that go on."""
 
-    __slots__ = ("joiner", "set_up", "these")
+    __slots__ = ("joiner", "plus", "set_up", "these")
 
     def __init__(self) -> None:
         self.these: list[Operation] = []
         self.joiner: Joiner | None = None  # once something came in parts
+        self.plus: PlusOpen | None = None  # of S7comm-plus
         self.set_up = False  # the first Setup communication was told
 
     def find(self, kind: str, key: str) -> Operation | None:
@@ -261,7 +267,7 @@ class OperationBook:
         if not frame:
             frame, time_ns = transaction.response_frame, transaction.response_ns
         connection = transaction.connection
-        operation = Operation(kind, connection, int(transaction.asked_by), key, int(time_ns), int(frame))
+        operation = Operation(kind, connection, int(transaction.asked_by), key, time_ns, frame)
         operation.subject = subject
         operation.add(transaction)
         going = connection.operations.these

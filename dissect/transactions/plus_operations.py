@@ -30,6 +30,7 @@ from dissect.s7plus.events import (
     Event,
 )
 from dissect.s7plus.message import parsed
+from dissect.s7plus.refusals import glimpse, reads_again
 from dissect.s7plus.session import PlusSession
 from dissect.s7plus.skimming import PLACE
 from dissect.s7plus.tables import V3
@@ -76,15 +77,37 @@ _LAST: Final = 0xE8
 
 
 class Poll:
-    """How often the same variables were read, and the operation that this is, None at first."""
+    """How often the same variables were read, and the operation that this is, None at first.
 
-    __slots__ = ("count", "frame", "operation", "time_ns")
+    ``asked`` is what is asked for, ``read`` what `dissect.s7plus.refusals.glimpse` says of such a request.
+    """
 
-    def __init__(self, transaction: Transaction) -> None:
-        self.count = 1
-        self.frame = transaction.request_frame
-        self.time_ns = transaction.request_ns
+    __slots__ = ("asked", "count", "frame", "operation", "read", "time_ns")
+
+    def __init__(self, transaction: Transaction, asked: bytes, read: i64) -> None:
+        self.asked = asked
+        self.read: i64 = read
+        self.count: i64 = 1
+        self.frame: i64 = transaction.request_frame
+        self.time_ns: i64 = transaction.request_ns
         self.operation: Operation | None = None
+
+
+class PlusOpen:
+    """What goes on on a connection: operations by their object, and what is read, by what is asked for.
+
+    The subscription that was notified last and what was read last mostly are the next ones as well: ``notified`` is the object
+    of ``pushing``, ``latest`` what was read.
+    """
+
+    __slots__ = ("latest", "notified", "objects", "polls", "pushing")
+
+    def __init__(self) -> None:
+        self.objects: dict[int, Operation] = {}
+        self.notified: i64 = -1
+        self.pushing: Operation | None = None
+        self.polls: dict[bytes, Poll] = {}
+        self.latest: Poll | None = None
 
 
 def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int:
@@ -124,14 +147,11 @@ class PlusOperations:
 
     def __init__(self, book: OperationBook) -> None:
         self._book = book
-        self._open: dict[int, dict[int, Operation]] = {}  # by connection and object
-        self._count = 0  # of these
+        self._holding: dict[int, PlusOpen] = {}  # those with operations that go on, by connection
+        self._count = 0  # of these operations
         self._most = _MANY
-        self._polls: dict[int, dict[bytes, Poll]] = {}  # by connection and what is read
+        self._polling: dict[int, PlusOpen] = {}  # those that read, by connection
         self._poll_count = 0
-        # Those of the connection that was notified last, which seldom is notified only once.
-        self._notified: dict[int, Operation] | None = None
-        self._notified_on: i64 = 0
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
         """Take an event of a transaction: it may begin an operation, or end one. ``code`` is the error it got, 0 for none."""
@@ -168,127 +188,145 @@ class PlusOperations:
             self._remember(event.object_id, transaction, operation)
 
     def _delete(self, event: Event, transaction: Transaction) -> None:
-        here = self._open.get(int(transaction.connection.number))
-        operation = here.pop(event.object_id, None) if here is not None else None
-        if operation is not None:
-            self._count -= 1
-        if operation is not None and not operation.result:
+        here = _open_on(transaction.connection)
+        operation = here.objects.pop(event.object_id, None)
+        if operation is None:
+            return
+        here.pushing = None
+        self._count -= 1
+        if not operation.result:
             operation.add(transaction)
             self._book.settle(operation, transaction, DONE, FAILED)
 
     def _list(self, event: Event, transaction: Transaction) -> None:
         """Name what a subscription asks for since its list was written."""
-        here = self._open.get(int(transaction.connection.number))
-        operation = here.get(event.object_id) if here is not None else None
+        operation = _open_on(transaction.connection).objects.get(event.object_id)
         if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
             operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
     def notified(self, subscription: i64, transaction: Transaction) -> None:
         """Count a notification for its subscription."""
-        number: i64 = transaction.connection.number
-        here = self._notified
-        if here is None or number != self._notified_on:
-            here = self._of(int(number))
-            self._notified = here
-            self._notified_on = number
-        operation = here.get(subscription)
-        if operation is None:
-            operation = self._begun_before(subscription, transaction)
-        elif not operation.result:
-            operation.add(transaction)
-        if operation is not None and not operation.result:
-            operation.pushes += 1
-            operation.octets += int(transaction.response_size)
+        here = _open_on(transaction.connection)
+        operation = here.pushing
+        if operation is None or here.notified != subscription:
+            operation = here.objects.get(int(subscription))
+            if operation is None:
+                self._begin_before(subscription, transaction)
+                return
+            here.pushing = operation
+            here.notified = subscription
+        if not operation.result:
+            operation.push(transaction)
 
-    def _begun_before(self, subscription: int, transaction: Transaction) -> Operation | None:
+    def _begin_before(self, subscription: int, transaction: Transaction) -> None:
         """Begin an operation with the first notification of a subscription that was made before the capture began."""
         connection = transaction.connection
         if not connection.mid_stream or subscription < 0 or len(connection.operations.these) >= kinds.MAX_OPEN:
-            return None
+            return
         told = transaction.plus_halves()[1]
         alarms = told is not None and any([one.class_id == ALARM for one in told.contents.objects])
         subject = f"subscription 0x{subscription:08x} from before the capture"
         kind = kinds.MESSAGES if alarms else kinds.CYCLIC
         operation = self._book.begin(kind, str(subscription), transaction, subject)
         operation.asked_by = int(connection.client_side)
+        operation.pushes = 1
+        operation.octets = transaction.response_size
         self._remember(subscription, transaction, operation)
-        return operation
 
     def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:
         """Keep an operation until its object is deleted. What the book has closed by itself leaves when there are many."""
         if self._count >= self._most:
             self._sweep()
-        here = self._of(int(transaction.connection.number))
-        if object_id not in here:
+        here = _open_on(transaction.connection)
+        here.pushing = None
+        if object_id not in here.objects:
             self._count += 1
-        here[object_id] = operation
-
-    def _of(self, number: int) -> dict[int, Operation]:
-        """Return the operations of a connection."""
-        here = self._open.get(number)
-        if here is None:
-            here = {}
-            self._open[number] = here
-        return here
+        here.objects[object_id] = operation
+        self._holding[int(transaction.connection.number)] = here
 
     def _sweep(self) -> None:
         """Forget what the book has closed by itself."""
-        self._notified = None
         self._count = 0
-        for number, here in list(self._open.items()):
-            left = {key: one for key, one in here.items() if not one.result}
-            self._count += len(left)
-            if left:
-                self._open[number] = left
-            else:
-                del self._open[number]
+        for number, here in list(self._holding.items()):
+            here.pushing = None
+            here.objects = {key: one for key, one in here.objects.items() if not one.result}
+            self._count += len(here.objects)
+            if not here.objects:
+                del self._holding[number]
         self._most = max(_MANY, 2 * self._count)
 
-    def polled(self, session: PlusSession, transaction: Transaction, read: i64) -> None:
+    def polled(self, session: PlusSession, transaction: Transaction) -> i64:
         """Take a read of variables: the third of the same ones, each soon after the other, begins an operation.
 
-        ``read`` is what `dissect.s7plus.refusals.glimpse` says of its request.
+        Returns what `dissect.s7plus.refusals.glimpse` says of its request.
         """
         octets = transaction.request_octets
-        number = int(transaction.connection.number)
-        here = self._polls.get(number)
-        asked = addresses_in(octets, read >> PLACE)
-        if len(asked) > _LARGEST:
-            asked = blake2b(asked, digest_size=16).digest()
-        poll = here.get(asked) if here is not None else None
-        if poll is None:
-            if self._poll_count >= MAX_POLLS:
-                self._forget_poll()
-            self._polls.setdefault(number, {})[asked] = Poll(transaction)
-            self._poll_count += 1
-            return
+        here = _open_on(transaction.connection)
+        poll = here.latest
+        if poll is None or not reads_again(octets, poll.asked, poll.read):
+            read: i64 = glimpse(octets)
+            asked = addresses_in(octets, read >> PLACE)
+            if len(asked) > _LARGEST:
+                asked = blake2b(asked, digest_size=16).digest()
+            poll = here.polls.get(asked)
+            if poll is None:
+                self._first(here, transaction, asked, read)
+                return read
+            poll.read = read
+            here.latest = poll
+        self._again(poll, session, transaction)
+        return poll.read
+
+    def _first(self, here: PlusOpen, transaction: Transaction, asked: bytes, read: i64) -> None:
+        """Take what was not read before on this connection."""
+        if self._poll_count >= MAX_POLLS:
+            self._forget_poll()
+        if len(here.polls) == 0:
+            self._polling[int(transaction.connection.number)] = here
+        here.latest = here.polls[asked] = Poll(transaction, asked, read)
+        self._poll_count += 1
+
+    def _again(self, poll: Poll, session: PlusSession, transaction: Transaction) -> None:
+        """Count what was read before."""
         poll.count += 1
         operation = poll.operation
-        if operation is None:
-            if poll.count < _POLLED:
-                return
-            found = parse_contents(parsed(octets), False)
+        if operation is not None:
+            if not operation.result:
+                operation.add(transaction)
+        elif poll.count >= _POLLED:
+            found = parse_contents(parsed(transaction.request_octets), False)
             labels = [session.label(address) for address in found.addresses]
             operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:_MAX_SUBJECT])
             operation.begin_ns = poll.time_ns
             operation.first_frame = poll.frame
             operation.parts = poll.count
             poll.operation = operation
-        elif not operation.result:
-            operation.add(transaction)
 
     def end(self, connection: Connection) -> None:
         """A connection is over: what is open there is closed by the book."""
         number = int(connection.number)
-        self._notified = None
-        self._count -= len(self._open.pop(number, {}))
-        self._poll_count -= len(self._polls.pop(number, {}))
+        here = _open_on(connection)
+        if self._holding.pop(number, None) is not None:
+            self._count -= len(here.objects)
+        if self._polling.pop(number, None) is not None:
+            self._poll_count -= len(here.polls)
+        connection.operations.plus = None
 
     def _forget_poll(self) -> None:
         """Forget the first poll of the connection that polled first."""
-        number = next(iter(self._polls))
-        here = self._polls[number]
-        del here[next(iter(here))]
+        number = next(iter(self._polling))
+        here = self._polling[number]
+        del here.polls[next(iter(here.polls))]
+        here.latest = None
         self._poll_count -= 1
-        if not here:
-            del self._polls[number]
+        if not here.polls:
+            del self._polling[number]
+
+
+def _open_on(connection: Connection) -> PlusOpen:
+    """Return what goes on on a connection."""
+    going = connection.operations
+    here = going.plus
+    if here is None:
+        here = going.plus = PlusOpen()
+    return here

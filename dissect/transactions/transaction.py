@@ -36,11 +36,13 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
+from dissect.s7plus.events import subscription_of
 from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
-from dissect.s7plus.tables import PARTIAL_ERROR
+from dissect.s7plus.skimming import skim_refusals
+from dissect.s7plus.tables import NOTIFIED, PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
@@ -419,6 +421,9 @@ class Transaction:
         """Return the refusals of single items, where not everything was refused at once."""
         if self.error_code and self.error_code != PARTIAL_ERROR:
             return []
+        refusals = skim_refusals(self.response_octets) if self.request_size == 0 else None
+        if refusals is not None:
+            return [self._notified_error(reference, kind) for reference, kind in refusals]
         return [
             TransactionError(
                 ITEM,
@@ -431,6 +436,15 @@ class Transaction:
             for item in self.plus_items()
             if item.return_code > 0
         ]
+
+    def _notified_error(self, reference: int, kind: int) -> TransactionError:
+        """Return the refusal of an item of a subscription; its values, which came beside it, are not read for that."""
+        session = self.connection.plus
+        address = session.address_of(subscription_of(self.response_octets), reference) if session is not None else None
+        label = f"item {reference}"
+        if session is not None and address is not None:
+            label = session.label(address)
+        return TransactionError(ITEM, kind, NOTIFIED.name(kind), NOTIFIED.text(kind), reference, printable(label))
 
     def _scd_errors(self) -> list[TransactionError]:
         told = self.response_parameters

@@ -114,7 +114,7 @@ def test_a_subscription_is_about_what_it_asks_for_later_too() -> None:
     request = bodies.create_object(285, NOTHING, made, integrity_id=1)
     do(talk, 2, CREATE_OBJECT, request, b"\0\1" + bodies.number(LIST_ID))
     write = bodies.set_variable(LIST_ID, [1048], Value(0x20, UDINT, list(LIST)))
-    (operation,) = talk.pipeline.exchange.watch.plus._operations._open[1].values()
+    (operation,) = talk.pipeline.exchange.watch.plus._operations._holding[1].objects.values()
     do(talk, 3, SET_VARIABLE, write, DENIED)
     assert operation.subject == "every 900 ms"
     for number in (4, 5):
@@ -141,7 +141,7 @@ def test_subscriptions_from_before_the_capture_are_bounded() -> None:
     talk = Talk()
     for number in range(1, 100):
         notify(talk, number % 256, LIST_ID + number)
-    assert len(talk.pipeline.exchange.watch.plus._operations._open[1]) == MAX_OPEN
+    assert len(talk.pipeline.exchange.watch.plus._operations._holding[1].objects) == MAX_OPEN
     assert len(told_of(talk)) == MAX_OPEN
 
 
@@ -153,14 +153,14 @@ def test_what_the_book_closed_does_not_stay() -> None:
         request = bodies.create_object(285, NOTHING, made, integrity_id=number)
         do(talk, number, CREATE_OBJECT, request, b"\0\1" + bodies.number(LIST_ID + number))
     operations = talk.pipeline.exchange.watch.plus._operations
-    assert operations._count == len(operations._open[1])
+    assert operations._count == len(operations._holding[1].objects)
     assert 0 < operations._count <= 1024
 
 
 def test_nothing_is_kept_of_a_connection_that_is_over() -> None:
     talk = begun()
     subscribe(talk)
-    kept = talk.pipeline.exchange.watch.plus._operations._open
+    kept = talk.pipeline.exchange.watch.plus._operations._holding
     assert len(kept) == 1
     assert told_of(talk)[0][2] == "running"
     assert kept == {}
@@ -242,8 +242,8 @@ def test_a_poll_of_many_variables_is_known_by_a_digest() -> None:
     wanted = [Address(0, 82, 3736, [3, number, 2]) for number in range(600)]
     for number, last in enumerate((600, 600, 601, 600), 1):
         read(talk, number, *wanted, Address(0, 82, 3736, [3, last, 2]))
-    polls = talk.pipeline.exchange.watch.plus._operations._polls
-    assert [[len(asked) for asked in here] for here in polls.values()] == [[16, 16]]
+    polling = talk.pipeline.exchange.watch.plus._operations._polling
+    assert [[len(asked) for asked in here.polls] for here in polling.values()] == [[16, 16]]
     assert [(kind, count) for kind, _, _, count, _ in told_of(talk)] == [("polling", 3)]
 
 
