@@ -152,8 +152,22 @@ def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
             said += f',"opcode":{opcode}'
         if key >= 0:
             _BEGINNINGS[key] = said
-    if pdu.session_id >= 0:
-        said += f',"session_id":{pdu.session_id}'
+    if opcode == REQUEST and pdu.session_id >= 0:
+        wants = "true" if pdu.wants_response else "false"
+        said += f',"session_id":{pdu.session_id},"transport_flags":{pdu.transport_flags},"wants_response":{wants}'
+    else:
+        said += _other_head(pdu)
+    if pdu.integrity:
+        said += f',"integrity":"{pdu.integrity.hex()}"'
+    if pdu.message:
+        said += f',"message":{json_text(pdu.message.decode("latin-1"))}'
+    return f'{said},"integrity_id":{integrity_id}}}' if integrity_id >= 0 else f"{said}}}"
+
+
+def _other_head(pdu: PlusPdu) -> str:
+    """Return what `head_json` has between opcode and digest of a PDU that is no request with a whole head."""
+    opcode = pdu.opcode
+    said = ""
     if pdu.subscription_id >= 0:
         said += f',"subscription_id":{pdu.subscription_id}'
     number = pdu.sequence if opcode == NOTIFICATION else pdu.number
@@ -167,11 +181,7 @@ def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
         said += ',"wants_response":true' if pdu.wants_response else ',"wants_response":false'
     if pdu.return_value >= 0:
         said += f',"return_value":"0x{pdu.return_value:x}"' if pdu.return_value else ',"return_value":"0x0"'
-    if pdu.integrity:
-        said += f',"integrity":"{pdu.integrity.hex()}"'
-    if pdu.message:
-        said += f',"message":{json_text(pdu.message.decode("latin-1"))}'
-    return f'{said},"integrity_id":{integrity_id}}}' if integrity_id >= 0 else f"{said}}}"
+    return said
 
 
 def plus_json(transaction: Transaction) -> str:
@@ -192,7 +202,10 @@ def plus_json(transaction: Transaction) -> str:
 def _noted(half: Half | None) -> str:
     if half is None:
         return ""
-    texts = plus_notes(half.pdu) + summary(half.pdu, half.contents) + _malformed(half)
+    texts = plus_notes(half.pdu)
+    texts += summary(half.pdu, half.contents)
+    if half.contents.malformed:
+        texts += _malformed(half)
     return ",".join([json_text(text) for text in texts])
 
 
@@ -223,11 +236,11 @@ def _item_json(item: PlusItem) -> str:
         label = known if item.found is None else json_text(item.label)
     code = _SUCCESS if item.return_code == 0 else str(item.return_code) if item.return_code >= 0 else "null"
     data = f'"{item.data.hex()}"' if item.data is not None else "null"
-    name = _TYPES[value.type] if value is not None else "null"
+    name = _TYPES[value.type] if value is not None else _NO_TYPE
     note = f',"note":{json_text(item.note)}' if item.note else ""
     return (
         f'{{"address":{label}{where}{code},"data":{data},"value":{_value_json(item.json_value)}'
-        f',"number":{item.number},"type":{name}{path}{note}}}'
+        f',"number":{item.number}{name}{path}{note}}}'
     )
 
 
@@ -252,23 +265,24 @@ def _where(area: str, db: str, start: str) -> str:
 _NOWHERE: Final = _where("null", "null", "null")
 _NO_PATH: Final = ',"crc":null,"path":null'
 _SUCCESS: Final = str(SUCCESS)
-_TYPES: Final[list[str]] = [json_text(VALUE_TYPES.name(type_)) for type_ in range(256)]
+_TYPES: Final[list[str]] = [f',"type":{json_text(VALUE_TYPES.name(type_))}' for type_ in range(256)]
+_NO_TYPE: Final = ',"type":null'
 
 
 def _value_json(value: object) -> str:
-    """Return JSON of a value: numbers, texts and lists of numbers, which most are, directly."""
+    """Return JSON of a value. The encoder of the library takes several times as long for what is as small as most are."""
     if value is None:
         return "null"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
         return str(value)
-    if isinstance(value, list):
-        texts = [str(one) for one in value if isinstance(one, int) and not isinstance(one, bool)]
-        if len(texts) == len(value):
-            return f"[{','.join(texts)}]"
     if isinstance(value, str):
         return json_text(value)
+    if isinstance(value, list):
+        return f"[{','.join([_value_json(one) for one in value])}]"
+    if isinstance(value, dict):
+        return f"{{{','.join([f'{json_text(key)}:{_value_json(one)}' for key, one in value.items()])}}}"
     return repr(value) if isinstance(value, float) and math.isfinite(value) else _json(value)
 
 

@@ -15,7 +15,7 @@ class Address:
     """Where a variable is: an area or object, the attribute that holds it (``sub_area``), and the way to it within that.
 
     ``crc`` is the checksum of its symbol, 0 for none. An attribute of an object has no LIDs. One address serves for every
-    read that repeats it, so that nothing of it is changed; ``fragment`` is for who writes it again and again.
+    read or write that repeats it, so that nothing of it is changed; ``fragment`` is for who writes it again and again.
     """
 
     __slots__ = ("_label", "area", "crc", "fragment", "lids", "sub_area")
@@ -85,6 +85,26 @@ class Address:
             return f"{prefix}{'' if self.area in AREAS else 'X'}{lids[1]}.{lids[3]}"
         letter = _LETTERS.get(lids[2])
         return f"{prefix}{letter}{lids[1]}" if letter is not None else f"{prefix}B{lids[1]} x{lids[2]}"
+
+
+#: Addresses by their numbers, and how many are remembered.
+_KNOWN: Final[dict[tuple[int, ...], Address]] = {}
+_MAX_KNOWN: Final = 4096
+#: LIDs of the longest that is.
+_MAX_LIDS: Final = 16
+
+
+def known_address(crc: int, area: int, sub_area: int, lids: list[int]) -> Address:
+    """Return the address that has these numbers, the same one as before where it was asked for not long ago."""
+    if len(lids) > _MAX_LIDS:
+        return Address(crc, area, sub_area, lids)
+    key = (crc, area, sub_area, *lids)
+    found = _KNOWN.get(key)
+    if found is None:
+        if len(_KNOWN) >= _MAX_KNOWN:
+            _KNOWN.clear()
+        found = _KNOWN[key] = Address(crc, area, sub_area, lids)
+    return found
 
 
 #: Letters of addresses of one, two and four octets.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import DIGEST_SIZE, PlusPdu
@@ -11,17 +13,17 @@ from dissect.s7plus.tables import RESPONSE2, V1, V2
 from dissect.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import VLQ, read_varint
 
-#: Zeros that may end a PDU; notifications have one less.
-_FILLS: Final = (4, 5)
-_NOTIFICATION_FILLS: Final = (4, 3)
-#: Those of a response of the other kind.
-_RESPONSE2_FILLS: Final = (11,)
+#: Zeros that may end a PDU, or one less; those that may end a notification, or one less.
+_FILL: Final = 5
+_NOTIFICATION_FILL: Final = 4
+#: Those of a response of the other kind, of which there are always so many.
+_RESPONSE2_FILL: Final = 11
 
 
 def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
     """Read the end of a request or response. Raises `FormatError` for anything else."""
-    fills = _RESPONSE2_FILLS if pdu.opcode == RESPONSE2 else _FILLS
-    if _all_zeros(walk, walk.at, fills) or walk.left == 0:
+    second: bool = pdu.opcode == RESPONSE2
+    if _all_zeros(walk, walk.at, _RESPONSE2_FILL if second else _FILL, second) or walk.left == 0:
         _fill(walk)
         return
     if pdu.version == V2 and _is_digest(walk, walk.at):
@@ -29,7 +31,7 @@ def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
         return
     if found.integrity_id < 0 and pdu.version != V1:
         number, behind = read_varint(walk.octets, walk.at, walk.end, VLQ)
-        if behind > 0 and (_all_zeros(walk, behind, _FILLS) or _is_digest(walk, behind)):
+        if behind > 0 and (_all_zeros(walk, behind, _FILL) or _is_digest(walk, behind)):
             start, walk.at = walk.at, behind
             found.integrity_id = number
             walk.part(layouts.INTEGRITY_ID, start)
@@ -43,7 +45,7 @@ def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
 
 def read_notification_end(walk: Walk) -> None:
     """Read the end of a notification: zeros. Raises `FormatError` for anything else."""
-    if not _all_zeros(walk, walk.at, _NOTIFICATION_FILLS) and walk.left:
+    if not _all_zeros(walk, walk.at, _NOTIFICATION_FILL) and walk.left:
         raise FormatError("trailing_octets", "end", walk.at, 0, walk.left)
     _fill(walk)
 
@@ -62,9 +64,18 @@ def _fill(walk: Walk) -> None:
         walk.part(layouts.FILL, start)
 
 
-def _all_zeros(walk: Walk, at: int, sizes: tuple[int, ...]) -> bool:
-    size = walk.end - at
-    return size in sizes and walk.octets[at : walk.end] == bytes(size)
+def _all_zeros(walk: Walk, at: i64, size: i64, exactly: bool = False) -> bool:
+    """Tell whether nothing but so many zeros is left, or one less unless ``exactly`` so many are meant."""
+    end: i64 = walk.end
+    left: i64 = end - at
+    if left != size and (exactly or left != size - 1):
+        return False
+    octets = walk.octets
+    while at < end:
+        if octets[at]:
+            return False
+        at += 1
+    return True
 
 
 def _is_digest(walk: Walk, at: int) -> bool:

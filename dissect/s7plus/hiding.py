@@ -6,8 +6,6 @@ others are hashes and keys that a download brings to the CPU. Every face reads c
 
 from __future__ import annotations
 
-from typing import Final
-
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS
@@ -21,9 +19,6 @@ from dissect.s7plus.walk import MAX_PARTS
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
 
-#: Types of values inside which there are others.
-_MAY_HOLD: Final = frozenset((STRUCT, BLOB, VARIANT))
-
 #: Contents without secrets, and (offset, end) of each secret within the octets of their PDU.
 Shown = tuple[Contents, list[tuple[int, int]]]
 
@@ -34,7 +29,7 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
     With ``shown`` false there are no parts and no offsets. Never raises.
     """
     found = parse_contents(pdu, shown)
-    secret = _secret_items(found) if pdu.opcode == REQUEST else set()
+    secret = _secret_items(found) if pdu.opcode == REQUEST and (shown or found.items) else set()
     named = pdu.opcode == REQUEST and bool(found.ids) and found.ids[-1] in SECRETS
     spans: list[tuple[int, int]] = []
     above = -1  # depth of the secret that the parts at hand stand in
@@ -51,9 +46,9 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
     if pdu.opcode == REQUEST and len(found.parts) > MAX_PARTS:
         rest = found.parts[-1]  # nobody knows which of it is a secret
         spans.append((pdu.place(rest.offset), pdu.place(rest.end - 1) + 1))
-    if found.value is not None and (named or _holds_secret(found.value)):
+    if found.value is not None and (named or (_may_hold(found.value) and _holds_secret(found.value))):
         found.value = Value(0, WSTRING, HIDDEN)
-    if secret or any([value.type in _MAY_HOLD for _, value in found.items]):
+    if secret or any([_may_hold(value) for _, value in found.items]):
         found.items = [
             (number, Value(0, WSTRING, HIDDEN) if number in secret or _holds_secret(value) else value)
             for number, value in found.items
@@ -64,6 +59,12 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
 def shown_half(pdu: PlusPdu) -> Half:
     """Return a PDU with its contents, without secrets and without parts."""
     return Half(pdu, shown_contents(pdu, shown=False)[0])
+
+
+def _may_hold(value: Value) -> bool:
+    """Tell whether a value is of a type inside which there are others."""
+    type_ = value.type
+    return type_ == STRUCT or type_ == BLOB or type_ == VARIANT
 
 
 def _secret_items(found: Contents) -> set[int]:
@@ -92,7 +93,7 @@ def _holds_secret(value: Value) -> bool:
 
 
 def _any_secret(members: list[Member]) -> bool:
-    return any([id_ in SECRETS or _holds_secret(value) for id_, value in members])
+    return any([id_ in SECRETS or (_may_hold(value) and _holds_secret(value)) for id_, value in members])
 
 
 def _is_secret(part: Part, items: set[int], named: bool) -> bool:

@@ -32,6 +32,7 @@ from dissect.wire.codes import CodeTable
 
 READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
 WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
+_READS_OR_WRITES: Final = READS | WRITES
 
 #: Elements of an array that are shown.
 _SHOWN: Final = 8
@@ -181,7 +182,7 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
         items = _notified(told, session)
     elif asked is not None and asked.pdu.function == CREATE_OBJECT:
         items = _subscriptions(asked, told)
-    elif asked is not None and asked.pdu.function in READS | WRITES:
+    elif asked is not None and asked.pdu.function in _READS_OR_WRITES:
         items = _joined(asked, told if told is not None and told.pdu.function == asked.pdu.function else None)
     for item in items:
         address = item.address
@@ -257,8 +258,12 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
 
 def _in_order(contents: Contents, count: int) -> bool:
     """Tell whether there are so many values, numbered from 1."""
-    items = contents.items
-    return len(items) == count and all([number == index for index, (number, _) in enumerate(items, 1)])
+    index = 0
+    for number, _ in contents.items:
+        index += 1
+        if number != index:
+            return False
+    return index == count
 
 
 def _notified(told: Half, session: PlusSession | None) -> list[PlusItem]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus import layouts
-from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.contents import Address, Contents, known_address
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, id_name
 from dissect.s7plus.objects import Element, objects_of, read_into
 from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS, RETURN_CODES
@@ -94,11 +94,23 @@ def take_ids(walk: Walk, found: Contents, count: int) -> None:
         walk.part(layouts.ATTRIBUTE_ID, at, id_name(id_) if walk.shown else "")
 
 
+class _Asked:
+    """What a read asks for: addresses, and of attributes the object and their ids; and what reading it costs."""
+
+    __slots__ = ("addresses", "cost", "ids", "object_id")
+
+    def __init__(self, found: Contents, cost: int) -> None:
+        self.addresses = found.addresses
+        self.object_id = found.object_id
+        self.ids = found.ids
+        self.cost = cost
+
+
 class _Known:
-    """Addresses of reads, and what reading them costs, by their octets: polling repeats them. ``size`` counts these octets."""
+    """What reads ask for, by the octets of that: polling repeats them. ``size`` counts these octets."""
 
     def __init__(self) -> None:
-        self.addresses: dict[bytes, tuple[list[Address], int]] = {}
+        self.asked: dict[bytes, _Asked] = {}
         self.size = 0
 
 
@@ -112,20 +124,22 @@ def take_read_addresses(walk: Walk, found: Contents) -> None:
     begin = walk.at
     end = walk.octets.find(_QUALIFIER, begin, walk.end) if not walk.shown else -1
     asked = walk.octets[begin:end] if end > begin else b""
-    known = _KNOWN.addresses.get(asked)
+    known = _KNOWN.asked.get(asked)
     if known is not None:
-        found.addresses = known[0]
+        found.addresses = known.addresses
+        found.object_id = known.object_id
+        found.ids = known.ids
         walk.at = end
-        walk.spend(known[1], "address")
+        walk.spend(known.cost, "address")
     else:
         before = walk.budget
         take_addresses(walk, found)
-        if walk.at == end and found.addresses and found.object_id < 0:  # of attributes of one object more is to be kept
+        if walk.at == end and found.addresses:
             _KNOWN.size += len(asked)
             if _KNOWN.size > _MAX_KNOWN:
-                _KNOWN.addresses.clear()
+                _KNOWN.asked.clear()
                 _KNOWN.size = len(asked)
-            _KNOWN.addresses[asked] = (found.addresses, before - walk.budget)
+            _KNOWN.asked[asked] = _Asked(found, before - walk.budget)
     take_qualifier(walk)
 
 
@@ -139,7 +153,7 @@ def take_addresses(walk: Walk, found: Contents) -> int:
     if link:
         found.object_id = link
         take_ids(walk, found, fields)
-        found.addresses = [Address(0, link, id_, []) for id_ in found.ids]
+        found.addresses = [known_address(0, link, id_, []) for id_ in found.ids]
         return count
     before = walk.at
     for _ in range(count):
@@ -159,7 +173,7 @@ def _take_address(walk: Walk) -> Address:
         raise FormatError("length_below", "id count", walk.at - 1, 1, 0)
     walk.spend(STEP + count, "address")
     sub_area = walk.number(VLQ, "sub area")
-    address = Address(crc, area, sub_area, [walk.number(VLQ, "LID") for _ in range(count - 1)])
+    address = known_address(crc, area, sub_area, [walk.number(VLQ, "LID") for _ in range(count - 1)])
     walk.part(layouts.ADDRESS, at, address.label if walk.shown else "")
     return address
 

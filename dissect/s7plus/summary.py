@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.alarms import ALARM, alarm_text
-from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.contents import Address, Contents, known_address
 from dissect.s7plus.ids import short_name
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import PlusObject
@@ -63,11 +63,13 @@ def _objects(objects: list[PlusObject]) -> list[str]:
 def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
     function = pdu.function
     if function in {GET_MULTI_VARIABLES, SET_MULTI_VARIABLES}:
-        values = dict(found.items)
-        labels = [
-            f"{address.label}{f' = {value_text(values[number])}' if number in values else ''}"
-            for number, address in enumerate(found.addresses[:_NAMED], 1)
-        ]
+        labels = [address.label for address in found.addresses[:_NAMED]]
+        if found.items:
+            values = dict(found.items)
+            labels = [
+                f"{label}{f' = {value_text(values[number])}' if number in values else ''}"
+                for number, label in enumerate(labels, 1)
+            ]
         return _some(labels, len(found.addresses))
     if found.object_id < 0:
         return _some(_objects(found.objects), len(found.objects))
@@ -89,7 +91,7 @@ def single_address(found: Contents) -> Address | None:
     """Return what a request is about that names one object and the way to one of its attributes; None for any other."""
     if found.object_id < 0 or not found.ids or found.addresses:
         return None
-    return Address(0, found.object_id, found.ids[0], found.ids[1:])
+    return known_address(0, found.object_id, found.ids[0], found.ids[1:])
 
 
 def object_text(found: PlusObject) -> str:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+from mypy_extensions import i64
+
 from dissect.s7plus.blobs import COMPRESSED, PLAIN_KEYS, check_blob, is_compressed, may_swell
 from dissect.s7plus.ids import id_name, is_packed
 from dissect.s7plus.layouts import LIST_END, MEMBER, PACKED, PACKED_TWICE, ROW
@@ -29,6 +33,13 @@ from dissect.s7plus.walk import STEP, FormatError, Walk, big_endian
 from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ
 
+#: By type: octets of those of fixed size, how those of variable size are read (0 for none), and whether they have signs. What a
+#: table of another module says takes longer to ask for each value.
+_SIZES: Final = bytes([FIXED_SIZES.get(type_, 0) for type_ in range(256)])
+_KINDS: Final = [VARIABLE_SIZES.get(type_, 0) for type_ in range(256)]
+_SIGNED: Final = bytes([type_ in SIGNED_TYPES for type_ in range(256)])
+_NAMES: Final[list[str]] = list(TYPE_NAMES)
+
 
 def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int = 0) -> Value:
     """Read a value and cut a part of ``layout`` from ``start``, which is where what names the value begins.
@@ -51,7 +62,7 @@ def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int
 
 
 def _read_content(walk: Walk, flags: int, type_: int) -> object:
-    if not TYPE_NAMES[type_]:
+    if not _NAMES[type_]:
         raise FormatError("unknown_type", "type", walk.at - 1, 0, type_)
     if flags & SPARSE_ARRAY:
         pairs: list[tuple[int, object]] = []
@@ -65,9 +76,9 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
         # Elements of Null have no octets: the budget alone bounds how many there are.
         count = walk.number(VLQ, "count") if type_ == NULL else walk.counted(VLQ, "count")
         walk.spend(count, "count")
-        kind = VARIABLE_SIZES.get(type_, 0)
+        kind = _KINDS[type_]
         if kind:  # as lists of references are
-            name = TYPE_NAMES[type_]
+            name = _NAMES[type_]
             return [walk.number(kind, name) for _ in range(count)]
         return [_read_one(walk, type_) for _ in range(count)]
     return _read_one(walk, type_)
@@ -75,26 +86,28 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
 
 def _read_one(walk: Walk, type_: int) -> object:
     """Read one element without its flags and type."""
-    size = FIXED_SIZES.get(type_, 0)
+    size: i64 = _SIZES[type_]
     if size:
-        at = walk.at
-        octets = walk.take(size, TYPE_NAMES[type_])
+        at: i64 = walk.at
+        walk.need(size, _NAMES[type_])
+        walk.at = at + size
         if type_ == REAL:
+            octets = walk.octets[at : at + size]
             single: float = FLOAT.unpack(octets)[0]
             # A signalling NaN does not survive the way through a double, so its octets are kept.
             return single if FLOAT.pack(single) == octets else octets
         if type_ == LREAL:
-            double: float = DOUBLE.unpack(octets)[0]
+            double: float = DOUBLE.unpack(walk.octets[at : at + size])[0]
             return double
         number = big_endian(walk.octets, at, size)
-        if number >> 8 * size - 1 and type_ in SIGNED_TYPES:
+        if _SIGNED[type_] and number >> 8 * size - 1:
             number -= 1 << 8 * size
         if type_ == BOOL and number < 2:
             return number != 0  # not as a conditional expression: compiled, that is a number
         return number
-    kind = VARIABLE_SIZES.get(type_, 0)
+    kind = _KINDS[type_]
     if kind:
-        return walk.number(kind, TYPE_NAMES[type_])
+        return walk.number(kind, _NAMES[type_])
     if type_ == WSTRING:
         octets = walk.take(walk.counted(VLQ, "length"), "text")
         try:
