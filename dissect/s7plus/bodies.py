@@ -47,6 +47,7 @@ from dissect.s7plus.tables import (
     OBJECT_TAG,
     OPCODES,
     REQUEST,
+    RESPONSE,
     SET_MULTI_VARIABLES,
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
@@ -73,7 +74,7 @@ def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Want
     takes more holds is not known (`Contents.exhausted`). With ``wanted`` what nobody will ask for is left out.
     """
     found = Contents(pdu.version, pdu.return_value, pdu.frame_starts)
-    if pdu.version == KEEP_ALIVE or pdu.version not in VERSIONS:
+    if not V1 <= pdu.version <= V3 and (pdu.version == KEEP_ALIVE or pdu.version not in VERSIONS):
         return found
     head = fixed_part(pdu)
     size = head.size if head is not None else 1
@@ -108,10 +109,10 @@ def _read(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
         read_notification(walk, found, pdu)
         found.whole = walk.left == 0
         return
-    if pdu.opcode not in OPCODES:
-        return
-    request = pdu.opcode == REQUEST
+    request: bool = pdu.opcode == REQUEST
     if not request:
+        if pdu.opcode != RESPONSE and pdu.opcode not in OPCODES:
+            return
         take_return_value(walk)
     reader = (_REQUESTS if request else _RESPONSES).get(pdu.function)
     if reader is None:

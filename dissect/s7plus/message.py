@@ -35,6 +35,10 @@ DIGEST_SIZE: Final = 32
 #: octet stands in its place.
 SHORT_HEADS: Final = 0x70000000
 _LAYER: Final = "s7plus"
+#: The fixed parts, each of which most PDUs ask for: what is this module's own is found without a look into a table.
+_REQUEST: Final = layouts.REQUEST
+_RESPONSE: Final = layouts.RESPONSE
+_NOTIFICATION: Final = layouts.NOTIFICATION
 
 
 class PlusPdu:
@@ -172,7 +176,7 @@ def parse_plus(
     elif pdu.version == SYSTEM_EVENT:
         _read_event(pdu, octets)
     else:
-        if pdu.version not in VERSIONS:
+        if not V1 <= pdu.version <= V3 and pdu.version not in VERSIONS:
             pdu.tell("unknown_type", "version", 1, 0, pdu.version)
         _read_frames(pdu, octets)
         _read_head(pdu)
@@ -286,11 +290,11 @@ def _read_head(pdu: PlusPdu) -> None:
     if pdu.opcode == NOTIFICATION:
         _read_notification(pdu, data)
         return
-    if pdu.opcode not in OPCODES:
+    if pdu.opcode != REQUEST and pdu.opcode != RESPONSE and pdu.opcode not in OPCODES:
         pdu.tell("unknown_type", "opcode", pdu.data_offset, 0, pdu.opcode)
         pdu.body = data[1:]
         return
-    layout = layouts.REQUEST if pdu.opcode == REQUEST else layouts.RESPONSE
+    layout = _REQUEST if pdu.opcode == REQUEST else _RESPONSE
     if size >= 5:
         pdu.function = u16(data, 3)
     if size >= 9:
@@ -313,7 +317,7 @@ def _read_notification(pdu: PlusPdu, data: bytes) -> None:
         return
     if size >= 5:
         pdu.subscription_id = u32(data, 1)
-    fixed = layouts.NOTIFICATION.size
+    fixed = _NOTIFICATION.size
     if size < fixed:
         pdu.tell("too_short", "notification", pdu.data_offset, fixed, size)
         return
@@ -330,10 +334,10 @@ def fixed_part(pdu: PlusPdu) -> Layout | None:
     if pdu.version == SYSTEM_EVENT:
         return layouts.EVENT
     if pdu.opcode == NOTIFICATION:
-        return layouts.NOTIFICATION_V1 if pdu.version == V1 else layouts.NOTIFICATION
+        return layouts.NOTIFICATION_V1 if pdu.version == V1 else _NOTIFICATION
     if pdu.opcode == REQUEST:
-        return layouts.REQUEST
-    return layouts.RESPONSE if pdu.opcode in OPCODES else None
+        return _REQUEST
+    return _RESPONSE if pdu.opcode == RESPONSE or pdu.opcode in OPCODES else None
 
 
 def is_beginning(pdu: PlusPdu) -> bool:

@@ -14,7 +14,7 @@ from dissect.s7plus.message import DIGEST_SIZE, SHORT_HEADS, parsed
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, OPERATING_STATE
-from dissect.s7plus.skipping import Skipper
+from dissect.s7plus.skipping import Skipper, marks
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -70,6 +70,8 @@ PLACES: Final = 0x7FFF
 _WITHOUT_PLACES: Final = (1 << VALUES) - 1
 _NO_CODE: Final = -1
 
+#: Of objects of which nothing matters.
+_NO_MARKS: Final = marks(frozenset(), frozenset())
 _BIT_7: Final = 0x80
 #: The last two octets of the id of the operating state, however many it has.
 _STATE: Final = (OPERATING_STATE >> 7 | _BIT_7) << 8 | OPERATING_STATE & (_BIT_7 - 1)
@@ -153,7 +155,7 @@ def skim_refusals(octets: bytes) -> list[tuple[int, int]] | None:
     if at < 0 or end - at < NOTIFICATION_SIZE or octets[at] != NOTIFICATION or octets[1] == V1:
         return None
     body = free_body()
-    body.begin(octets, at + NOTIFICATION_SIZE, end, octets[1], b"")
+    body.begin(octets, at + NOTIFICATION_SIZE, end, octets[1], _NO_MARKS)
     sound = body.notification(u32(octets, at + 1))
     found = body.refusals
     return found if body.result(sound, _NO_CODE) & SOUND else None

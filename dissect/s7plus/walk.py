@@ -206,13 +206,13 @@ class Walk:
 
     def rest(self, malformed: list[Malformed], fault: FormatError | None = None, limit: str = "tsdu") -> None:
         """Cut what is left of the walk as octets, and tell the fault that ended it."""
-        ended = [fault] if fault is not None and fault.reason != EXHAUSTED else []
-        malformed.extend(
-            [
-                Malformed("s7plus", one.reason, one.field, one.at, one.needed, one.available, limit)
-                for one in self.faults + ended
-            ]
-        )
+        faults = self.faults
+        if fault is not None and fault.reason != EXHAUSTED:
+            faults = [*faults, fault]
+        if faults:
+            malformed.extend(
+                [Malformed("s7plus", one.reason, one.field, one.at, one.needed, one.available, limit) for one in faults]
+            )
         self.depth = 0
         if self.parts_end < self.end and self.shown:
             surplus = fault is not None and fault.reason == "trailing_octets"

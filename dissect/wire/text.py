@@ -18,6 +18,8 @@ from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
 
+#: The function of the library, found without a look into a table.
+_ENCODE: Final = encode_basestring_ascii
 #: Categories that are not shown as they are: control, format (bidi overrides, zero widths), surrogate, private, unassigned,
 #: line and paragraph separators.
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
@@ -95,7 +97,7 @@ def _escape(character: str) -> str:
 
 def json_text(value: str) -> str:
     """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
-    text = encode_basestring_ascii(value)
+    text = _ENCODE(value)
     return text.replace("\x7f", "\\u007f") if "\x7f" in text else text
 
 

@@ -18,7 +18,7 @@ from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_object
 from dissect.s7plus.program import TYPE_INFO, Program
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.skimming import ASKS, PLACE, PLACES, REFUSES, SOUND, UNSOUND, WORDS, skim
+from dissect.s7plus.skimming import ASKS, PLACE, PLACES, REFUSES, SOUND, UNSOUND, WORDS, skim, skim_again, skim_refusals
 from dissect.s7plus.skimming import VALUES as ABOVE
 from dissect.s7plus.skipping import MET, marks
 from dissect.s7plus.tables import (
@@ -209,6 +209,49 @@ def test_what_it_says_of_a_read(wanted: list[Address]) -> None:
     frames = framed(data[:20], 3, trailer=False) + framed(data[20:], 3)
     assert skim(frames, _MARKS) >> ABOVE == 0  # places within several frames say nothing
     assert skim(frames, _MARKS) & ASKS == (ASKS if states else 0)
+
+
+def test_a_read_that_is_read_again() -> None:
+    """Where it is taken for another read of the same, passing over it says what it said before; whatever its end is."""
+    again = 0
+    for version in (1, 2, 3):
+        body = bodies.get_multi(_STATE, _TAG, integrity_id=9 if version > 1 else -1)
+        octets = framed(asked(7, GET_MULTI_VARIABLES, body=body), version)
+        said = skim(octets, _MARKS)
+        wanted = addresses_in(octets, said >> PLACE)
+        others = [framed(asked(7, GET_MULTI_VARIABLES, body=changed), version) for changed in lies(body, 0)]
+        assert skim_again(framed(asked(8, GET_MULTI_VARIABLES, 5, body=body), version), wanted, said >> PLACE)
+        for other in others:
+            if skim_again(other, wanted, said >> PLACE):
+                again += 1
+                assert skim(other, _MARKS) == said
+                assert addresses_in(other) == wanted
+        assert not skim_again(framed(asked(7, body=body), 2 if version == 3 else 3), wanted, said >> PLACE)
+        assert not skim_again(octets[:-5], wanted, said >> PLACE)
+        assert not skim_again(octets, wanted[1:], said >> PLACE)
+        assert not skim_again(octets, wanted, 0)
+        data = asked(7, GET_MULTI_VARIABLES, body=body)
+        assert not skim_again(framed(data[:40], version, False) + framed(data[40:], version), wanted, said >> PLACE)
+    assert again > 5
+
+
+def test_refusals_of_a_notification() -> None:
+    """They are those that reading finds; of what must be read, and of what is no notification, nothing is said."""
+    octets = framed(NOTIFICATIONS["refusals"], 3)
+    assert skim_refusals(octets) == [(7, 0x13), (8, 0x03)]
+    assert skim_refusals(framed(NOTIFICATIONS["values"], 3)) == []
+    for name, data in sound().items():
+        if not name.startswith("notification"):
+            assert skim_refusals(framed(data, 3)) is None
+            continue
+        assert skim_refusals(framed(data, 1)) is None
+        for changed in lies(data, 5):
+            octets = framed(changed, 3)
+            found = skim_refusals(octets)
+            if found is not None:
+                assert found == parse_contents(parse_plus(octets), False).refusals
+            else:
+                assert skim(octets, _MARKS) in {0, UNSOUND}
 
 
 def test_what_it_says_of_a_read_of_one_attribute() -> None:
