@@ -99,7 +99,6 @@ COLD: Final = (
     "dissect/s7/build.py",
     "dissect/iso/layouts.py",  # ibh/layouts.py derives from a compiled class, which interpreted classes may not
     "dissect/s7/layouts.py",
-    "dissect/s7plus/layouts.py",
     "dissect/*/*_layouts.py",
     "dissect/findings/block_rules.py",
     "dissect/findings/catalogue.py",

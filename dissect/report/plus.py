@@ -42,6 +42,11 @@ _ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
 #: How `head_json` begins, by version and opcode, for PDUs in one frame.
 _BEGINNINGS: Final[dict[int, str]] = {}
 
+#: Texts of requests as JSON, how many are remembered, and the characters of the longest of them.
+_KNOWN: Final[dict[str, str]] = {}
+_MAX_KNOWN: Final = 4096
+_LONGEST: Final = 200
+
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 _NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
 
@@ -206,7 +211,21 @@ def _noted(half: Half | None) -> str:
     texts += summary(half.pdu, half.contents)
     if half.contents.malformed:
         texts += _malformed(half)
-    return ",".join([json_text(text) for text in texts])
+    if half.pdu.opcode != REQUEST:
+        return ",".join([json_text(text) for text in texts])
+    return ",".join([_known_json(text) for text in texts])
+
+
+def _known_json(text: str) -> str:
+    """Return a text as JSON, one that was asked for before from a table: requests name the same sessions and addresses."""
+    found = _KNOWN.get(text)
+    if found is None and len(text) > _LONGEST:
+        return json_text(text)
+    if found is None:
+        if len(_KNOWN) >= _MAX_KNOWN:
+            _KNOWN.clear()
+        found = _KNOWN[text] = json_text(text)
+    return found
 
 
 def _malformed(half: Half | None, which: str = "") -> list[str]:
