@@ -63,7 +63,7 @@ _HEAD: Final = [
     Field("sequence", 2, "Sequence number, echoed by the response.", holds=HOLDS_REFERENCE),
 ]
 
-REQUEST: Final = Layout(
+REQUEST: Final[Layout] = Layout(
     "S7comm-plus request",
     _SOURCE,
     [
@@ -73,12 +73,12 @@ REQUEST: Final = Layout(
     ],
 )
 
-RESPONSE: Final = Layout(
+RESPONSE: Final[Layout] = Layout(
     "S7comm-plus response", _SOURCE, [*_HEAD, Field("transport_flags", 1, "Flags, 0x34 or 0x36 in captures.")]
 )
 
 #: Notifications of V2 and V3; a sequence number of variable size follows.
-NOTIFICATION: Final = Layout(
+NOTIFICATION: Final[Layout] = Layout(
     "S7comm-plus notification",
     _SOURCE,
     [

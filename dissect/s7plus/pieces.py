@@ -10,6 +10,7 @@ from dissect.s7plus.ids import AREAS, BLOCK_KINDS, id_name
 from dissect.s7plus.objects import Element, objects_of, read_into
 from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS, RETURN_CODES
 from dissect.s7plus.skipping import is_wanted, passed
+from dissect.s7plus.tables import V3
 from dissect.s7plus.value_reading import read_members, read_value
 from dissect.s7plus.walk import STEP, FormatError, Walk, Wanted
 from dissect.wire.codes import coded
@@ -141,6 +142,16 @@ def take_read_addresses(walk: Walk, found: Contents) -> None:
                 _KNOWN.size = len(asked)
             _KNOWN.asked[asked] = _Asked(found, before - walk.budget)
     take_qualifier(walk)
+
+
+def addresses_of(asked: bytes) -> list[Address]:
+    """Return what a read that is sound asks for, by the octets of that."""
+    known = _KNOWN.asked.get(asked)
+    if known is not None:
+        return known.addresses
+    found = Contents(V3, -1, {})
+    take_addresses(Walk(asked, 0, len(asked), False), found)
+    return found.addresses
 
 
 def take_addresses(walk: Walk, found: Contents) -> int:

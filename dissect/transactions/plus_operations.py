@@ -12,6 +12,7 @@ from mypy_extensions import i64
 
 from dissect.s7plus.alarms import ALARM
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.contents import Address
 from dissect.s7plus.events import (
     CHANGED,
     DELETED,
@@ -30,6 +31,7 @@ from dissect.s7plus.events import (
     Event,
 )
 from dissect.s7plus.message import parsed
+from dissect.s7plus.pieces import addresses_of
 from dissect.s7plus.refusals import glimpse, reads_again
 from dissect.s7plus.session import PlusSession
 from dissect.s7plus.skimming import PLACE
@@ -79,7 +81,8 @@ _LAST: Final = 0xE8
 class Poll:
     """How often the same variables were read, and the operation that this is, None at first.
 
-    ``asked`` is what is asked for, ``read`` what `dissect.s7plus.refusals.glimpse` says of such a request.
+    ``asked`` is what is asked for, empty where that is known by a digest; ``read`` what `dissect.s7plus.refusals.glimpse` says
+    of such a request.
     """
 
     __slots__ = ("asked", "count", "frame", "operation", "read", "time_ns")
@@ -100,9 +103,10 @@ class PlusOpen:
     of ``pushing``, ``latest`` what was read.
     """
 
-    __slots__ = ("latest", "notified", "objects", "polls", "pushing")
+    __slots__ = ("latest", "notified", "number", "objects", "polls", "pushing")
 
-    def __init__(self) -> None:
+    def __init__(self, number: int) -> None:
+        self.number = number  # of the connection
         self.objects: dict[int, Operation] = {}
         self.notified: i64 = -1
         self.pushing: Operation | None = None
@@ -242,7 +246,7 @@ class PlusOperations:
         if object_id not in here.objects:
             self._count += 1
         here.objects[object_id] = operation
-        self._holding[int(transaction.connection.number)] = here
+        self._holding[here.number] = here
 
     def _sweep(self) -> None:
         """Forget what the book has closed by itself."""
@@ -266,24 +270,26 @@ class PlusOperations:
         if poll is None or not reads_again(octets, poll.asked, poll.read):
             read: i64 = glimpse(octets)
             asked = addresses_in(octets, read >> PLACE)
+            key = asked
             if len(asked) > _LARGEST:
-                asked = blake2b(asked, digest_size=16).digest()
-            poll = here.polls.get(asked)
+                key = blake2b(asked, digest_size=16).digest()
+                asked = b""
+            poll = here.polls.get(key)
             if poll is None:
-                self._first(here, transaction, asked, read)
+                self._first(here, key, Poll(transaction, asked, read))
                 return read
             poll.read = read
             here.latest = poll
         self._again(poll, session, transaction)
         return poll.read
 
-    def _first(self, here: PlusOpen, transaction: Transaction, asked: bytes, read: i64) -> None:
+    def _first(self, here: PlusOpen, key: bytes, poll: Poll) -> None:
         """Take what was not read before on this connection."""
         if self._poll_count >= MAX_POLLS:
             self._forget_poll()
         if len(here.polls) == 0:
-            self._polling[int(transaction.connection.number)] = here
-        here.latest = here.polls[asked] = Poll(transaction, asked, read)
+            self._polling[here.number] = here
+        here.latest = here.polls[key] = poll
         self._poll_count += 1
 
     def _again(self, poll: Poll, session: PlusSession, transaction: Transaction) -> None:
@@ -294,8 +300,7 @@ class PlusOperations:
             if not operation.result:
                 operation.add(transaction)
         elif poll.count >= _POLLED:
-            found = parse_contents(parsed(transaction.request_octets), False)
-            labels = [session.label(address) for address in found.addresses]
+            labels = [session.label(address) for address in _addresses(poll, transaction)]
             operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:_MAX_SUBJECT])
             operation.begin_ns = poll.time_ns
             operation.first_frame = poll.frame
@@ -304,11 +309,12 @@ class PlusOperations:
 
     def end(self, connection: Connection) -> None:
         """A connection is over: what is open there is closed by the book."""
-        number = int(connection.number)
-        here = _open_on(connection)
-        if self._holding.pop(number, None) is not None:
+        here = connection.operations.plus
+        if here is None:
+            return
+        if self._holding.pop(here.number, None) is not None:
             self._count -= len(here.objects)
-        if self._polling.pop(number, None) is not None:
+        if self._polling.pop(here.number, None) is not None:
             self._poll_count -= len(here.polls)
         connection.operations.plus = None
 
@@ -323,10 +329,17 @@ class PlusOperations:
             del self._polling[number]
 
 
+def _addresses(poll: Poll, transaction: Transaction) -> list[Address]:
+    """Return what is read."""
+    if poll.asked and poll.read >> PLACE:
+        return addresses_of(poll.asked)
+    return parse_contents(parsed(transaction.request_octets), False).addresses
+
+
 def _open_on(connection: Connection) -> PlusOpen:
     """Return what goes on on a connection."""
     going = connection.operations
     here = going.plus
     if here is None:
-        here = going.plus = PlusOpen()
+        here = going.plus = PlusOpen(int(connection.number))
     return here

@@ -441,9 +441,7 @@ class Transaction:
         """Return the refusal of an item of a subscription; its values, which came beside it, are not read for that."""
         session = self.connection.plus
         address = session.address_of(subscription_of(self.response_octets), reference) if session is not None else None
-        label = f"item {reference}"
-        if session is not None and address is not None:
-            label = session.label(address)
+        label = session.label(address) if session is not None and address is not None else f"item {reference}"
         return TransactionError(ITEM, kind, NOTIFIED.name(kind), NOTIFIED.text(kind), reference, printable(label))
 
     def _scd_errors(self) -> list[TransactionError]:
