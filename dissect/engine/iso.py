@@ -43,7 +43,8 @@ from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 
 #: TPKT, DT and the header of an S7 PDU, read at once when interpreted; a DT with EOT and the first octet of S7.
-_FUSED: Final = struct.Struct(">xBHIB2xHHH")
+_FUSED: Final = struct.Struct(">HHIB2xHHH")
+_TPKT: Final = 0x0300
 _PLAIN: Final = 0x02F08000 | PROTOCOL_ID
 #: TSDU counts that are described even when zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
@@ -83,15 +84,15 @@ class IsoOnTcp(Protocol):
         start: i64 = at
         end: i64 = at + size
         if framer.synced and framer.pending is None and framer.skip == 0:
-            while end - at >= 7 and buf[at] == 3:
-                length: i64 = 0
-                if end - at > 16 and buf[at + 7] == PROTOCOL_ID:
+            length: i64
+            while end - at >= 7:
+                if end - at > 16:
                     length = self._usual(side, buf, at, end, frame, time_ns)
                     if length > 0:
                         at += length
                         continue
                 length = u16(buf, at + 2)
-                if length < 7 or at + length > end:
+                if buf[at] != 3 or length < 7 or at + length > end:
                     break
                 if buf[at + 4] != 2:
                     length = framer.alone(buf, at, end)
@@ -152,7 +153,7 @@ class IsoOnTcp(Protocol):
         if COMPILED:
             # Two reads: up to the protocol of the PDU, and from behind its ROSCTR to the end of the header that all have.
             head: i64 = read_i64_be(buf, at)
-            if head & 0x00FF0000FFFFFFFF != _PLAIN:
+            if head & 0xFFFFFFFF != _PLAIN or head >> 48 != _TPKT:
                 return 0
             length = head >> 32 & 0xFFFF
             rosctr = buf[at + 8]
@@ -161,8 +162,8 @@ class IsoOnTcp(Protocol):
             param_length = head >> 16 & 0xFFFF
             stated = param_length + (head & 0xFFFF)
         else:
-            reserved, length, tpdu, rosctr, pdu_ref, param_length, stated = _FUSED.unpack_from(buf, at)
-            if reserved != 0 or tpdu != _PLAIN:
+            version, length, tpdu, rosctr, pdu_ref, param_length, stated = _FUSED.unpack_from(buf, at)
+            if version != _TPKT or tpdu != _PLAIN:
                 return 0
             stated += param_length
         stated += 17
@@ -179,8 +180,8 @@ class IsoOnTcp(Protocol):
         ):
             return 0
         side.framer.framed += length
-        self.tpdus.add(DT)
-        self.tsdus.add(S7COMM)
+        self.tpdus.often_count += 1
+        self.tsdus.often_count += 1
         try:
             self._s7.take(side, rosctr, pdu_ref, param_length, buf, at + 7, length - 7, frame, time_ns)
         except Exception as bug:

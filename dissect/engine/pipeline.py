@@ -206,7 +206,10 @@ class Pipeline(PacketSink):
                 raise
             category = accounts.FAILED
             self.exchange.note_bug(bug, counters.frames, time_ns)
-        counters.packets.add(category)
+        if category == accounts.PAYLOAD:
+            counters.packets.often_count += 1
+        else:
+            counters.packets.add(category)
         dialogue = self.exchange.dialogue
         if dialogue.holding:
             for side in dialogue.holding:

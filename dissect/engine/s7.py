@@ -75,7 +75,10 @@ class S7(Protocol):
         exchange = self._exchange
         connection = side.connection
         self.pdus += 1
-        self.rosctrs.add(rosctr)
+        if rosctr == JOB:
+            self.rosctrs.often_count += 1
+        else:
+            self.rosctrs.add(rosctr)
         pdus: i64 = connection.pdus
         if pdus == 0:
             self._first_pdu(connection, frame, time_ns)
@@ -93,8 +96,11 @@ class S7(Protocol):
             head = ACK_HEADER_SIZE
         data_at: i64 = at + head + param_length
         parameters = self._parameters.get(buf, at + head, data_at, rosctr)
-        if parameters.function >= 0:
-            self.functions.add(parameters.function)
+        function: i64 = parameters.function
+        if function == READ_VAR:
+            self.functions.often_count += 1
+        elif function >= 0:
+            self.functions.add(function)
         if parameters.malformed:
             self._note_malformed(side, buf[at : at + size], frame, time_ns)
         if parameters.unjudged:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.findings.reporter import Reporter
-from dissect.s7.body import Body
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7.layouts import DATA_HEAD
@@ -187,7 +186,7 @@ class SecurityWatch:
             self.tell(slug, transaction, f"PLC stop{accepted(transaction)}" if slug == "security.plc_stop" else "")
 
     def _pi_service(self, transaction: Transaction) -> None:
-        body = _asked(transaction)
+        body = transaction.request_body
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
         if slug == "security.plc_start":
@@ -290,11 +289,6 @@ def _ends(transaction: Transaction) -> tuple[str, str]:
     return ends[transaction.asked_by].host, ends[1 - transaction.asked_by].host
 
 
-def _asked(transaction: Transaction) -> Body | None:
-    request = transaction.request
-    return request.body if request is not None else None
-
-
 def _szl_id(transaction: Transaction) -> int:
     """Return the SZL-ID that a request asks for, read in place because panels poll SZLs; -1 when there is none.
 
@@ -307,7 +301,7 @@ def _szl_id(transaction: Transaction) -> int:
 
 def _named(transaction: Transaction) -> str:
     """Return the function and what its request is about."""
-    body = _asked(transaction)
+    body = transaction.request_body
     notes = ", ".join(body.notes[:3]) if body is not None else ""
     return titled(transaction.function_name, notes)
 

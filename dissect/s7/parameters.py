@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from librt.strings import read_i64_be
+from librt.strings import read_i16_be, read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.items import SPECIFICATION, Item, item_fill, parse_items, written_areas
@@ -51,6 +51,8 @@ RESPONSE: Final = 2
 _ONE_ITEM: Final = 14
 _SHORT: Final = 8
 _EXTENDED: Final = 12
+#: Blocks of function and item count alone: those of answers to reads and writes.
+_SHORT_BLOCKS: Final = 512
 _USEND_SIZE: Final = 10
 #: Groups whose pushes go either way: BSEND and USEND, and what is sent to and from a numerical control.
 _EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, GROUP_NC))
@@ -72,13 +74,14 @@ def header_size(rosctr: i64) -> i64:
 class Setup:
     """Setup communication: open jobs allowed each way and the PDU length, asked for or granted (reference 3.4)."""
 
-    __slots__ = ("_text", "max_amq_called", "max_amq_calling", "pdu_length")
+    __slots__ = ("_text", "fragment", "max_amq_called", "max_amq_calling", "pdu_length")
 
     def __init__(self, max_amq_calling: int, max_amq_called: int, pdu_length: int) -> None:
         self.max_amq_calling = max_amq_calling
         self.max_amq_called = max_amq_called
         self.pdu_length = pdu_length
         self._text: str = ""  # made when it is first asked for: connections share what they negotiate
+        self.fragment: str = ""  # a report's cached text
 
     def __repr__(self) -> str:
         return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
@@ -360,7 +363,7 @@ class ParameterCache:
         self._blocks: i64 = 0
         self._octets: i64 = 0
         #: Function and item count are the whole block of half of all PDUs: these, by both of them.
-        self._short: list[Parameters | None] = [None] * 512
+        self._short: list[Parameters | None] = [None] * _SHORT_BLOCKS
         #: Of the younger generation, the latest block of a job with the same DB and address at its end.
         self._latest: list[Parameters | None] = [None] * self.PLACES
 
@@ -370,18 +373,19 @@ class ParameterCache:
         self._old = [{} for _ in range(8)]
         self._blocks = 0
         self._octets = 0
-        self._short = [None] * 512
+        self._short = [None] * _SHORT_BLOCKS
         self._latest = [None] * self.PLACES
 
     def get(self, buf: bytes, at: i64, end: i64, rosctr: i64) -> Parameters:
         """Return the parsed block ``buf[at:end]`` of a PDU with ROSCTR 0 to 7."""
-        if rosctr == ACK_DATA and end - at == 2 and (buf[at] == READ_VAR or buf[at] == WRITE_VAR):
-            place: i64 = (buf[at] - READ_VAR) * 256 + buf[at + 1]
-            short = self._short[place]
-            if short is None:
-                short = parse_parameters(buf[at:end], rosctr)
-                self._short[place] = short
-            return short
+        if rosctr == ACK_DATA and end - at == 2:
+            place: i64 = i64(read_i16_be(buf, at)) - READ_VAR * 256
+            if 0 <= place < _SHORT_BLOCKS:
+                short = self._short[place]
+                if short is None:
+                    short = parse_parameters(buf[at:end], rosctr)
+                    self._short[place] = short
+                return short
         if rosctr == JOB and end - at >= _ONE_ITEM:
             return self._asked(buf, at, end)
         return self._distinct(buf[at:end], rosctr)

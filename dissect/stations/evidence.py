@@ -139,8 +139,8 @@ class Evidence:
         key = (head.group, head.subfunction, asked, payload)
         said = self._answers.get(key)
         if said is None:
-            request = transaction.request if asked else None
-            part = request.body.find(TYPE_WANTED) if request is not None else None
+            body = transaction.request_body if asked else None
+            part = body.find(TYPE_WANTED) if body is not None else None
             if head.group == GROUP_CPU:
                 parts = _records(payload)
             else:

@@ -111,10 +111,9 @@ class Transfers:
     def take(self, transaction: Transaction) -> None:
         """Take a job that is over: a step of a transfer, or none."""
         function = transaction.function
-        request = transaction.request
-        if request is None:
+        body = transaction.request_body
+        if body is None:
             return
-        body = request.body
         answer = Body()
         if function in _TELLING_ANSWERS:
             response = transaction.response
@@ -310,8 +309,8 @@ _OURS: Final = frozenset(("", "s7comm"))
 
 def subject_of(transaction: Transaction) -> str:
     """Return what a request is about: the notes of its parts, or its function; text from the wire, not escaped."""
-    request = transaction.request
-    notes = dict.fromkeys(request.body.notes) if request is not None else {}
+    body = transaction.request_body
+    notes = dict.fromkeys(body.notes) if body is not None else {}
     return ", ".join(notes)[:_MAX_SUBJECT] or transaction.function_name
 
 
@@ -479,8 +478,8 @@ class Operations(OperationBook):
         elif head.subfunction == UNSUBSCRIBE:
             from dissect.s7.cyclic import CYCLIC_UNSUBSCRIBE  # late, as the others below: see `Pdu.body`
 
-            request = transaction.request
-            named = request.body.find(CYCLIC_UNSUBSCRIBE) if request is not None else None
+            body = transaction.request_body
+            named = body.find(CYCLIC_UNSUBSCRIBE) if body is not None else None
             stopped = going.find(CYCLIC, str(named.number("job"))) if named is not None else None
             if stopped is not None:
                 stopped.add(transaction)
@@ -497,8 +496,8 @@ class Operations(OperationBook):
             return
         from dissect.s7.programmer_layouts import JOB
 
-        request = transaction.request
-        for part in request.body.data if request is not None else []:
+        body = transaction.request_body
+        for part in body.data if body is not None else []:
             named = (
                 going.find(TEST_JOB, f"{part.number('function')}/{part.number('job')}") if part.layout is JOB else None
             )
@@ -513,10 +512,10 @@ class Operations(OperationBook):
 
         going = transaction.connection.operations
         running = going.find(MESSAGES, str(transaction.asked_by))
-        request = transaction.request
-        asked = request.body.find(MESSAGE_REQUEST) if request is not None else None
+        body = transaction.request_body
+        asked = body.find(MESSAGE_REQUEST) if body is not None else None
         stops = asked is None or events_text(asked) == NO_EVENTS
-        if request is not None and request.body.number("alarm_type") in _ALARM_ABORTS:
+        if body is not None and body.number("alarm_type") in _ALARM_ABORTS:
             stops = True
         if running is not None:
             running.add(transaction)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from librt.strings import read_i32_be
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.s7.body import Body
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import (
     DataItem,
@@ -119,6 +120,7 @@ class Transaction:
     """
 
     __slots__ = (
+        "_request_body",
         "_results",
         "asked_by",
         "carried",
@@ -186,6 +188,7 @@ class Transaction:
         self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
         self._results: list[ItemResult] | None = None
+        self._request_body: Body | None = None
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
@@ -289,6 +292,17 @@ class Transaction:
         return parse_pdu(
             self.request_octets, self.request_frame, self.request_ns, self.connection.number, self.asked_by
         )
+
+    @property
+    def request_body(self) -> Body | None:
+        """The parts of the S7comm request (`Pdu.body`), None when there is none; kept, as several rules and outputs ask."""
+        body = self._request_body
+        if body is None:
+            request = self.request
+            if request is not None:
+                body = request.body
+                self._request_body = body
+        return body
 
     @property
     def response(self) -> Pdu | None:

@@ -47,32 +47,32 @@ class Tally:
     """How often each number below ``size`` came.
 
     ``often`` and ``also`` come far more often than the others: counting them makes no int object, which compiled is most of
-    what counting costs.
+    what counting costs. Who knows that it is one of these counts it in place, by ``often_count`` and ``also_count``.
     """
 
-    __slots__ = ("_also", "_also_count", "_counts", "_often", "_often_count")
+    __slots__ = ("_also", "_counts", "_often", "also_count", "often_count")
 
     def __init__(self, size: int, often: i64, also: i64) -> None:
         self._often: i64 = often
         self._also: i64 = also
-        self._often_count: i64 = 0
-        self._also_count: i64 = 0
+        self.often_count: i64 = 0
+        self.also_count: i64 = 0
         self._counts: list[int] = [0] * size
 
     def add(self, number: i64) -> None:
         """Count ``number``; IndexError when it is too large."""
         if number == self._often:
-            self._often_count += 1
+            self.often_count += 1
         elif number == self._also:
-            self._also_count += 1
+            self.also_count += 1
         else:
             self._counts[number] = self._counts[number] + 1  # `+=` on an element of a list is slower (mypyc)
 
     def counts(self) -> list[int]:
         """Return the counts by number, as a list of its own."""
         counts = self._counts.copy()
-        counts[self._often] += self._often_count
-        counts[self._also] += self._also_count
+        counts[self._often] += self.often_count
+        counts[self._also] += self.also_count
         return counts
 
     def add_counts(self, more: list[int]) -> None:

@@ -52,7 +52,7 @@ class Both(Kept):
         line = self._transactions.line(transaction)
         assert line == self._transactions._any_line(transaction)
         if self._transactions._is_usual(transaction):  # written by another road when compiled
-            assert self._transactions._polled(transaction).decode("ascii") == line
+            assert self._transactions._usual(transaction).decode("ascii") == line
         assert self._transactions.octets(transaction) == line.encode("utf-8")
         self.lines.append(parsed(line))
 

@@ -43,7 +43,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import NO_CODE
+from dissect.transactions.results import FUNCTION_MISMATCH, NO_CODE
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
@@ -65,8 +65,9 @@ PDU_SCHEMA: Final = "s7dissect.pdu/1"
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 _CONNECTION: Final = ',"connection":'
 _ITEMS: Final = ',"items":['
-#: What stands between latency and items of a transaction of which all is well, and behind those.
-_WELL: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null{_ITEMS}'.encode("ascii")
+#: What stands between latency and items of a transaction that was answered, and behind those where all is well.
+_ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("ascii")
+_WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
 _NO_ERRORS: Final = b'],"errors":[]}'
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
@@ -140,31 +141,29 @@ class TransactionLines(Observer):
     def line(self, transaction: Transaction) -> str:
         """Return the line of one transaction, without a line end."""
         if COMPILED and self._is_usual(transaction):
-            return self._polled(transaction).decode("ascii")
+            return self._usual(transaction).decode("ascii")
         return self._any_line(transaction)
 
     def octets(self, transaction: Transaction) -> bytes:
         """Return the line of one transaction in UTF-8."""
         if COMPILED and self._is_usual(transaction):
-            return self._polled(transaction)
+            return self._usual(transaction)
         return self._any_line(transaction).encode("utf-8", "backslashreplace")
 
     def _is_usual(self, transaction: Transaction) -> bool:
-        """Tell whether a transaction is a read or write of which all is well, as most are."""
-        function: i64 = transaction.parameters.function
+        """Tell whether a transaction is a job that was answered, as most are."""
         return (
             transaction.outcome == ANSWERED
             and transaction.rosctr == JOB
             and not transaction.reason
-            and not transaction.has_errors
             and transaction.carried is None
             and self.locate is None
-            and (function == READ_VAR or function == WRITE_VAR)
+            and transaction.parameters.function >= 0
             and transaction.request_frame != 0
             and transaction.response_frame != 0
         )
 
-    def _polled(self, transaction: Transaction) -> bytes:
+    def _usual(self, transaction: Transaction) -> bytes:
         """Return the line of a usual transaction. What does not vary is put together once."""
         out = self._out
         out.truncate(0)
@@ -186,6 +185,19 @@ class TransactionLines(Observer):
         write_digits(out, time_ns % _SECOND_NS, _SECOND_DIGITS)
         out.write(b'Z","latency_ns":')
         write_decimal(out, transaction.response_ns - time_ns)
+        function: i64 = transaction.parameters.function
+        plain: bool = not transaction.has_errors and transaction.flags & FUNCTION_MISMATCH == 0
+        if plain and (function == READ_VAR or function == WRITE_VAR):
+            self._write_polled(out, transaction)
+        else:
+            out.write(_ANSWERED)
+            about = self._setup(transaction) + self._notes(transaction)
+            told = f'{about}{_ITEMS}{self._items(transaction)}],"errors":[{_errors(transaction)}]}}'
+            out.write(told.encode("ascii"))
+        return out.getvalue()
+
+    def _write_polled(self, out: BytesWriter, transaction: Transaction) -> None:
+        """Write what follows the latency of a read or write of which all is well."""
         out.write(_WELL)
         begin = len(out)
         good = self._good
@@ -199,7 +211,6 @@ class TransactionLines(Observer):
             out.truncate(begin)
             out.write(self._items(transaction).encode("ascii"))
         out.write(_NO_ERRORS)
-        return out.getvalue()
 
     def _poll(self, parameters: Parameters) -> bytes:
         """Return what a job has between its reference and its packet."""
@@ -268,7 +279,7 @@ class TransactionLines(Observer):
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
             f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{opening}{body}{closing}'
-            f',"errors":[{_errors(transaction) if transaction.has_errors else ""}]{tail}}}'
+            f',"errors":[{_errors(transaction)}]{tail}}}'
         )
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
@@ -291,8 +302,8 @@ class TransactionLines(Observer):
                 self._ends.clear()
             ends = connection.tcp.ends
             found = (
-                f'{_CONNECTION}{connection.number},"asked_by":{json_text(str(ends[asked_by]))}'
-                f',"answered_by":{json_text(str(ends[1 - asked_by]))},"pdu_ref":'
+                f'{_CONNECTION}{connection.number},"asked_by":"{ends[asked_by]}"'  # nothing in it that JSON escapes
+                f',"answered_by":"{ends[1 - asked_by]}","pdu_ref":'
             )
             self._ends[key] = found
         return found
@@ -321,8 +332,9 @@ class TransactionLines(Observer):
         key = octets[:_REFERENCE_AT] + octets[_REFERENCE_END:] if len(octets) <= _SHORT else b""
         found = self._short.get(key) if key else None
         if found is None:
-            pdu = transaction.request if asked else transaction.response
-            found = "" if pdu is None else ",".join([json_text(note) for note in pdu.body.notes])
+            response = None if asked else transaction.response
+            body = transaction.request_body if asked else response.body if response is not None else None
+            found = "" if body is None else ",".join([json_text(note) for note in body.notes])
             if key:
                 if len(self._short) >= _MAX_CACHED:
                     self._short.clear()
@@ -349,13 +361,17 @@ def _setup_text(setup: Setup | None) -> str:
     """Return `Setup.as_dict` as JSON."""
     if setup is None:
         return "null"
-    return (
-        f'{{"max_amq_calling":{setup.max_amq_calling},"max_amq_called":{setup.max_amq_called}'
-        f',"pdu_length":{setup.pdu_length}}}'
-    )
+    if not setup.fragment:
+        setup.fragment = (
+            f'{{"max_amq_calling":{setup.max_amq_calling},"max_amq_called":{setup.max_amq_called}'
+            f',"pdu_length":{setup.pdu_length}}}'
+        )
+    return setup.fragment
 
 
 def _errors(transaction: Transaction) -> str:
+    if not transaction.has_errors:
+        return ""
     return ",".join(
         [
             f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
