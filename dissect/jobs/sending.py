@@ -57,7 +57,7 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "HalfStream": frozenset(("held", "outside", "ready")),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),
     "Direction": frozenset(("_keys", "messages")),
-    "Transaction": frozenset(("earlier", "superseded")),
+    "Transaction": frozenset(("_request_body", "earlier", "superseded")),
 }
 
 
