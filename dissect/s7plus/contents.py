@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.ids import AREAS, DATA_BLOCK, block_name, member_name, short_name
-from dissect.s7plus.objects import PlusObject
+from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.values import Member, Value
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
@@ -128,6 +128,11 @@ class Made:
         self.ids: list[int] = []
         self.objects: list[PlusObject] = []
         self.begun: list[PlusObject] = []
+
+    @property
+    def every(self) -> list[PlusObject]:
+        """The objects with those inside them, each before those it holds."""
+        return every_object(self.objects)
 
 
 class Contents(Made):

@@ -14,19 +14,22 @@ from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import PlusPdu, parsed
-from dissect.s7plus.objects import PlusObject, every_object
+from dissect.s7plus.objects import PlusObject, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.program import CODE
 from dissect.s7plus.program_tables import LANGUAGES, OPERATING_STATES, STATE_REQUESTS
-from dissect.s7plus.refusals import glimpse
+from dissect.s7plus.refusals import MARKS, glimpse
 from dissect.s7plus.session import (
     ASKED_OF_OBJECTS,
     CPU_EXEC_UNIT,
     CPU_PROXY,
+    CYCLE,
     IDENTIFICATION,
     IN_VARIABLE,
+    LANGUAGE,
     NAME,
+    NUMBER,
     OPERATING_MODE,
     OPERATING_STATE,
     REFERENCE_LIST,
@@ -35,11 +38,11 @@ from dissect.s7plus.session import (
     STATE_REQUEST,
     SUBSCRIPTION,
     PlusSession,
-    reference_list_of,
-    references_of,
+    parse_reference_list,
+    reference_lists_of,
 )
 from dissect.s7plus.skimming import ASKS, CODES, REFUSES, SOUND, UNSOUND, WORDS
-from dissect.s7plus.skipping import MET, marks, table
+from dissect.s7plus.skipping import MET, table
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
@@ -88,18 +91,14 @@ _PROGRAM: Final = 3
 _ROOT: Final = 1
 _HARDWARE: Final = 2496
 _ALARM_SUBSCRIPTION: Final = 2662
-_CYCLE: Final = 1049
 #: A job of the test functions, by which an engineering tool watches a program at work. Of the others (watch and force tables,
 #: breakpoints) no class is known.
 _TEST_JOB: Final = 2709
 _STATES: Final = {4: STOPPED, 8: RUNNING}
+_STATE_NAMES: Final = {state: OPERATING_STATES.name(state) for state in _STATES}
 #: What a state request asks for, where it is not to run.
 _ORDERS: Final = {1: STOP, 2: RESET}
-_NUMBER: Final = 2521
-_LANGUAGE: Final = 2523
-#: Attributes of objects that are read, those that are only sought included.
-_ASKED: Final = ASKED_OF_OBJECTS | CODE | {NAME, _NUMBER, _LANGUAGE, _CYCLE, STATE_REQUEST}
-_WANTED: Final = table(_ASKED)
+_WANTED: Final = table(ASKED_OF_OBJECTS)
 #: Blocks that are named.
 _NAMED: Final = 5
 
@@ -108,10 +107,6 @@ _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, 
 #: What a write of several holds that is more than variables.
 _WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
-#: What of objects is asked for, when their places are noted.
-_OUTLINED: Final = marks(frozenset(), frozenset(), _ASKED)
-#: The same, for what was passed over already: its compressed blobs are known to be harmless.
-_KNOWN_OUTLINED: Final = marks(frozenset(), frozenset(), _ASKED, known=True)
 #: Of a write of one attribute: the last id that may be an area or the execution unit, the first kind of blocks, and by id
 #: whether an attribute of any other object matters.
 _LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
@@ -194,8 +189,8 @@ def take(
     if len(request) > 0 and len(response) > 0 and (function == CREATE_OBJECT or function == EXPLORE):
         if function == EXPLORE and told & SOUND and not told & MET:
             return _judge_contents(request, response, glimpse(request), told)
-        shown = outline(response, False, function, _KNOWN_OUTLINED) if told & SOUND else None
-        outlined = outline(request, True, function, _OUTLINED) if shown is not None else None
+        shown = outline(response, False, function, MARKS) if told & SOUND else None
+        outlined = outline(request, True, function, MARKS) if shown is not None else None
         if outlined is not None and shown is not None:
             return _outlined(session, function, outlined, shown)
     return _read_all(session, function, request, response, told)
@@ -204,12 +199,12 @@ def take(
 def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline) -> Facts:
     """Judge what makes or shows objects, and is sound."""
     facts = Facts()
-    _judge_id(session, facts, function, asked.session_id, asked.sequence, asked.integrity_id)
+    _judge_id(session, facts.events, function, asked.session_id, asked.sequence, asked.integrity_id)
     good: bool = told.return_code < 0x8000
     if function == CREATE_OBJECT:
-        _created(session, facts, asked, told, good)
+        _created(session, facts.events, asked, told, good)
     elif good:
-        _explored(session, facts, told)
+        _explored(session, facts.events, told)
     return facts
 
 
@@ -221,7 +216,7 @@ def _read_all(session: PlusSession, function: i64, request: bytes, response: byt
         return _judge_contents(request, response, glimpse(request), skimmed)
     facts = Facts()
     asked, contents = _read(request, facts)
-    _judge_id(session, facts, function, asked.session_id, asked.sequence, contents.integrity_id)
+    _judge_id(session, facts.events, function, asked.session_id, asked.sequence, contents.integrity_id)
     answer: Contents | None = None
     good = True
     if _says_no_more(function, response, skimmed):
@@ -233,9 +228,9 @@ def _read_all(session: PlusSession, function: i64, request: bytes, response: byt
             answer = found
             good = told.return_code < 0x8000
     if function == DELETE_OBJECT:
-        _gone(session, facts, contents.object_id, asked.session_id, good)
+        _gone(session, facts.events, contents.object_id, asked.session_id, good)
     else:
-        _judge(session, facts, function, contents, answer, good)
+        _judge(session, facts.events, function, contents, answer, good)
     return facts
 
 
@@ -263,17 +258,23 @@ def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
     """Judge a plain transaction, of which a glance told all that matters."""
     if not seen.matters:
         return None
-    facts = Facts()
-    _judge_id(session, facts, function, seen.session_id, seen.sequence, seen.integrity_id)
+    events: list[Event] = []
+    _judge_id(session, events, function, seen.session_id, seen.sequence, seen.integrity_id)
     if seen.stated:
-        _state(session, facts, seen.state)
+        _state(session, events, seen.state)
     if seen.record:
         session.identified(seen.record)
     if seen.authenticated:
         session.authenticated = True
+    if seen.references is not None:
+        _listed(session, events, int(seen.listed), seen.references)
     if function == DELETE_OBJECT:
-        _gone(session, facts, seen.deleted, seen.session_id, seen.good)
-    return facts if facts.events else None
+        _gone(session, events, int(seen.deleted), int(seen.session_id), seen.good)
+    if not events:
+        return None
+    facts = Facts()
+    facts.events = events
+    return facts
 
 
 def _replayed(function: str, id_: int) -> str:
@@ -303,9 +304,15 @@ def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> t
     return pdu, found
 
 
-def _judge_id(session: PlusSession, facts: Facts, function: int, session_id: int, sequence: int, id_: int) -> None:
-    if id_ >= 0 and session_id in session.given and session.repeats(function in _COUNTED, sequence, id_):
-        facts.events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(function), id_)))
+def _judge_id(
+    session: PlusSession, events: list[Event], function: i64, session_id: i64, sequence: i64, id_: i64
+) -> None:
+    """Judge the integrity id of a request, -1 for none."""
+    if id_ < 0 or (session_id != session.latest and session_id not in session.given):
+        return
+    counted = session.writes if function in _COUNTED else session.reads
+    if counted.repeats(sequence, id_):
+        events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(function), int(id_))))
 
 
 def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
@@ -348,34 +355,34 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
 
 
 def _judge(
-    session: PlusSession, facts: Facts, function: int, asked: Contents, told: Contents | None, good: bool
+    session: PlusSession, events: list[Event], function: int, asked: Contents, told: Contents | None, good: bool
 ) -> None:
     if function == CREATE_OBJECT:
-        _created(session, facts, asked, told, good)
+        _created(session, events, asked, told, good)
     elif function == EXPLORE:
         if told is not None and good:
-            _explored(session, facts, told)
+            _explored(session, events, told)
     elif function == SET_MULTI_VARIABLES and asked.addresses:
-        _written(session, facts, asked, told, good)
+        _written(session, events, asked, told, good)
     elif function == GET_MULTI_VARIABLES:
-        _states(session, facts, asked, told)
+        _states(session, events, asked, told)
     elif asked.ids:
-        _one(session, facts, function, asked, told, good)
+        _one(session, events, function, asked, told, good)
 
 
-def _gone(session: PlusSession, facts: Facts, object_id: int, session_id: int, good: bool) -> None:
+def _gone(session: PlusSession, events: list[Event], object_id: int, session_id: int, good: bool) -> None:
     """An object is deleted. Object 0 is the session of the request: the client of s7commplus ends it so (docs/s7plus.md)."""
     if object_id == 0:
         object_id = session_id
     block = block_name(object_id)
     if block:
-        facts.events.append(Event(CHANGED, f"delete {block}", object_id))
+        events.append(Event(CHANGED, f"delete {block}", object_id))
     elif good:
         session.unsubscribe(object_id)
-        facts.events.append(Event(DELETED, "", object_id))
+        events.append(Event(DELETED, "", object_id))
 
 
-def _created(session: PlusSession, facts: Facts, asked: Made, told: Made | None, good: bool) -> None:
+def _created(session: PlusSession, events: list[Event], asked: Made, told: Made | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
     these = (
         asked.objects or asked.begun
@@ -384,28 +391,28 @@ def _created(session: PlusSession, facts: Facts, asked: Made, told: Made | None,
         session.open_session(asked)
         if told is not None and good:
             session.session_opened(told)
-        facts.events.append(Event(SESSION, "", made[0] if made else 0))
+        events.append(Event(SESSION, "", made[0] if made else 0))
     elif asked.object_id == _PROGRAM:
         more = " and more that was not read" if asked.begun else ""
-        facts.events.append(Event(CHANGED, f"load {_blocks(these) or 'objects that were not read'}{more}"))
+        events.append(Event(CHANGED, f"load {_blocks(these) or 'objects that were not read'}{more}"))
+    lists = reference_lists_of(asked.every or asked.begun)
     for one in these:
         if asked.object_id == _ROOT and one.class_id == _HARDWARE:
-            facts.events.append(Event(CHANGED, "load the hardware configuration"))
+            events.append(Event(CHANGED, "load the hardware configuration"))
         elif one.class_id == _TEST_JOB:
-            facts.events.append(Event(TEST_JOB, f"test job {one.text(NAME)}".rstrip(), made[0] if made else 0))
+            events.append(Event(TEST_JOB, f"test job {one.text(NAME)}".rstrip(), made[0] if made else 0))
         elif one.class_id == SUBSCRIPTION:
-            facts.events.append(_subscription(session, one, made[0] if made else 0))
-    session.program.learn(asked.objects)
+            events.append(_subscription(session, one, list(lists[one.offset].values()), made[0] if made else 0))
+    session.program.learn(asked.every)
     if told is not None and good:
-        session.subscribe(asked, told)
+        session.subscribe(asked, told, lists)
 
 
-def _subscription(session: PlusSession, one: PlusObject, id_: int) -> Event:
+def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
     """Describe a subscription: its name, its cycle, and what is subscribed."""
     alarms = any([inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects])
-    cycle = one.number(_CYCLE)
+    cycle = one.number(CYCLE)
     texts = [one.text(NAME), f"every {cycle} ms" if cycle > 0 else "on change"]
-    addresses = reference_list_of(one)
     labels = [session.label(address) for address in addresses[:_NAMED]]
     if len(addresses) > _NAMED:
         labels.append(f"and {len(addresses) - _NAMED} more")
@@ -413,11 +420,12 @@ def _subscription(session: PlusSession, one: PlusObject, id_: int) -> Event:
     return Event(kind, ", ".join([text for text in texts if text] + labels), id_)
 
 
-def _explored(session: PlusSession, facts: Facts, told: Made) -> None:
-    session.program.learn(told.objects)
-    found = [one for one in every_object(told.objects) if any([one.holds(id_) for id_ in CODE])]
+def _explored(session: PlusSession, events: list[Event], told: Made) -> None:
+    every = told.every
+    session.program.learn(every)
+    found = [one for one in every if one.holds_any(CODE)]
     if found:
-        facts.events.append(Event(READ_OUT, _blocks(found)))
+        events.append(Event(READ_OUT, _blocks(found)))
 
 
 def _blocks(objects: list[PlusObject]) -> str:
@@ -425,9 +433,9 @@ def _blocks(objects: list[PlusObject]) -> str:
     texts: list[str] = []
     for one in objects[:_NAMED]:
         name = one.text(NAME)
-        language = one.number(_LANGUAGE)
+        language = one.number(LANGUAGE)
         text = short_name(one.rid) if block_name(one.rid) else short_name(one.class_id)
-        number = one.number(_NUMBER)
+        number = one.number(NUMBER)
         if not block_name(one.rid) and number >= 0:
             text += f" {number}"
         title = f" {name!r}" if name and name != text else ""
@@ -436,77 +444,78 @@ def _blocks(objects: list[PlusObject]) -> str:
     return ", ".join(texts) + more
 
 
-def _written(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None, good: bool) -> None:
+def _written(session: PlusSession, events: list[Event], asked: Contents, told: Contents | None, good: bool) -> None:
     """Judge a write of several: each item with what became of it."""
     values = dict(asked.items)
     refused: dict[int, int] = {}
     if told is not None:
         refused = {number: code & 0xFFFF for number, code in told.refusals}
     for number, address in enumerate(asked.addresses, 1):
-        before = len(facts.events)
+        before = len(events)
         refusal = refused.get(number, 0)
-        _item_written(session, facts, address, values.get(number), good and not refusal)
+        _item_written(session, events, address, values.get(number), good and not refusal)
         if refusal or (told is not None and told.whole):
-            for event in facts.events[before:]:
+            for event in events[before:]:
                 event.refusal = refusal
 
 
-def _item_written(session: PlusSession, facts: Facts, address: Address, value: Value | None, good: bool) -> None:
+def _item_written(session: PlusSession, events: list[Event], address: Address, value: Value | None, good: bool) -> None:
     last = address.lids[-1] if address.lids else address.sub_area
     if last in PASSWORDS:
-        facts.events.append(Event(PASSWORD, ""))
+        events.append(Event(PASSWORD, ""))
     elif last == SESSION_KEY:
         session.authenticated = session.authenticated or good
     elif last == REFERENCE_LIST and value is not None and good:
-        _listed(session, facts, address.area, value)
+        _listed(session, events, address.area, whole_numbers(value))
     elif last == STATE_REQUEST and address.area == CPU_EXEC_UNIT and value is not None:
-        facts.events.append(_state_requested(value))
+        events.append(_state_requested(value))
     else:
-        _write(session, facts, address, value)
+        _write(session, events, address, value)
 
 
-def _listed(session: PlusSession, facts: Facts, object_id: int, value: Value) -> None:
+def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: list[int]) -> None:
     """A subscription gets another list of variables, or more of them: tools make it first and fill it later."""
-    session.change(object_id, value)
-    labels = [session.label(address) for _, address in references_of(value)[:_NAMED]]
+    told = parse_reference_list(numbers)
+    session.change(object_id, told)
+    labels = [session.label(address) for _, address in told[2][:_NAMED]]
     if labels:
-        facts.events.append(Event(LISTED, ", ".join(labels), object_id))
+        events.append(Event(LISTED, ", ".join(labels), object_id))
 
 
-def _write(session: PlusSession, facts: Facts, address: Address, value: Value | None) -> None:
+def _write(session: PlusSession, events: list[Event], address: Address, value: Value | None) -> None:
     if address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS:
         return
     kind = WRITTEN_OUTPUTS if address.area in OUTPUTS else WRITTEN
-    facts.events.append(
-        Event(kind, f"{session.label(address)}{f' = {value_text(value)}' if value is not None else ''}")
-    )
+    events.append(Event(kind, f"{session.label(address)}{f' = {value_text(value)}' if value is not None else ''}"))
 
 
-def _one(session: PlusSession, facts: Facts, function: int, asked: Contents, told: Contents | None, good: bool) -> None:
+def _one(
+    session: PlusSession, events: list[Event], function: int, asked: Contents, told: Contents | None, good: bool
+) -> None:
     """Judge a read or write of one variable or attribute."""
     object_id, ids = asked.object_id, asked.ids
     if function == GET_VAR_SUBSTREAMED:
         if told is None or told.value is None or not good:
             return
         if ids[-1] == OPERATING_STATE:
-            _state(session, facts, _number(told.value))
+            _state(session, events, _number(told.value))
         elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
             record = told.value.content
             session.identified(record.octets if isinstance(record, Blob) else b"")
         return
     value = asked.value
     if asked.pieces:
-        facts.events.append(Event(STREAMED, session.label(Address(0, object_id, ids[0], ids[1:])), object_id))
+        events.append(Event(STREAMED, session.label(Address(0, object_id, ids[0], ids[1:])), object_id))
     if ids[-1] in PASSWORDS:
-        facts.events.append(Event(PASSWORD, ""))
+        events.append(Event(PASSWORD, ""))
     elif ids[0] == REFERENCE_LIST and value is not None and good:
-        _listed(session, facts, object_id, value)
+        _listed(session, events, object_id, whole_numbers(value))
     elif object_id == CPU_EXEC_UNIT and ids == [STATE_REQUEST] and value is not None:
-        facts.events.append(_state_requested(value))
+        events.append(_state_requested(value))
     else:
         address = single_address(asked)
         if address is not None:
-            _write(session, facts, address, value)
+            _write(session, events, address, value)
 
 
 def _state_requested(value: Value) -> Event:
@@ -518,12 +527,12 @@ def _state_requested(value: Value) -> Event:
     return Event(_ORDERS.get(number, START), f"operating state request {number} {row.name}")
 
 
-def _states(session: PlusSession, facts: Facts, asked: Contents, told: Contents | None) -> None:
+def _states(session: PlusSession, events: list[Event], asked: Contents, told: Contents | None) -> None:
     values = dict(told.items) if told is not None else {}
     for number, address in enumerate(asked.addresses, 1):
         value = values.get(number)
         if value is not None and _is_state(address):
-            _state(session, facts, _number(value))
+            _state(session, events, _number(value))
 
 
 def _number(value: Value) -> int:
@@ -532,7 +541,7 @@ def _number(value: Value) -> int:
     return content if isinstance(content, int) and not isinstance(content, bool) else -1
 
 
-def _state(session: PlusSession, facts: Facts, state: int) -> None:
+def _state(session: PlusSession, events: list[Event], state: int) -> None:
     """Note the operating state of the CPU; an event where it is a different one from before.
 
     What is no state at all hides no change: that from before stands.
@@ -540,9 +549,9 @@ def _state(session: PlusSession, facts: Facts, state: int) -> None:
     if state < 0:
         return
     before, session.identity.state = session.identity.state, state
-    session.identity.tell(OPERATING_MODE, OPERATING_STATES.name(state) if state in _STATES else "", IN_VARIABLE)
+    session.identity.tell(OPERATING_MODE, _STATE_NAMES.get(state, ""), IN_VARIABLE)
     if state in _STATES and before >= 0 and state != before:
-        facts.events.append(Event(_STATES[state], f"operating state {OPERATING_STATES.name(state)}"))
+        events.append(Event(_STATES[state], f"operating state {OPERATING_STATES.name(state)}"))
 
 
 def subscription_of(octets: bytes) -> i64:
@@ -566,5 +575,5 @@ def _notified(session: PlusSession, octets: bytes, skimmed: i64) -> Facts | None
     for reference, value in found.items:
         address = session.address_of(pdu.subscription_id, reference)
         if address is not None and address.lids[-1:] == [OPERATING_STATE]:
-            _state(session, facts, _number(value))
+            _state(session, facts.events, _number(value))
     return facts

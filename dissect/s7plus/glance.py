@@ -14,6 +14,7 @@ from mypy_extensions import i64
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
 from dissect.s7plus.message import DIGEST_SIZE
+from dissect.s7plus.objects import numbers_at
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.session import (
@@ -36,7 +37,7 @@ from dissect.s7plus.tables import (
     V1,
     V2,
 )
-from dissect.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, UDINT
+from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, BLOB, DINT, UDINT
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED, read_varint
 
@@ -50,7 +51,12 @@ _SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
 _LARGEST: Final = 4096
 #: Attributes whose writing is more than a glance can tell.
-_TOLD: Final = PASSWORDS | {REFERENCE_LIST, STATE_REQUEST}
+_TOLD: Final = PASSWORDS | {STATE_REQUEST}
+#: What is told of the writing of variables, beside.
+_TOLD_OF_VARIABLES: Final = _TOLD | {REFERENCE_LIST, SESSION_KEY}
+#: How lists of references are sent.
+_ARRAY: Final = ARRAY << 8 | UDINT
+_ADDRESS_ARRAY: Final = ADDRESS_ARRAY << 8 | UDINT
 #: Areas of the outputs.
 OUTPUTS: Final = frozenset((81,))
 
@@ -141,6 +147,15 @@ class Glance:
             self.plain = False
         return self.plain
 
+    def numbers(self) -> list[int]:
+        """Read an array of numbers, as lists of references are sent; empty for another value, which must be read."""
+        at: i64 = self._skipper.at
+        head: i64 = u16(self._octets, at) if self.value() else 0
+        if head != _ARRAY and head != _ADDRESS_ARRAY:
+            self.plain = False
+            return []
+        return numbers_at(self._octets, at + 2, self._end)
+
     def state(self) -> i64:
         """Read the operating state, which CPUs send as DInt; -1 for a value of another type, which must be read."""
         at: i64 = self._skipper.at
@@ -204,7 +219,8 @@ def _free_glance() -> Glance:
 class Seen:
     """What a plain transaction says: ``state`` is the operating state, -1 for none; ``record`` an identification record.
 
-    ``authenticated``: the key of a session was written. ``deleted`` is the object that was, -1 for none; ``good`` is False
+    ``authenticated``: the key of a session was written. ``listed`` is the subscription whose reference list was, -1 for none,
+    and ``references`` the numbers of that. ``deleted`` is the object that was, -1 for none; ``good`` is False
     where that was refused. ``integrity_id``, ``sequence`` and ``session_id`` are those of the request. ``matters`` is False
     for a read of anything else.
     """
@@ -214,8 +230,10 @@ class Seen:
         "deleted",
         "good",
         "integrity_id",
+        "listed",
         "matters",
         "record",
+        "references",
         "sequence",
         "session_id",
         "state",
@@ -225,14 +243,16 @@ class Seen:
     def __init__(self) -> None:
         self.good = True
         self.matters = True
-        self.state: int = -1
+        self.state: i64 = -1
         self.stated = False  # the state was asked for, and came
         self.record = b""
         self.authenticated = False
-        self.deleted: int = -1
-        self.integrity_id: int = -1
-        self.sequence: int = 0
-        self.session_id: int = 0
+        self.listed: i64 = -1
+        self.references: list[int] | None = None
+        self.deleted: i64 = -1
+        self.integrity_id: i64 = -1
+        self.sequence: i64 = 0
+        self.session_id: i64 = 0
 
 
 def glance(
@@ -331,10 +351,11 @@ def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
 
 
 def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
-    """A write: the key of a session, attributes that say nothing, or variables of which no more is to be told."""
+    """A write: the key of a session, a list of references, attributes that say nothing, or variables that are told."""
     link = asked.four()
     count = asked.count()
     fields = asked.count()
+    listed: i64 = -1  # the number of the item that is a list of references
     if link:
         if link in AREAS or link >> 16 in BLOCK_KINDS:
             asked.plain = False
@@ -342,15 +363,26 @@ def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
         index: i64 = 0
         while index < fields and asked.plain:
             id_ = asked.number()
-            if id_ in _TOLD or id_ in COMPRESSED:
+            index += 1
+            if id_ in _TOLD or id_ in COMPRESSED or (id_ == REFERENCE_LIST and listed > 0):
                 asked.plain = False
             elif id_ == SESSION_KEY:
                 seen.authenticated = True
-            index += 1
+            elif id_ == REFERENCE_LIST:
+                listed = index
     else:
         _pass_written(asked, count, fields, outputs, elsewhere)
     while count > 0 and asked.plain:
-        if asked.number() < 0 or not asked.value():
+        number = asked.number()
+        if number < 0:
+            return
+        if number == listed:
+            if seen.references is not None:
+                asked.plain = False  # twice: to be read
+                return
+            seen.listed = link
+            seen.references = asked.numbers()
+        elif not asked.value():
             return
         count -= 1
     if asked.plain and asked.skip(1):
@@ -376,7 +408,7 @@ def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhe
         while ids > 0 and asked.plain:
             last = asked.number()
             ids -= 1
-        if last in _TOLD or last == SESSION_KEY:
+        if last in _TOLD_OF_VARIABLES:
             asked.plain = False
         count -= 1
     if fields != 0:

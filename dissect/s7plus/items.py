@@ -11,7 +11,7 @@ from dissect.s7plus.objects import every_object
 from dissect.s7plus.packed_values import misfit, packed_members
 from dissect.s7plus.program import Found, Program, symbol
 from dissect.s7plus.program_values import contradiction, program_value, program_values
-from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, references_of
+from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, parse_reference_list
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
@@ -205,9 +205,9 @@ def _subscriptions(asked: Half, told: Half | None) -> list[PlusItem]:
         code = 0
     items: list[PlusItem] = []
     for one in every_object(asked.contents.objects):
-        value = one.find(REFERENCE_LIST) if one.class_id == SUBSCRIPTION else None
-        if value is not None:
-            items += [PlusItem(reference, address, None, code) for reference, address in references_of(value)]
+        if one.class_id == SUBSCRIPTION:
+            _, _, added = parse_reference_list(one.numbers(REFERENCE_LIST))
+            items += [PlusItem(reference, address, None, code) for reference, address in added]
     return items
 
 

@@ -182,7 +182,7 @@ def parse_plus(
         _read_head(pdu)
         if not pdu.whole and not cut and not pdu.malformed:
             pdu.tell("too_short", "trailer", size, size + _HEADER, size)
-    if size <= _LARGEST and not cut:
+    if size <= LARGEST_KEPT and not cut:
         _LATEST.pdu = pdu
     return pdu
 
@@ -198,7 +198,7 @@ class _Latest:
 
 _LATEST: Final = _Latest()
 #: Octets of the largest PDU that is remembered.
-_LARGEST: Final = 0x40000
+LARGEST_KEPT: Final = 0x40000
 
 
 def parsed(octets: bytes) -> PlusPdu:

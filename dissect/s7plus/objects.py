@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import ATTRIBUTE, OBJECT, OBJECT_END, OBJECT_HELD, RELATION
@@ -18,7 +20,7 @@ from dissect.s7plus.tables import (
     VARIABLES_TAG,
 )
 from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.value_tables import STRUCT, UDINT, WSTRING
+from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, STRUCT, UDINT, WSTRING
 from dissect.s7plus.values import Struct, Value, build_value
 from dissect.s7plus.variables import (
     NameList,
@@ -33,6 +35,7 @@ from dissect.s7plus.variables import (
     read_variables,
 )
 from dissect.s7plus.walk import STEP, FormatError, Walk
+from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
 
@@ -73,6 +76,12 @@ class Attribute:
         content = self.value.content
         return int(content) if isinstance(content, int) else -1
 
+    def numbers(self) -> list[int]:
+        """Return the whole numbers among the elements of its value, none when it has no elements."""
+        if self._value is None and u16(self._octets, self._start) in _ARRAYS:
+            return numbers_at(self._octets, self._start + _HEAD, self._end)
+        return whole_numbers(self.value)
+
     def member(self, id_: int) -> str:
         """Return the first member with this id of the structure that it is; empty where it is no text in UTF-8."""
         if self._value is None and _is_plain(self._octets, self._start, STRUCT):
@@ -89,8 +98,28 @@ class Attribute:
         return value.content if value is not None and isinstance(value.content, str) else ""
 
 
-#: Octets of flags and type.
+#: Octets of flags and type, and of the id of an object.
 _HEAD: Final = 2
+_RID: Final = 4
+#: What lists of references begin with.
+_ARRAYS: Final = frozenset((ARRAY << 8 | UDINT, ADDRESS_ARRAY << 8 | UDINT))
+
+
+def numbers_at(octets: bytes, at: i64, end: i64) -> list[int]:
+    """Return numbers of at most 32 bits without sign that are sound and whose count is at ``at``."""
+    skipper = Skipper(octets, at, end)
+    found: list[int] = []
+    left = skipper.number()
+    while left > 0:
+        found.append(int(skipper.number()))
+        left -= 1
+    return found
+
+
+def whole_numbers(value: Value) -> list[int]:
+    """Return the whole numbers among the elements of a value."""
+    content = value.content
+    return [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
 
 
 def _is_plain(octets: bytes, at: int, type_: int) -> bool:
@@ -146,6 +175,15 @@ class PlusObject:
         """Tell whether there is an attribute, without reading it."""
         return self._attribute(id_) is not None
 
+    def holds_any(self, ids: frozenset[int]) -> bool:
+        """Tell whether there is an attribute of these ids."""
+        for element in self.elements:
+            if isinstance(element, Attribute):
+                id_ = element.id
+                if id_ in ids:
+                    return True
+        return False
+
     def relation(self, id_: int) -> int:
         """Return the id of the object that a relation leads to, 0 when there is no such relation."""
         for element in self.elements:
@@ -162,6 +200,11 @@ class PlusObject:
         """Return an attribute that is a number, -1 when it is none."""
         found = self._attribute(id_)
         return found.number() if found is not None else -1
+
+    def numbers(self, id_: int) -> list[int]:
+        """Return the whole numbers among the elements of an attribute, none where there are none."""
+        found = self._attribute(id_)
+        return found.numbers() if found is not None else []
 
     def member(self, id_: int, member: int) -> str:
         """Return a text in an attribute that is a structure, empty when there is none."""
@@ -287,30 +330,55 @@ def _read_head(walk: Walk) -> PlusObject:
     return found
 
 
-def objects_at(octets: bytes, places: list[int], end: int) -> list[PlusObject]:
-    """Return objects that are sound, before ``end``, of what `dissect.s7plus.skipping.Skipper` noted of them."""
+def objects_at(octets: bytes, places: list[int], end: i64) -> tuple[list[PlusObject], list[PlusObject]]:
+    """Return objects that are sound, before ``end``, of what `dissect.s7plus.skipping.Skipper` noted of them.
+
+    Second come all of them, those that others hold included, as `every_object` returns them.
+    """
     found: list[PlusObject] = []
-    within: list[PlusObject] = []
-    walk = Walk(octets, 0, end, False)
-    for at in places:
-        tag = octets[at]
-        walk.at = at
-        if tag == OBJECT_TAG:
-            one = _read_head(walk)
-            if within:
-                within[-1].elements.append(one)
+    every: list[PlusObject] = []
+    within: list[PlusObject] = []  # the objects that are begun, the innermost last
+    inner: PlusObject | None = None
+    skipper = Skipper(octets, 0, end)
+    for place in places:
+        at: i64 = place
+        tag: i64 = octets[at]
+        if tag == ATTRIBUTE_TAG:
+            if inner is not None:  # nobody asks for what stands in no object
+                skipper.at = at + 1
+                id_ = skipper.number()
+                inner.elements.append(Attribute(int(id_), None, octets, int(skipper.at), int(end)))
+        elif tag == OBJECT_TAG:
+            skipper.at = at + 1
+            one = _head_at(octets, skipper)
+            if inner is not None:
+                inner.elements.append(one)
             else:
                 found.append(one)
+            every.append(one)
             within.append(one)
+            inner = one
         elif tag == OBJECT_END_TAG:
-            within.pop().end = at + 1
-        elif within:  # nobody asks for what stands in no object
-            walk.at = at + 1
-            if tag == ATTRIBUTE_TAG:
-                id_ = walk.number(VLQ, "attribute")
-                within[-1].elements.append(Attribute(id_, None, octets, walk.at, end))
-            else:
-                within[-1].elements.append(read_variables(walk) if tag == VARIABLES_TAG else read_names(walk))
+            within.pop().end = place + 1
+            inner = within[-1] if within else None
+        elif inner is not None:
+            walk = Walk(octets, place + 1, int(end), False)
+            inner.elements.append(read_variables(walk) if tag == VARIABLES_TAG else read_names(walk))
+    return found, every
+
+
+def _head_at(octets: bytes, skipper: Skipper) -> PlusObject:
+    """Read what a sound object begins with, behind its tag, where ``skipper`` is."""
+    at: i64 = skipper.at
+    skipper.at = at + _RID
+    class_id = skipper.number()
+    class_flags = skipper.number()
+    attribute = skipper.number()
+    more: i64 = 0
+    if attribute > 0:
+        more = skipper.number()
+    found = PlusObject(int(u32(octets, at)), int(class_id), int(class_flags), int(attribute), int(more), [])
+    found.offset = int(at - 1)
     return found
 
 

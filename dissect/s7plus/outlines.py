@@ -1,7 +1,8 @@
 """What CreateObject and Explore say of objects: their ids and classes, and the few attributes that somebody asks for.
 
-In one pass the contents are found sound, and the places of what matters are noted; values are read when they are asked for.
-Everything else is left to `dissect.s7plus.bodies`. That both agree is a property test (tests/s7plus/test_outlines.py).
+In one pass the contents are found sound, and the places of what matters are noted; of a response that is the pass that
+pairing made. Values are read when they are asked for. Everything else is left to `dissect.s7plus.bodies`. That both agree is a
+property test (tests/s7plus/test_outlines.py).
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from mypy_extensions import i64
 
 from dissect.s7plus.contents import Made
 from dissect.s7plus.message import parsed
-from dissect.s7plus.objects import objects_at
+from dissect.s7plus.objects import PlusObject, objects_at
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
-from dissect.s7plus.skimming import FILL, SOUND, Body, free_body
+from dissect.s7plus.skimming import FILL, SOUND, Body, Noted, free_body, latest_noted
 from dissect.s7plus.tables import REQUEST, RESPONSE
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ64, read_varint
@@ -24,26 +25,60 @@ _SESSION_ID: Final = 9
 
 
 class Outline(Made):
-    """A sound request or response with objects, of which only the attributes are there that were asked for.
+    """A sound request or response with objects, of which only the attributes are there that somebody asks for.
 
     Numbers that it does not have are -1.
     """
 
-    __slots__ = ("integrity_id", "return_code", "sequence", "session_id")
+    __slots__ = ("_every", "integrity_id", "return_code", "sequence", "session_id")
 
-    def __init__(self) -> None:
+    def __init__(self, objects: list[PlusObject], every: list[PlusObject]) -> None:
+        """``objects`` stand in no other, ``every`` are those and all inside them."""
         super().__init__()
-        self.integrity_id: int = -1
-        self.session_id: int = -1
-        self.sequence: int = -1
-        self.return_code: int = -1
+        self.objects = objects
+        self._every = every
+        self.integrity_id: i64 = -1
+        self.session_id: i64 = -1
+        self.sequence: i64 = -1
+        self.return_code: i64 = -1
+
+    @property
+    def every(self) -> list[PlusObject]:
+        """The objects with those inside them, each before those it holds."""
+        return self._every
 
 
 def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outline | None:
-    """Pass over a request of a function, or a response. None when it must be read, or is another PDU. Never raises.
+    """Return what stands in a request or a response of a function. None when it must be read, or is another PDU. Never raises.
 
     ``marks`` is made by `dissect.s7plus.skipping.marks`.
     """
+    noted: Noted | None = None
+    if not request:
+        noted = latest_noted(octets, marks)
+    if noted is None:
+        noted = _note(octets, request, function, marks)
+    if noted is None:
+        return None
+    data = noted.data
+    at: i64 = noted.at
+    if u16(data, at + 3) != function:
+        return None
+    objects, every = objects_at(data, noted.places, noted.end)
+    found = Outline(objects, every)
+    found.integrity_id = noted.integrity_id
+    found.ids = noted.ids
+    if request:
+        found.object_id = int(noted.object_id)
+        found.session_id = u32(data, at + _SESSION_ID)
+    else:
+        found.return_code = read_varint(data, at + RESPONSE_SIZE, noted.end, VLQ64)[0] & 0xFFFF  # of what is sound
+    found.sequence = u16(data, at + _SEQUENCE)
+    return found
+
+
+def _note(octets: bytes, request: bool, function: i64, marks: bytes) -> Noted | None:
+    """Pass over a request or a response of a function, noting the places of its objects; None when it is not sound."""
     data = octets
     at, end = one_frame(octets)
     version: i64 = octets[1] if at >= 0 else 0
@@ -59,24 +94,13 @@ def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outlin
     opcode: i64 = REQUEST if request else RESPONSE
     if end - at < size or data[at] != opcode or u16(data, at + 3) != function:
         return None
-    noted: list[int] = []
+    noted = Noted(octets, data, at, end, marks)
     body = free_body()
     body.begin(data, at + size, end, version, marks)
-    body.skipper.noted = noted
+    body.skipper.noted = noted.places
     sound: bool = _passes(body, request, function)
-    found = Outline()
-    found.integrity_id = int(body.integrity_id)
-    found.ids = body.ids
-    if request:
-        found.object_id = int(body.object_id)
-        found.session_id = u32(data, at + _SESSION_ID)
-    else:
-        found.return_code = read_varint(data, at + size, end, VLQ64)[0] & 0xFFFF  # of what is sound
-    found.sequence = u16(data, at + _SEQUENCE)
-    if body.result(sound, -1) & SOUND == 0:
-        return None
-    found.objects = objects_at(data, noted, end)
-    return found
+    noted.take(body)
+    return noted if body.result(sound, -1) & SOUND else None
 
 
 def _passes(body: Body, request: bool, function: i64) -> bool:

@@ -10,7 +10,7 @@ from typing import Final
 
 from dissect.s7plus.contents import Address
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, DATA_BLOCK, TYPE_KINDS, block_name
-from dissect.s7plus.objects import PlusObject, every_object
+from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.variables import NameList, Variable, VariableList
 
 #: Class of an object that describes a type.
@@ -70,8 +70,8 @@ class Program:
         self._count = 0
 
     def learn(self, objects: list[PlusObject]) -> None:
-        """Take the type information among objects; what was known of the same type before is replaced."""
-        for one in every_object(objects):
+        """Take the type information among objects, not that inside them; it replaces what was known of the same type before."""
+        for one in objects:
             if one.class_id != TYPE_INFO:
                 continue
             names, variables = one.lists

@@ -14,6 +14,7 @@ from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.program import CODE, TYPE_INFO
+from dissect.s7plus.session import ASKED_OF_OBJECTS
 from dissect.s7plus.skimming import CODES, PLACE, REFUSES, SOUND, VALUES, WORDS, skim, skim_again
 from dissect.s7plus.skipping import marks
 from dissect.s7plus.tables import (
@@ -29,8 +30,8 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: What objects hold that matters: the code of a block, or the names of variables.
-_MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)))
+#: What objects hold that matters: the code of a block, or the names of variables; and what of them is asked for.
+MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)), ASKED_OF_OBJECTS)
 #: Where a request with a list of items says how many there are, and how much further back in version 3.
 _COUNT: Final = 4 + REQUEST_SIZE + 4
 _DIGEST: Final = 33
@@ -40,7 +41,7 @@ _NAMED: Final = 3
 
 def glimpse(octets: bytes) -> i64:
     """Return what `dissect.s7plus.skimming.skim` says of a PDU, `MET` for the code of a block or the names of variables."""
-    return skim(octets, _MARKS)
+    return skim(octets, MARKS)
 
 
 def reads_again(octets: bytes, asked: bytes, read: i64) -> bool:

@@ -10,10 +10,9 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.contents import Address, Made
-from dissect.s7plus.objects import PlusObject, every_object
-from dissect.s7plus.program import Program, symbol
+from dissect.s7plus.objects import PlusObject
+from dissect.s7plus.program import CODE, Program, symbol
 from dissect.s7plus.program_tables import ROLES
-from dissect.s7plus.values import Value
 
 # Classes and attributes.
 SUBSCRIPTION: Final = 1001
@@ -36,11 +35,16 @@ SESSION_KEY: Final = 1830
 IDENTIFICATION: Final = 3753
 CPU_PROXY: Final = 49
 CPU_EXEC_UNIT: Final = 52
-#: Attributes of objects that are asked for here.
-ASKED_OF_OBJECTS: Final = frozenset((
-    REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _CLIENT_ID, _SESSION_VERSION, _CHALLENGE,
-))  # fmt: skip
 STATE_REQUEST: Final = 2167  # written to the execution unit: STOP, RUN …
+#: What tells more of blocks and subscriptions.
+NUMBER: Final = 2521
+LANGUAGE: Final = 2523
+CYCLE: Final = 1049
+#: Attributes of objects that are asked for, here and by `dissect.s7plus.events`, those that are only sought included.
+ASKED_OF_OBJECTS: Final = CODE | {
+    REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _CLIENT_ID, _SESSION_VERSION, _CHALLENGE,
+    NUMBER, LANGUAGE, CYCLE, STATE_REQUEST,
+}  # fmt: skip
 OPERATING_STATE: Final = 3486
 
 _NEW_LIST: Final = 0x80000000
@@ -85,6 +89,32 @@ class Identity:
             self.told.append((key, value, where))
 
 
+class Counted:
+    """The latest of the requests that a client counts together: its sequence number and integrity id, -1 for none yet."""
+
+    __slots__ = ("integrity_id", "sequence")
+
+    def __init__(self) -> None:
+        self.sequence: i64 = -1
+        self.integrity_id: i64 = -1
+
+    def repeats(self, sequence: i64, integrity_id: i64) -> bool:
+        """Take the next request; True when its integrity id is not as far ahead as its sequence number.
+
+        Requests are taken in the order in which they were answered.
+        """
+        before: i64 = self.integrity_id
+        ahead: i64 = (sequence - self.sequence) & 0xFFFF
+        later: bool = ahead < 0x8000 or before < 0
+        if later:
+            self.sequence = sequence
+            self.integrity_id = integrity_id
+        if before < 0 or ahead == 0:
+            return False
+        grown: i64 = (integrity_id - before) & 0xFFFFFFFF
+        return grown == 0 or (grown < 0x80000000) != later
+
+
 class PlusSession:
     """What is known of one connection. Texts are from the wire and not escaped.
 
@@ -92,7 +122,7 @@ class PlusSession:
     operating state. ``outputs_told`` and ``elsewhere_told`` tell that no further write to outputs, or to other
     areas, is worth looking at. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
-    sessions; ``integrity`` is the latest (sequence number, integrity id) of each of the two counters that a client has.
+    sessions. Clients count the requests that change something, ``writes``, and all others, ``reads``, on their own.
     """
 
     __slots__ = (
@@ -105,16 +135,17 @@ class PlusSession:
         "given",
         "host",
         "identity",
-        "integrity",
         "latest",
         "outputs_told",
         "program",
+        "reads",
         "role",
         "session_name",
         "states",
         "subscriptions",
         "tls",
         "user",
+        "writes",
     )
 
     def __init__(self, program: Program, identity: Identity) -> None:
@@ -134,7 +165,8 @@ class PlusSession:
         self.authenticated = False
         self.given: set[int] = set()
         self.latest: i64 = -1  # the one of these that was used last
-        self.integrity: dict[bool, tuple[int, int]] = {}
+        self.reads: Counted = Counted()
+        self.writes: Counted = Counted()
         self.states: set[int] = set()
         self.subscriptions: dict[int, dict[int, Address]] = {}
 
@@ -173,7 +205,8 @@ class PlusSession:
         """Take the answer: its object says which CPU it is, and whether clients can authenticate themselves there."""
         self.challenged = False
         self.authenticated = False
-        self.integrity.clear()
+        self.reads = Counted()
+        self.writes = Counted()
         for id_ in told.ids[:1]:
             if len(self.given) < MAX_SUBSCRIPTIONS:
                 self.given.add(id_)
@@ -204,45 +237,33 @@ class PlusSession:
         self.identity.tell(HARDWARE, str(int.from_bytes(octets[44:46], "big") or ""), IN_RECORD)
         self.identity.tell(FIRMWARE, self.identity.firmware, IN_RECORD)
 
-    def repeats(self, writes: bool, sequence: int, integrity_id: int) -> bool:
-        """Take the integrity id of a request; True when it is not as far ahead of an earlier one as its sequence number.
-
-        Clients count requests that change something and all others on their own. Requests are taken in the order in which
-        they were answered.
-        """
-        before = self.integrity.get(writes)
-        if before is None:
-            self.integrity[writes] = (sequence, integrity_id)
-            return False
-        ahead = (sequence - before[0]) & 0xFFFF
-        later = ahead < 0x8000
-        if later:
-            self.integrity[writes] = (sequence, integrity_id)
-        grown = (integrity_id - before[1]) & 0xFFFFFFFF
-        return ahead != 0 and (grown == 0 or (grown < 0x80000000) != later)
-
     # ---- subscriptions ----------------------------------------------------------------------------------------------
 
-    def subscribe(self, asked: Made, told: Made) -> None:
-        """Take a request that makes subscriptions, and the answer with their ids, in the order of the objects."""
-        made = [one for one in every_object(asked.objects) if one.class_id == SUBSCRIPTION]
+    def subscribe(self, asked: Made, told: Made, lists: ReferenceLists) -> None:
+        """Take a request that makes subscriptions, and the answer with their ids, in the order of the objects.
+
+        ``lists`` are what they ask for.
+        """
+        if len(lists) == 0:
+            return
+        made = [one for one in asked.every if one.class_id == SUBSCRIPTION]
         for number in range(min(len(made), len(told.ids))):
             one, id_ = made[number], told.ids[number]
             self.unsubscribe(id_)
             while len(self.subscriptions) >= MAX_SUBSCRIPTIONS:
                 self.unsubscribe(next(iter(self.subscriptions)))
-            self.subscriptions[id_] = {}
-            value = one.find(REFERENCE_LIST)
-            if value is not None:
-                self.change(id_, value)
+            known = lists[one.offset]
+            self.subscriptions[id_] = known
+            if _has_state(known):
+                self.states.add(id_)
 
-    def change(self, id_: int, value: Value) -> None:
+    def change(self, id_: int, told: References) -> None:
         """Take a new reference list of a subscription."""
         found = self.subscriptions.get(id_)
         if found is None:
             return
-        _change(found, value)
-        if any([address.lids[-1:] == [OPERATING_STATE] for address in found.values()]):
+        _change(found, told)
+        if _has_state(found):
             self.states.add(id_)
         else:
             self.states.discard(id_)
@@ -258,18 +279,14 @@ class PlusSession:
         return known.get(reference) if known is not None else None
 
 
-def _numbers(value: Value) -> list[int]:
-    content = value.content
-    return [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
+#: What a reference list says: whether it is a new one, the references it takes away, those it adds with their addresses.
+References = tuple[bool, list[int], list[tuple[int, Address]]]
+#: What the objects of subscriptions ask for, by where they stand in their PDU.
+ReferenceLists = dict[int, dict[int, Address]]
 
 
-def references_of(value: Value) -> list[tuple[int, Address]]:
-    """Return what a reference list adds: references with their addresses."""
-    return parse_reference_list(_numbers(value))[2]
-
-
-def _change(known: dict[int, Address], value: Value) -> None:
-    new, gone, fresh = parse_reference_list(_numbers(value))
+def _change(known: dict[int, Address], told: References) -> None:
+    new, gone, fresh = told
     if new:
         known.clear()
     for reference in gone:
@@ -279,20 +296,28 @@ def _change(known: dict[int, Address], value: Value) -> None:
             known[reference] = address
 
 
-def reference_list_of(subscription: PlusObject) -> list[Address]:
-    """Return what the object of a subscription asks for."""
-    value = subscription.find(REFERENCE_LIST)
-    known: dict[int, Address] = {}
-    if value is not None:
-        _change(known, value)
-    return list(known.values())
+def _has_state(known: dict[int, Address]) -> bool:
+    """Tell whether the operating state is among variables."""
+    for address in known.values():
+        lids = address.lids
+        if lids and lids[-1] == OPERATING_STATE:
+            return True
+    return False
 
 
-def parse_reference_list(numbers: list[int]) -> tuple[bool, list[int], list[tuple[int, Address]]]:
-    """Read a reference list: whether it is a new one, the references it takes away, those it adds with their addresses.
+def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:
+    """Return what the subscriptions among objects ask for."""
+    found: ReferenceLists = {}
+    for one in objects:
+        if one.class_id == SUBSCRIPTION:
+            known: dict[int, Address] = {}
+            _change(known, parse_reference_list(one.numbers(REFERENCE_LIST)))
+            found[one.offset] = known
+    return found
 
-    What does not fit ends the list.
-    """
+
+def parse_reference_list(numbers: list[int]) -> References:
+    """Read the numbers of a reference list. What does not fit ends it."""
     if len(numbers) < 3:
         return False, [], []
     head, removed, added = numbers[:3]

@@ -102,16 +102,13 @@ def table(wanted: frozenset[int]) -> bytes:
 _COMPRESSED: Final = table(frozenset())
 
 
-def marks(
-    attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset(), known: bool = False
-) -> bytes:
+def marks(attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset()) -> bytes:
     """Return a table for `Skipper.elements`: `MET` for each id of an attribute and of a class that is among these.
 
-    ``noted`` are the attributes whose places are to be noted. ``known``: what is passed over was found sound before, so that
-    compressed blobs are not looked at.
+    ``noted`` are the attributes whose places are to be noted.
     """
     said = bytearray(2 * _IDS)
-    for id_ in () if known else COMPRESSED:
+    for id_ in COMPRESSED:
         said[id_] = _CAREFUL
     for id_ in attributes:
         said[id_] |= MET
@@ -377,7 +374,17 @@ class Skipper:
         if nested >= _MAX_NESTED or depth + nested + 1 > MAX_DEPTH:
             return False
         careful = self._careful
+        octets = self._octets
+        end: i64 = self._end
+        last: i64 = min(end, len(octets)) - _WORD
         while True:
+            at: i64 = self.at
+            if at <= last:
+                passed: i64 = _pass_member(read_i64_be(octets, at))
+                if passed > 0 and at + passed <= end:
+                    self.at = at + passed
+                    self.spent += STEP
+                    continue
             id_ = self.number()
             if id_ <= 0:
                 self._careful = careful
@@ -506,6 +513,18 @@ def _pass_attribute(word: i64, bits: bytes) -> i64:
     second: i64 = word >> _BEHIND_3 & 0xFF
     id_ = (id_ & 0x7F) << 7 | second
     return pass_plain(word, _BEHIND_3) if second < _BIT_7 and bits[id_] == 0 else 0
+
+
+def _pass_member(word: i64) -> i64:
+    """Return how many octets a member of a structure takes, of which ``word`` are the first eight; 0 for another look.
+
+    That is told of plain values (`pass_plain`), which no compressed blob is, of members whose ids have one octet or two.
+    """
+    first: i64 = word >> _BEHIND_1 & 0xFF
+    if first < _BIT_7:
+        return pass_plain(word, _BEHIND_1) if first > 0 else 0
+    second: i64 = word >> _BEHIND_2 & 0xFF
+    return pass_plain(word, _BEHIND_2) if second < _BIT_7 and first + second > _BIT_7 else 0
 
 
 def pass_plain(word: i64, left: i64) -> i64:

@@ -15,11 +15,19 @@ from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.events import GLANCED
 from dissect.s7plus.glance import Glance, Seen, glance
 from dissect.s7plus.message import parse_plus
+from dissect.s7plus.objects import whole_numbers
 from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.refusals import glimpse
-from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, IDENTIFICATION, OPERATING_STATE, SESSION_KEY
+from dissect.s7plus.session import (
+    CPU_EXEC_UNIT,
+    CPU_PROXY,
+    IDENTIFICATION,
+    OPERATING_STATE,
+    REFERENCE_LIST,
+    SESSION_KEY,
+)
 from dissect.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, REQUEST, SET_MULTI_VARIABLES
-from dissect.s7plus.value_tables import BLOB, DINT, INT
+from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, BLOB, DINT, INT, UDINT
 from dissect.s7plus.values import Blob, Value, build_value
 from dissect.transactions.transaction import Transaction
 from tests.s7plus.bodies import addresses, delete_object, end, get_multi, get_stream, multi_got, number, rid, set_multi
@@ -32,6 +40,7 @@ _OUTPUT: Final = Address(7, 81, 3736, [15])
 _TAG: Final = Address(0xABCDEF12, 0x8A0E0003, 2550, [14, 2])
 _KEY: Final = Address(0, 0x386, SESSION_KEY, [])
 _LISTS: Final = st.lists(st.sampled_from([_STATE, _WORD, _OUTPUT, _TAG, _KEY]), max_size=4)
+_LIST: Final = Value(ADDRESS_ARRAY, UDINT, [0x80010000, 0, 1, 0x80040002, 5, 0, 82, 0xAC43DB80, 3736, 9])
 _OK: Final = b"\0"
 
 
@@ -75,6 +84,10 @@ def check(function: int, request: bytes, response: bytes) -> Seen | None:
         assert seen.deleted == asks.object_id
     if function == SET_MULTI_VARIABLES:
         assert seen.authenticated == any([one.sub_area == SESSION_KEY for one in asks.addresses])
+        written = dict(asks.items)
+        listed = [written[index] for index, id_ in enumerate(asks.ids, 1) if id_ == REFERENCE_LIST and index in written]
+        assert [seen.references or []] == ([whole_numbers(value) for value in listed] or [[]])
+        assert (seen.listed, seen.references is None) == ((asks.object_id, False) if listed else (-1, True))
     record = tells.value.content if tells.value is not None else None
     identifies = function == GET_VAR_SUBSTREAMED and asks.ids[0] == IDENTIFICATION and asks.object_id == CPU_PROXY
     assert seen.record == (record.octets if identifies and isinstance(record, Blob) else b"")
@@ -158,6 +171,20 @@ def test_what_it_tells() -> None:
     assert seen.authenticated
 
 
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=9), st.sampled_from([ARRAY, ADDRESS_ARRAY, 0x30, 0]), VALUES)
+def test_a_list_of_references(numbers: list[int], flags: int, other: Value) -> None:
+    given_list = Value(flags, UDINT, numbers) if flags else other
+    for values, ids in (
+        ([given_list], (REFERENCE_LIST,)),
+        ([Value(0, INT, 1), given_list], (306, REFERENCE_LIST)),
+        ([given_list, other], (REFERENCE_LIST, REFERENCE_LIST)),
+    ):
+        seen = check(*pair(SET_MULTI_VARIABLES, set_many(values, *ids), _OK + b"\0" + end(3)))
+        if flags in {ARRAY, ADDRESS_ARRAY} and values[-1] is given_list:
+            assert seen is not None
+            assert (seen.listed, seen.references) == (0x386, numbers)
+
+
 def test_what_it_leaves_to_be_read() -> None:
     function, request, response = pair(
         SET_MULTI_VARIABLES, set_multi([(_OUTPUT, Value(0, INT, 5))]), _OK + b"\0" + end(3)
@@ -165,7 +192,7 @@ def test_what_it_leaves_to_be_read() -> None:
     skimmed = glimpse(response)
     assert glance(function, request, response, -1, skimmed, False, True) is None  # the first write to outputs is told
     assert glance(function, request, response, -1, skimmed, True, False) is not None
-    for id_ in (304, 1846, 1048, 2449):  # passwords, a list of references, a compressed blob
+    for id_ in (304, 1846, 1048, 2449):  # passwords, a list of references that is none, a compressed blob
         assert check(*pair(SET_MULTI_VARIABLES, set_many([Value(0, INT, 1)], id_), _OK + b"\0" + end(3))) is None
     body = get_multi(_STATE)
     item = (1, Value(0, DINT, 8))
@@ -195,6 +222,7 @@ def test_any_damage(data: st.DataObject) -> None:
         pair(GET_VAR_SUBSTREAMED, get_stream(CPU_EXEC_UNIT, [2237, 3486]) + end(9), _OK + b"\0\0\x08\4" + end(3)),
         pair(SET_MULTI_VARIABLES, set_multi([(_TAG, Value(0, INT, 5))]), _OK + b"\0" + end(3), 1),
         pair(SET_MULTI_VARIABLES, set_many([Value(0, INT, 1)] * 2, SESSION_KEY, 306), _OK + b"\0" + end(3)),
+        pair(SET_MULTI_VARIABLES, set_many([_LIST, _LIST], REFERENCE_LIST, 306), _OK + b"\0" + end(3)),
         pair(DELETE_OBJECT, delete_object(0x8A0E0001), _OK + rid(0x8A0E0001) + end(3), 2),
     )
     function, *halves = data.draw(st.sampled_from(cases))

@@ -37,7 +37,7 @@ TAGS = type_of(0x90030000, ("lamp", variable(20, 1)))
 
 def named(address: Address) -> str:
     program = Program()
-    program.learn([PlusObject(3, 2520, 0, 0, 0, [TANK, VALVE]), TAGS])
+    program.learn([PlusObject(3, 2520, 0, 0, 0, [TANK, VALVE]), TANK, VALVE, TAGS])
     found = program.find(address)
     return symbol(address, found) if found is not None else ""
 

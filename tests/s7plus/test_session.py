@@ -7,9 +7,16 @@ from hypothesis import strategies as st
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address
 from dissect.s7plus.message import parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.s7plus.objects import Attribute, PlusObject, build_object, whole_numbers
 from dissect.s7plus.program import Program
-from dissect.s7plus.session import MAX_SUBSCRIPTIONS, Identity, PlusSession, parse_reference_list
+from dissect.s7plus.session import (
+    MAX_SUBSCRIPTIONS,
+    Counted,
+    Identity,
+    PlusSession,
+    parse_reference_list,
+    reference_lists_of,
+)
 from dissect.s7plus.tables import CREATE_OBJECT
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, STRUCT, UDINT, WSTRING
 from dissect.s7plus.values import Struct, Value
@@ -116,7 +123,8 @@ def subscribed(one: PlusSession, id_: int, numbers: list[int]) -> None:
     made = PlusObject(211, 1001, 0, 0, 0, [Attribute(1048, Value(ADDRESS_ARRAY, UDINT, list(numbers)))])
     request = framed(asked(1, CREATE_OBJECT, body=bodies.create_object(285, Value(0, UDINT, 0), made)), 1)
     response = framed(told(1, CREATE_OBJECT, b"\0\1" + bodies.number(id_) + bodies.FILL), 1)
-    one.subscribe(parse_contents(parse_plus(request)), parse_contents(parse_plus(response)))
+    wanted = parse_contents(parse_plus(request))
+    one.subscribe(wanted, parse_contents(parse_plus(response)), reference_lists_of(wanted.every))
 
 
 def test_subscriptions() -> None:
@@ -125,13 +133,11 @@ def test_subscriptions() -> None:
     assert one.address_of(0x70400001, 0xFFFFFFFF) == Address(0xA1D977B6, 82, 3736, [10])
     assert one.address_of(0x70400001, 1) is None
     assert one.address_of(0x70400002, 0xFFFFFFFF) is None
-    one.change(
-        0x70400001, Value(ADDRESS_ARRAY, UDINT, [0x20000, 1, 1, 0xFFFFFFFF, 0x80150002, 4, 48, 52, 0, 2237, 3486])
-    )
+    one.change(0x70400001, parse_reference_list([0x20000, 1, 1, 0xFFFFFFFF, 0x80150002, 4, 48, 52, 0, 2237, 3486]))
     assert one.address_of(0x70400001, 0xFFFFFFFF) is None
     assert one.address_of(0x70400001, 4) == Address(0, 52, 2237, [3486])
     assert one.states == {0x70400001}
-    one.change(0x70400001, Value(ADDRESS_ARRAY, UDINT, [0x20000, 1, 0, 4]))
+    one.change(0x70400001, parse_reference_list([0x20000, 1, 0, 4]))
     assert one.states == set()
     one.unsubscribe(0x70400001)
     assert one.address_of(0x70400001, 0xFFFFFFFE) is None
@@ -141,7 +147,7 @@ def test_subscriptions() -> None:
 def test_a_list_of_another_form_changes_nothing(value: Value) -> None:
     one = session()
     subscribed(one, 1, LIST)
-    one.change(1, value)
+    one.change(1, parse_reference_list(whole_numbers(value)))
     assert len(one.subscriptions[1]) == 2
 
 
@@ -151,3 +157,17 @@ def test_subscriptions_are_bounded() -> None:
         subscribed(one, number, LIST)
     assert len(one.subscriptions) == MAX_SUBSCRIPTIONS
     assert 9 not in one.subscriptions
+
+
+def test_a_request_repeats_when_its_integrity_id_is_not_as_far_ahead_as_its_number() -> None:
+    counted = Counted()
+    said = [
+        counted.repeats(sequence, id_)
+        for sequence, id_ in ((7, 100), (8, 101), (8, 101), (10, 102), (9, 101), (11, 102), (12, 101), (6, 103))
+    ]
+    # The same once more is the answer that came twice; one further back has to have a lower id, one further on a higher.
+    assert said == [False, False, False, False, False, True, True, True]
+    wrapped = Counted()
+    assert not wrapped.repeats(0xFFFF, 0xFFFFFFFF)
+    assert not wrapped.repeats(1, 0)
+    assert wrapped.repeats(2, 0)

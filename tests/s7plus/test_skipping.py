@@ -15,6 +15,7 @@ from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.s7plus.values import Value, build_value
 from dissect.s7plus.variables import NameList, Variable, VariableList, build_names, build_variables
 from dissect.s7plus.walk import MAX_WORK, FormatError, Walk, Wanted
+from dissect.wire.varint import VLQ, build_varint
 from tests.cases import each
 from tests.s7plus.strategies import OBJECTS, VALUES
 
@@ -174,6 +175,24 @@ def test_what_stands_behind_the_end_is_never_looked_at(found: list[PlusObject], 
         assert followed.elements(bits) == passed
         if passed:
             assert (alone.at, alone.spent, alone.seen) == (followed.at, followed.spent, followed.seen)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([1, 127, 128, 315, 16383, 16384, 2**31]), VALUES), max_size=5),
+    st.binary(min_size=9, max_size=9),
+)
+def test_members_are_passed_over_as_one_by_one(members: list[tuple[int, Value]], behind: bytes) -> None:
+    octets = b"".join([build_varint(id_, VLQ) + build_value(value) for id_, value in members]) + b"\0"
+    for end in range(len(octets) + 1):
+        several, single = Skipper(octets[:end] + behind, 0, end), Skipper(octets[:end], 0, end)
+        passed = several.members(0, 0)
+        while (id_ := single.number()) > 0:
+            if not single.value(0, 1):
+                id_ = -1
+                break
+        assert passed == (id_ == 0)
+        if passed:
+            assert (several.at, several.spent) == (single.at, single.spent)
 
 
 @given(st.lists(VALUES, max_size=5), st.binary(max_size=9))
