@@ -121,8 +121,6 @@ _WRITING: Final = frozenset((DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, S
 #: What is known of such an answer that is sound.
 _WRITTEN: Final = Contents(V3, -1, {})
 _WRITTEN.whole = True
-#: Those of which a glance tells what matters, when they are plain.
-GLANCED: Final = frozenset((GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES, DELETE_OBJECT))
 _HEADER: Final = 4
 _INTEGRITY: Final = 33
 _BIT_7: Final = 0x80
@@ -180,7 +178,7 @@ def take(
             read = glimpse(request) if len(request) > 0 else SOUND
         if not _asks_what_matters(request, read):
             return _judge_contents(request, response, read, told)
-    if len(request) > 0 and len(response) > 0 and function in GLANCED:
+    if len(request) > 0 and len(response) > 0 and _is_glanced(function):
         seen = glance(function, request, response, read, told, session.outputs_told, session.elsewhere_told)
         if seen is not None:
             return _seen(session, function, seen)
@@ -194,6 +192,16 @@ def take(
         if outlined is not None and shown is not None:
             return _outlined(session, function, outlined, shown)
     return _read_all(session, function, request, response, told)
+
+
+def _is_glanced(function: i64) -> bool:
+    """Tell whether a glance tells what matters of a function where it is plain."""
+    return (
+        function == GET_MULTI_VARIABLES
+        or function == SET_MULTI_VARIABLES
+        or function == GET_VAR_SUBSTREAMED
+        or function == DELETE_OBJECT
+    )
 
 
 def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline) -> Facts:

@@ -77,21 +77,15 @@ class Glance:
     def begin(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
         """Begin with a PDU in one frame of version 1, 2 or 3, of which ``size`` octets are fixed."""
         at, end = one_frame(octets)
-        self._octets = octets
-        self._end = end
-        self._skipper.begin(octets, at + size, end)
-        self.data = at
         self.plain = (
             at >= 0 and at + size <= end <= _LARGEST and octets[at] == opcode and u16(octets, at + 3) == function
         )
         if self.plain:
+            self._octets = octets
+            self._end = end
+            self._skipper.begin(octets, at + size, end)
+            self.data = at
             self.version = octets[1]
-
-    def free(self) -> None:
-        """Let go of the octets; this one may be used again."""
-        self._octets = b""
-        self._skipper.begin(b"", 0, 0)
-        _FREE.append(self)
 
     def number(self) -> i64:
         """Read a number of at most 32 bits without sign, -1 for none."""
@@ -146,6 +140,11 @@ class Glance:
         if not self.plain or not self._skipper.value(0):
             self.plain = False
         return self.plain
+
+    def items(self, most: i64) -> None:
+        """Pass over plain values that are numbered 1, 2, 3 …, at most over so many."""
+        if self.plain and most > 0:
+            self._skipper.items(most)
 
     def numbers(self) -> list[int]:
         """Read an array of numbers, as lists of references are sent; empty for another value, which must be read."""
@@ -205,15 +204,25 @@ class Glance:
         return self._end - at == 1 + DIGEST_SIZE and self._octets[at] == DIGEST_SIZE
 
 
+class _Glances:
+    """Both halves of a transaction. They keep their octets, which are few, until they are used again."""
+
+    __slots__ = ("asked", "told")
+
+    def __init__(self) -> None:
+        self.asked: Glance = Glance()
+        self.told: Glance = Glance()
+
+
 #: Those that are free, as in `dissect.s7plus.skimming`.
-_FREE: Final[list[Glance]] = [Glance() for _ in range(8)]
+_FREE: Final[list[_Glances]] = [_Glances() for _ in range(4)]
 
 
-def _free_glance() -> Glance:
+def _free_glances() -> _Glances:
     try:
         return _FREE.pop()
     except IndexError:
-        return Glance()
+        return _Glances()
 
 
 class Seen:
@@ -265,18 +274,20 @@ def glance(
     """
     deletes: bool = function == DELETE_OBJECT
     code: i64 = skimmed >> WORDS & CODES
-    if not skimmed & SOUND or skimmed & REFUSES or (code != _GOOD and not deletes):
+    refused: bool = function == GET_VAR_SUBSTREAMED and code > _ERROR
+    if not skimmed & SOUND or skimmed & REFUSES or (code != _GOOD and not deletes and not refused):
         return None
-    asked = _free_glance()
-    told = _free_glance()
+    both = _free_glances()
+    asked = both.asked
+    told = both.told
     asked.begin(request, REQUEST, function, REQUEST_SIZE)
     told.begin(response, RESPONSE, function, RESPONSE_SIZE)
     seen = Seen()
-    if asked.plain and told.plain and (deletes or told.number() == 0):
+    if asked.plain and told.plain and (deletes or refused or told.number() == 0):
         if function == GET_MULTI_VARIABLES:
             _got(asked, told, seen, read, skimmed >> VALUES > 0)
         elif function == GET_VAR_SUBSTREAMED:
-            _streamed(asked, told, seen)
+            _streamed(asked, told, seen, refused)
         elif function == SET_MULTI_VARIABLES:
             _set(asked, seen, outputs, elsewhere)
         elif deletes:
@@ -293,8 +304,7 @@ def glance(
     if plain:
         seen.sequence = u16(request, asked.data + _SEQUENCE)
         seen.session_id = u32(request, asked.data + _SESSION_ID)
-    asked.free()
-    told.free()
+    _FREE.append(both)
     return seen if plain else None
 
 
@@ -308,6 +318,8 @@ def _got(asked: Glance, told: Glance, seen: Seen, read: i64, ordered: bool) -> N
     if wanted == 0:
         asked.plain = not read & ASKS  # twice: to be read
         return
+    if ordered:
+        told.items(wanted - 1)
     while told.plain:
         number = told.number()
         if number <= 0:
@@ -322,8 +334,8 @@ def _got(asked: Glance, told: Glance, seen: Seen, read: i64, ordered: bool) -> N
             told.value()
 
 
-def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
-    """A read of one attribute: the operating state, the identification record, or another."""
+def _streamed(asked: Glance, told: Glance, seen: Seen, refused: bool) -> None:
+    """A read of one attribute: the operating state, the identification record, or another; one that is refused says nothing."""
     seen.matters = False
     object_id = asked.four()
     if not asked.expect(_IDS):
@@ -339,7 +351,13 @@ def _streamed(asked: Glance, told: Glance, seen: Seen) -> None:
     if not asked.plain or last < 0 or last in COMPRESSED:
         asked.plain = False
         return
-    if not asked.expect(USUAL_QUALIFIER) or not asked.skip(2) or not told.skip(1):
+    if not asked.expect(USUAL_QUALIFIER) or not asked.skip(2):
+        return
+    if refused:
+        seen.good = False
+        seen.matters = True
+        return
+    if not told.skip(1):
         return
     if last == OPERATING_STATE:
         seen.state = told.state()

@@ -13,9 +13,10 @@ from mypy_extensions import i64
 
 from dissect.s7plus.contents import Made
 from dissect.s7plus.message import parsed
+from dissect.s7plus.noted import Noted, latest_noted
 from dissect.s7plus.objects import PlusObject, objects_at
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
-from dissect.s7plus.skimming import FILL, SOUND, Body, Noted, free_body, latest_noted
+from dissect.s7plus.skimming import FILL, SOUND, Body, free_body
 from dissect.s7plus.tables import REQUEST, RESPONSE
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ64, read_varint
@@ -99,7 +100,7 @@ def _note(octets: bytes, request: bool, function: i64, marks: bytes) -> Noted | 
     body.begin(data, at + size, end, version, marks)
     body.skipper.noted = noted.places
     sound: bool = _passes(body, request, function)
-    noted.take(body)
+    body.tell(noted)
     return noted if body.result(sound, -1) & SOUND else None
 
 

@@ -74,12 +74,14 @@ class Identity:
     ``told`` is what was said since somebody took it: (name of the above, value, where it was said).
     """
 
-    __slots__ = ("firmware", "order_number", "serial_number", "state", "told")
+    __slots__ = ("_read", "_record", "firmware", "order_number", "serial_number", "state", "told")
 
     def __init__(self) -> None:
         self.order_number = ""
         self.firmware = ""
         self.serial_number = ""
+        self._record = b""  # the identification record that came last
+        self._read = ("", "", "", "")  # order number, serial number, hardware and firmware in it
         self.state = -1
         self.told: list[tuple[str, str, str]] = []
 
@@ -87,6 +89,23 @@ class Identity:
         """Note what the CPU says of itself."""
         if value and len(self.told) < _MAX_TOLD:
             self.told.append((key, value, where))
+
+    def take(self, octets: bytes) -> None:
+        """Take an identification record; tools ask for the same one again and again."""
+        if octets != self._record:
+            prefix, major, minor, patch = octets[46:50]
+            self._record = octets
+            self._read = (
+                octets[8:28].decode("latin-1").strip(" \0"),
+                octets[28:44].decode("latin-1").strip(" \0"),
+                str(int.from_bytes(octets[44:46], "big") or ""),
+                f"{chr(prefix)}{major}.{minor}.{patch}",
+            )
+        self.order_number, self.serial_number, hardware, self.firmware = self._read
+        self.tell(ORDER_NUMBER, self.order_number, IN_RECORD)
+        self.tell(SERIAL_NUMBER, self.serial_number, IN_RECORD)
+        self.tell(HARDWARE, hardware, IN_RECORD)
+        self.tell(FIRMWARE, self.firmware, IN_RECORD)
 
 
 class Counted:
@@ -226,16 +245,8 @@ class PlusSession:
 
     def identified(self, octets: bytes) -> None:
         """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
-        if len(octets) != IM0_SIZE or not octets.startswith(IM0_HEAD):
-            return
-        self.identity.order_number = octets[8:28].decode("latin-1").strip(" \0")
-        self.identity.serial_number = octets[28:44].decode("latin-1").strip(" \0")
-        prefix, major, minor, patch = octets[46:50]
-        self.identity.firmware = f"{chr(prefix)}{major}.{minor}.{patch}"
-        self.identity.tell(ORDER_NUMBER, self.identity.order_number, IN_RECORD)
-        self.identity.tell(SERIAL_NUMBER, self.identity.serial_number, IN_RECORD)
-        self.identity.tell(HARDWARE, str(int.from_bytes(octets[44:46], "big") or ""), IN_RECORD)
-        self.identity.tell(FIRMWARE, self.identity.firmware, IN_RECORD)
+        if len(octets) == IM0_SIZE and octets.startswith(IM0_HEAD):
+            self.identity.take(octets)
 
     # ---- subscriptions ----------------------------------------------------------------------------------------------
 
@@ -326,11 +337,11 @@ def parse_reference_list(numbers: list[int]) -> References:
     fresh: list[tuple[int, Address]] = []
     while added and at + 6 <= len(numbers):
         count = numbers[at] & 0xFFFF
-        reference, _, area, crc, sub_area = numbers[at + 1 : at + 6]
         end = at + 5 + max(count, 1)
         if end > len(numbers):
             break
-        fresh.append((reference, Address(crc, area, sub_area, numbers[at + 6 : end])))
+        address = Address(numbers[at + 4], numbers[at + 3], numbers[at + 5], numbers[at + 6 : end])
+        fresh.append((numbers[at + 1], address))
         at = end
         added -= 1
     return bool(head & _NEW_LIST), gone, fresh

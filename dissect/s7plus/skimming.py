@@ -11,6 +11,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.message import DIGEST_SIZE, LARGEST_KEPT, SHORT_HEADS, parsed
+from dissect.s7plus.noted import Noted, keep_noted
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, OPERATING_STATE
@@ -87,51 +88,6 @@ _SECOND_PART: Final = 6
 _TIME: Final = 8
 
 
-class Noted:
-    """A sound PDU with objects and what was seen on the way over it.
-
-    ``octets`` are its frames, ``data`` the octets in which its data stand, from ``at`` to ``end``; ``places`` are those that
-    `Skipper.noted` has for ``marks``, the others as in `Body`.
-    """
-
-    __slots__ = ("at", "data", "end", "ids", "integrity_id", "marks", "object_id", "octets", "places")
-
-    def __init__(self, octets: bytes, data: bytes, at: i64, end: i64, marks: bytes) -> None:
-        self.octets = octets
-        self.marks = marks
-        self.data = data
-        self.at: i64 = at
-        self.end: i64 = end
-        self.places: list[int] = []
-        self.ids: list[int] = []
-        self.integrity_id: i64 = -1
-        self.object_id: i64 = -1
-
-    def take(self, body: Body) -> None:
-        """Take what was seen, before the body is let go."""
-        self.ids = body.ids
-        self.integrity_id = body.integrity_id
-        self.object_id = body.object_id
-
-
-class _Latest:
-    """What was noted of the response that was passed over last, unless it is very large: judging looks at the same one."""
-
-    __slots__ = ("noted",)
-
-    def __init__(self) -> None:
-        self.noted: Noted | None = None
-
-
-_LATEST: Final = _Latest()
-
-
-def latest_noted(octets: bytes, marks: bytes) -> Noted | None:
-    """Return what was noted of a response when `skim` passed over it; None unless it was the last one that may have objects."""
-    noted = _LATEST.noted
-    return noted if noted is not None and noted.marks is marks and noted.octets == octets else None
-
-
 def skim(octets: bytes, marks: bytes) -> i64:
     """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
 
@@ -185,9 +141,9 @@ def _skim(pdu: bytes, octets: bytes, at: i64, end: i64, version: i64, single: bo
     noted = Noted(pdu, octets, at, end, marks)
     body.skipper.noted = noted.places
     sound: bool = body.response(function, details) and body.ends(fill)
-    noted.take(body)
+    body.tell(noted)
     result = body.result(sound, code)
-    _LATEST.noted = noted if result & SOUND else None
+    keep_noted(noted if result & SOUND else None)
     return result
 
 
@@ -293,6 +249,12 @@ class Body:
         skipper.begin(b"", 0, 0)
         _FREE.append(self)
         return result
+
+    def tell(self, noted: Noted) -> None:
+        """Add what was seen to what was noted, before this one is let go."""
+        noted.ids = self.ids
+        noted.integrity_id = self.integrity_id
+        noted.object_id = self.object_id
 
     def request(self, function: i64) -> bool:
         """Pass over the body of a request, its end left out."""

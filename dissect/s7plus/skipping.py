@@ -13,6 +13,7 @@ from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED, MAX_INFLATED, check_blob, is_compressed, may_swell
 from dissect.s7plus.ids import is_packed
+from dissect.s7plus.skipping_lists import pass_names, pass_variables
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
     NAMES_TAG,
@@ -20,7 +21,6 @@ from dissect.s7plus.tables import (
     OBJECT_TAG,
     RELATION_TAG,
     TAG_DESCRIPTION_TAG,
-    VARIABLE_NUMBERS,
     VARIABLES_TAG,
 )
 from dissect.s7plus.value_tables import (
@@ -37,7 +37,7 @@ from dissect.s7plus.value_tables import (
     WSTRING,
 )
 from dissect.s7plus.walk import MAX_DEPTH, STEP, Walk
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u32
 from dissect.wire.varint import SIGNED64, VLQ64, pass_varint
 
 _BIT_7: Final = 0x80
@@ -71,12 +71,6 @@ _MAX_NESTED: Final = 8
 _RID: Final = 4
 #: Octets that a structure as the program holds it begins with.
 _INTERFACE_TIME: Final = 8
-#: Of a list of variables (`dissect.s7plus.variables`): its id, a variable without its numbers, its attributes within that, and
-#: by their highest four bits how many numbers of four octets there are.
-_LIST_ID: Final = 4
-_VARIABLE: Final = 16
-_ATTRIBUTES: Final = 9
-_NUMBERS: Final = bytes(VARIABLE_NUMBERS)
 #: What a table of attributes says of one: it may hold compressed blobs, or somebody wants it.
 _CAREFUL: Final = 1
 _WANTED: Final = 2
@@ -84,6 +78,9 @@ _WANTED: Final = 2
 MET: Final = 2
 #: What `marks` says of attributes whose places are noted (`Skipper.noted`).
 _NOTED: Final = 4
+#: Above which bits `_pass_attribute` says what the table has for an attribute, and what is below.
+_MARK: Final = 16
+_PASSED: Final = 0xFFFF
 #: Ids that such a table knows; attributes have at most two octets of seven bits.
 _IDS: Final = 1 << 14
 
@@ -250,8 +247,12 @@ class Skipper:
             if at <= last:
                 passed: i64 = _pass_attribute(read_i64_be(octets, at), bits)
                 if passed > 0:
-                    self.at = at + passed
+                    self.at = at + (passed & _PASSED)
                     self.spent += STEP
+                    if passed > _PASSED:
+                        self.seen |= passed >> _MARK & MET
+                        if noted is not None and passed >> _MARK & _NOTED:
+                            noted.append(at)
                     continue
             tag: i64 = octets[at]
             self.at = at + 1
@@ -345,13 +346,14 @@ class Skipper:
         self._careful = id_ < _IDS and _COMPRESSED[id_] != 0
         return True
 
-    def items(self) -> i64:
-        """Pass over plain values that are numbered 1, 2, 3 …, as far as they are; return how many."""
+    def items(self, most: i64 = _BIT_7 - 1) -> i64:
+        """Pass over plain values that are numbered 1, 2, 3 …, as far as they are, ``most`` of them; return how many."""
         octets = self._octets
         at: i64 = self.at
         last: i64 = min(self._end, len(octets)) - _WORD
         count: i64 = 0
-        while at <= last and count < _BIT_7 - 1:
+        most = min(most, _BIT_7 - 1)
+        while at <= last and count < most:
             word: i64 = read_i64_be(octets, at)
             if word >> _BEHIND_1 != count + 1:
                 break
@@ -502,17 +504,22 @@ class Skipper:
 def _pass_attribute(word: i64, bits: bytes) -> i64:
     """Return how many octets an attribute takes, of which ``word`` are the first eight, its tag included; 0 for another look.
 
-    That is told of plain values (`pass_plain`) of attributes of which ``bits`` say nothing. Whether all of it is there the
-    caller sees.
+    That is told of plain values (`pass_plain`), which no compressed blob is. Above `_MARK` bits stands what ``bits`` say of the
+    attribute. Whether all of it is there the caller sees.
     """
     if word >> 56 != ATTRIBUTE_TAG - 0x100:  # with its sign
         return 0
     id_: i64 = word >> _BEHIND_2 & 0xFF
-    if id_ < _BIT_7:
-        return pass_plain(word, _BEHIND_2) if bits[id_] == 0 else 0
-    second: i64 = word >> _BEHIND_3 & 0xFF
-    id_ = (id_ & 0x7F) << 7 | second
-    return pass_plain(word, _BEHIND_3) if second < _BIT_7 and bits[id_] == 0 else 0
+    left: i64 = _BEHIND_2
+    if id_ >= _BIT_7:
+        second: i64 = word >> _BEHIND_3 & 0xFF
+        if second >= _BIT_7:
+            return 0
+        id_ = (id_ & 0x7F) << 7 | second
+        left = _BEHIND_3
+    passed = pass_plain(word, left)
+    mark: i64 = bits[id_]
+    return passed | mark << _MARK if passed > 0 else 0
 
 
 def _pass_member(word: i64) -> i64:
@@ -530,8 +537,8 @@ def _pass_member(word: i64) -> i64:
 def pass_plain(word: i64, left: i64) -> i64:
     """Return where a plain value ends, counted from the first of the eight octets that ``word`` is; 0 for another look.
 
-    ``left`` are the bits of the word behind which the value begins. A plain one has a fixed size, or is a number that ends
-    within the word.
+    ``left`` are the bits of the word behind which the value begins. A plain one has a fixed size, is a number that ends within
+    the word, or a text whose length stands there in one octet.
     """
     left -= 16
     head: i64 = word >> left & 0xFFFF
@@ -542,7 +549,11 @@ def pass_plain(word: i64, left: i64) -> i64:
     if kind < _OTHER:
         return behind + kind
     if kind != _NUMBER and kind != _WIDE:
-        return 0
+        if kind != _TEXT or left < 8:
+            return 0
+        left -= 8
+        size: i64 = word >> left & 0xFF
+        return behind + 1 + size if size < _BIT_7 else 0
     while left > 0:
         left -= 8
         behind += 1
@@ -572,48 +583,3 @@ def member_at(octets: bytes, at: int, end: int, id_: int) -> int:
             return int(skipper.at)
         if found <= 0 or not skipper.value(0):
             return -1
-
-
-def pass_variables(octets: bytes, at: i64, limit: i64) -> tuple[i64, i64]:
-    """Pass over a list of variables behind its tag. Returns (where it ends, how many there are), (-1, 0) to be read."""
-    count: i64 = 0
-    begun = False
-    while at + 2 <= limit:
-        end: i64 = at + 2 + u16(octets, at)
-        at += 2
-        if end == at:
-            return at, count
-        if end > limit:
-            return -1, 0
-        if not begun:
-            begun = True
-            at += _LIST_ID
-        while at < end:
-            if at + _VARIABLE > end:
-                return -1, 0
-            numbers: i64 = _NUMBERS[octets[at + _ATTRIBUTES] >> 4]
-            at += _VARIABLE + 4 * numbers
-            count += 1
-        if at != end:
-            return -1, 0
-    return -1, 0
-
-
-def pass_names(octets: bytes, at: i64, limit: i64) -> tuple[i64, i64]:
-    """Pass over a list of names behind its tag. Returns (where it ends, how many there are), (-1, 0) to be read."""
-    count: i64 = 0
-    while at + 2 <= limit:
-        end: i64 = at + 2 + u16(octets, at)
-        at += 2
-        if end == at:
-            return at, count
-        if end > limit:
-            return -1, 0
-        while at < end:
-            length: i64 = octets[at]
-            at += 1 + length
-            if at >= end or octets[at] != 0:
-                return -1, 0
-            at += 1
-            count += 1
-    return -1, 0

@@ -20,7 +20,7 @@ from dissect.s7plus.layouts import (
     VARIABLE_NAME,
 )
 from dissect.s7plus.program_tables import DATATYPES
-from dissect.s7plus.skipping import pass_names, pass_variables
+from dissect.s7plus.skipping_lists import pass_names, pass_variables
 from dissect.s7plus.tables import (
     NAMES_TAG,
     TAG_DESCRIPTION_END_TAG,

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 import dissect
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.events import GLANCED
 from dissect.s7plus.glance import Glance, Seen, glance
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import whole_numbers
@@ -30,6 +29,7 @@ from dissect.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES, GET_VAR_SU
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, BLOB, DINT, INT, UDINT
 from dissect.s7plus.values import Blob, Value, build_value
 from dissect.transactions.transaction import Transaction
+from dissect.wire.varint import VLQ64, build_varint
 from tests.s7plus.bodies import addresses, delete_object, end, get_multi, get_stream, multi_got, number, rid, set_multi
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.strategies import VALUES
@@ -40,6 +40,8 @@ _OUTPUT: Final = Address(7, 81, 3736, [15])
 _TAG: Final = Address(0xABCDEF12, 0x8A0E0003, 2550, [14, 2])
 _KEY: Final = Address(0, 0x386, SESSION_KEY, [])
 _LISTS: Final = st.lists(st.sampled_from([_STATE, _WORD, _OUTPUT, _TAG, _KEY]), max_size=4)
+#: The functions that are glanced at.
+_GLANCED: Final = frozenset((GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, SET_MULTI_VARIABLES, DELETE_OBJECT))
 _LIST: Final = Value(ADDRESS_ARRAY, UDINT, [0x80010000, 0, 1, 0x80040002, 5, 0, 82, 0xAC43DB80, 3736, 9])
 _OK: Final = b"\0"
 
@@ -73,12 +75,13 @@ def check(function: int, request: bytes, response: bytes) -> Seen | None:
         assert contents.whole
         assert not pdu.malformed
         assert not contents.malformed
-    assert halves[1].return_value == 0 or function == DELETE_OBJECT
+    refused = function == GET_VAR_SUBSTREAMED and not seen.good
+    assert halves[1].return_value == 0 or function == DELETE_OBJECT or refused
     assert seen.good == (halves[1].return_code < 0x8000)
     assert not tells.refusals
     expected = (halves[0].session_id, halves[0].sequence, asks.integrity_id)
     assert (seen.session_id, seen.sequence, seen.integrity_id) == expected
-    state = _state_of(asks, tells, function)
+    state = _state_of(asks, tells, function) if not refused else None
     assert (seen.state if seen.stated else None) == state
     if function == DELETE_OBJECT:
         assert seen.deleted == asks.object_id
@@ -90,7 +93,7 @@ def check(function: int, request: bytes, response: bytes) -> Seen | None:
         assert (seen.listed, seen.references is None) == ((asks.object_id, False) if listed else (-1, True))
     record = tells.value.content if tells.value is not None else None
     identifies = function == GET_VAR_SUBSTREAMED and asks.ids[0] == IDENTIFICATION and asks.object_id == CPU_PROXY
-    assert seen.record == (record.octets if identifies and isinstance(record, Blob) else b"")
+    assert seen.record == (record.octets if identifies and isinstance(record, Blob) and not refused else b"")
     return seen
 
 
@@ -185,6 +188,17 @@ def test_a_list_of_references(numbers: list[int], flags: int, other: Value) -> N
             assert (seen.listed, seen.references) == (0x386, numbers)
 
 
+def test_a_read_that_is_refused_says_nothing_but_its_integrity_id() -> None:
+    body = get_stream(CPU_PROXY, [8377]) + end(9)
+    for answer in (b"\0\0\0", b"\0\0\x08\x08"):
+        code = build_varint(0x8101_0000_0000_FFF4, VLQ64)
+        seen = check(*pair(GET_VAR_SUBSTREAMED, body, code + answer + end(3)))
+        assert seen is not None
+        assert (seen.matters, seen.stated, seen.integrity_id) == (True, False, 9)
+    for code in (b"\x13", b"\x11"):  # a part of it is refused; another number that is no error
+        assert check(*pair(GET_VAR_SUBSTREAMED, body, code + b"\0\0\0" + end(3))) is None
+
+
 def test_what_it_leaves_to_be_read() -> None:
     function, request, response = pair(
         SET_MULTI_VARIABLES, set_multi([(_OUTPUT, Value(0, INT, 5))]), _OK + b"\0" + end(3)
@@ -239,7 +253,7 @@ def test_captures(corpus: Path) -> None:
     told_of = looked_at = 0
     for path in sorted((corpus / "s7plus").glob("*.pcap*")):
         for one in dissect.open(path):
-            if not isinstance(one, Transaction) or not one.is_plus or one.function not in GLANCED:
+            if not isinstance(one, Transaction) or not one.is_plus or one.function not in _GLANCED:
                 continue
             if one.request_size and one.response_size:
                 looked_at += 1

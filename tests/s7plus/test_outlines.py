@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 import dissect
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.message import parse_plus
+from dissect.s7plus.noted import latest_noted
 from dissect.s7plus.objects import Attribute, PlusObject, build_object, every_object
 from dissect.s7plus.outlines import Outline, outline
-from dissect.s7plus.skimming import SOUND, latest_noted, skim
+from dissect.s7plus.skimming import SOUND, skim
 from dissect.s7plus.skipping import marks
 from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE
 from dissect.s7plus.value_tables import INT, STRUCT, UDINT, WSTRING

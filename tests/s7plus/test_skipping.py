@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.layouts import VALUE
 from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_elements, every_object, read_elements
-from dissect.s7plus.skipping import Skipper, is_wanted, marks, pass_names, pass_variables, table
+from dissect.s7plus.skipping import Skipper, is_wanted, marks, table
+from dissect.s7plus.skipping_lists import pass_names, pass_variables
 from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.s7plus.values import Value, build_value
@@ -168,13 +169,16 @@ def test_a_list_of_nothing() -> None:
 def test_what_stands_behind_the_end_is_never_looked_at(found: list[PlusObject], behind: bytes) -> None:
     """Eight octets are read at once where they are there: behind each end the same is passed over as where nothing follows."""
     octets = build_elements(list(found))
-    bits = marks(frozenset((7,)), frozenset())
+    bits = marks(frozenset((7,)), frozenset(), frozenset((9, 233)))
     for end in range(max(0, len(octets) - 60), len(octets) + 1):
         alone, followed = Skipper(octets[:end], 0, end), Skipper(octets[:end] + behind, 0, end)
+        alone.noted = []
+        followed.noted = []
         passed = alone.elements(bits)
         assert followed.elements(bits) == passed
         if passed:
             assert (alone.at, alone.spent, alone.seen) == (followed.at, followed.spent, followed.seen)
+            assert alone.noted == followed.noted
 
 
 @given(
@@ -200,7 +204,9 @@ def test_plain_values_that_are_numbered_are_passed_over_at_once(values: list[Val
     octets = b"".join([bytes((index,)) + build_value(value) for index, value in enumerate(values, 1)])
     for end in range(len(octets) + 1):
         several, single = Skipper(octets[:end] + behind, 0, end), Skipper(octets[:end], 0, end)
+        fewer = Skipper(octets[:end] + behind, 0, end)
         count = several.items()
+        assert fewer.items(2) == min(2, count)
         for index in range(1, count + 1):
             assert single.number() == index
             assert single.value(0)
