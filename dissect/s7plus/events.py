@@ -173,6 +173,10 @@ def take(
             told = glimpse(response)
     if function < 0:
         return _notified(session, response, told) if len(response) > 0 else None
+    if function == GET_VAR_SUBSTREAMED and len(request) > 0 and len(response) > 0:
+        streamed = glance(function, request, response, read, told, False, False)
+        if streamed is not None:
+            return _seen(session, function, streamed)
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
         if read < 0:
             read = glimpse(request) if len(request) > 0 else SOUND
@@ -195,13 +199,8 @@ def take(
 
 
 def _is_glanced(function: i64) -> bool:
-    """Tell whether a glance tells what matters of a function where it is plain."""
-    return (
-        function == GET_MULTI_VARIABLES
-        or function == SET_MULTI_VARIABLES
-        or function == GET_VAR_SUBSTREAMED
-        or function == DELETE_OBJECT
-    )
+    """Tell whether a glance tells what matters of a function where it is plain, reads of one attribute left out."""
+    return function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES or function == DELETE_OBJECT
 
 
 def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline) -> Facts:

@@ -46,6 +46,8 @@ _IDS: Final = bytes((ADDRESS_ARRAY, UDINT))
 #: What stands above `WORDS` for the return value 0, and the largest number there that is no error.
 _GOOD: Final = 1
 _ERROR: Final = 0x8000
+#: The last two octets of an id, by which `dissect.s7plus.skimming.ASKS` goes.
+_TWO_OCTETS: Final = 0x3FFF
 _SEQUENCE: Final = 7
 _SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
@@ -263,6 +265,16 @@ class Seen:
         self.sequence: i64 = 0
         self.session_id: i64 = 0
 
+    def come(self, request: bytes, at: i64) -> None:
+        """Note which request it came from, whose data begin ``at``."""
+        self.sequence = u16(request, at + _SEQUENCE)
+        self.session_id = u32(request, at + _SESSION_ID)
+
+
+#: What a read of one attribute says that nobody asks about.
+_NOTHING: Final = Seen()
+_NOTHING.matters = False
+
 
 def glance(
     function: i64, request: bytes, response: bytes, read: i64, skimmed: i64, outputs: bool, elsewhere: bool
@@ -278,16 +290,18 @@ def glance(
     if not skimmed & SOUND or skimmed & REFUSES or (code != _GOOD and not deletes and not refused):
         return None
     both = _free_glances()
+    if function == GET_VAR_SUBSTREAMED:
+        found = _streamed(both, request, response, refused)
+        _FREE.append(both)
+        return found
     asked = both.asked
     told = both.told
     asked.begin(request, REQUEST, function, REQUEST_SIZE)
     told.begin(response, RESPONSE, function, RESPONSE_SIZE)
     seen = Seen()
-    if asked.plain and told.plain and (deletes or refused or told.number() == 0):
+    if asked.plain and told.plain and (deletes or told.number() == 0):
         if function == GET_MULTI_VARIABLES:
             _got(asked, told, seen, read, skimmed >> VALUES > 0)
-        elif function == GET_VAR_SUBSTREAMED:
-            _streamed(asked, told, seen, refused)
         elif function == SET_MULTI_VARIABLES:
             _set(asked, seen, outputs, elsewhere)
         elif deletes:
@@ -302,8 +316,7 @@ def glance(
         asked.plain = False
     plain: bool = asked.plain and told.plain
     if plain:
-        seen.sequence = u16(request, asked.data + _SEQUENCE)
-        seen.session_id = u32(request, asked.data + _SESSION_ID)
+        seen.come(request, asked.data)
     _FREE.append(both)
     return seen if plain else None
 
@@ -334,12 +347,16 @@ def _got(asked: Glance, told: Glance, seen: Seen, read: i64, ordered: bool) -> N
             told.value()
 
 
-def _streamed(asked: Glance, told: Glance, seen: Seen, refused: bool) -> None:
-    """A read of one attribute: the operating state, the identification record, or another; one that is refused says nothing."""
-    seen.matters = False
+def _streamed(both: _Glances, request: bytes, response: bytes, refused: bool) -> Seen | None:
+    """A read of one attribute: the operating state, the identification record, or another; one that is refused says nothing.
+
+    The response to a read that nobody asks about is sound, and not looked at.
+    """
+    asked = both.asked
+    asked.begin(request, REQUEST, GET_VAR_SUBSTREAMED, REQUEST_SIZE)
     object_id = asked.four()
     if not asked.expect(_IDS):
-        return
+        return None
     count = asked.number()
     first: i64 = -1
     last: i64 = -1
@@ -348,24 +365,31 @@ def _streamed(asked: Glance, told: Glance, seen: Seen, refused: bool) -> None:
         if first < 0:
             first = last
         count -= 1
-    if not asked.plain or last < 0 or last in COMPRESSED:
-        asked.plain = False
-        return
-    if not asked.expect(USUAL_QUALIFIER) or not asked.skip(2):
-        return
+    if not asked.plain or last < 0 or last in COMPRESSED or not asked.expect(USUAL_QUALIFIER) or not asked.skip(2):
+        return None
+    integrity_id = asked.ends()
+    if not asked.plain:
+        return None
+    if object_id != CPU_PROXY and last & _TWO_OCTETS != OPERATING_STATE:
+        return _NOTHING
+    seen = Seen()
+    seen.integrity_id = integrity_id
+    seen.good = not refused
+    seen.come(request, asked.data)
+    told = both.told
+    told.begin(response, RESPONSE, GET_VAR_SUBSTREAMED, RESPONSE_SIZE)
     if refused:
-        seen.good = False
-        seen.matters = True
-        return
-    if not told.skip(1):
-        return
+        return seen if told.plain else None
+    if told.number() != 0 or not told.skip(1):
+        return None
     if last == OPERATING_STATE:
         seen.state = told.state()
         seen.stated = told.plain
-        seen.matters = True
     elif first == IDENTIFICATION and object_id == CPU_PROXY:
         seen.record = told.blob()
-        seen.matters = len(seen.record) > 0
+    else:
+        seen.matters = False
+    return seen if told.plain else None
 
 
 def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:

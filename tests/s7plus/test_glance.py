@@ -25,6 +25,7 @@ from dissect.s7plus.session import (
     REFERENCE_LIST,
     SESSION_KEY,
 )
+from dissect.s7plus.skimming import ASKS, SOUND
 from dissect.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, REQUEST, SET_MULTI_VARIABLES
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, BLOB, DINT, INT, UDINT
 from dissect.s7plus.values import Blob, Value, build_value
@@ -75,6 +76,12 @@ def check(function: int, request: bytes, response: bytes) -> Seen | None:
         assert contents.whole
         assert not pdu.malformed
         assert not contents.malformed
+    if not seen.matters and function == GET_VAR_SUBSTREAMED:
+        asked_for = glimpse(request)
+        assert asked_for & SOUND
+        assert not asked_for & ASKS or (asks.object_id == CPU_PROXY and asks.ids[0] != IDENTIFICATION)
+        assert _state_of(asks, tells, function) is None
+        return seen
     refused = function == GET_VAR_SUBSTREAMED and not seen.good
     assert halves[1].return_value == 0 or function == DELETE_OBJECT or refused
     assert seen.good == (halves[1].return_code < 0x8000)
