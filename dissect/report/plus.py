@@ -195,7 +195,7 @@ def plus_json(transaction: Transaction) -> str:
     items = [_item_json(item) for item in join_items(asked, told, transaction.connection.plus)]
     alarms = ""
     if told is not None and told.contents.objects:
-        alarms = ",".join([_json(Alarm(one).as_dict()) for one in told.contents.objects if one.class_id == ALARM])
+        alarms = ",".join([_value_json(Alarm(one).as_dict()) for one in told.contents.objects if one.class_id == ALARM])
         alarms = f',"alarms":[{alarms}]' if alarms else ""
     return (
         f',"asks":[{_noted(asked)}],"tells":[{_noted(told)}]'

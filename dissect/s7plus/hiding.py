@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.ids import HIDDEN, SECRETS
+from dissect.s7plus.ids import HIDDEN, SECRETS, is_secret
 from dissect.s7plus.items import Half
 from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, VALUE
 from dissect.s7plus.message import PlusPdu
@@ -48,7 +48,7 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
         spans.append((pdu.place(rest.offset), pdu.place(rest.end - 1) + 1))
     if found.value is not None and (named or (_may_hold(found.value) and _holds_secret(found.value))):
         found.value = Value(0, WSTRING, HIDDEN)
-    if secret or any([_may_hold(value) for _, value in found.items]):
+    if secret or (found.items and _may_hold_any(found)):
         found.items = [
             (number, Value(0, WSTRING, HIDDEN) if number in secret or _holds_secret(value) else value)
             for number, value in found.items
@@ -59,6 +59,13 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
 def shown_half(pdu: PlusPdu) -> Half:
     """Return a PDU with its contents, without secrets and without parts."""
     return Half(pdu, shown_contents(pdu, shown=False)[0])
+
+
+def _may_hold_any(found: Contents) -> bool:
+    for _, value in found.items:  # noqa: SIM110 - nearly every PDU is asked, and a call of any() takes longer
+        if _may_hold(value):
+            return True
+    return False
 
 
 def _may_hold(value: Value) -> bool:
@@ -93,7 +100,10 @@ def _holds_secret(value: Value) -> bool:
 
 
 def _any_secret(members: list[Member]) -> bool:
-    return any([id_ in SECRETS or (_may_hold(value) and _holds_secret(value)) for id_, value in members])
+    for id_, value in members:  # noqa: SIM110 - as above
+        if is_secret(id_) or (_may_hold(value) and _holds_secret(value)):
+            return True
+    return False
 
 
 def _is_secret(part: Part, items: set[int], named: bool) -> bool:

@@ -27,6 +27,7 @@ AREAS: Final[dict[int, str]] = {80: "I", 81: "Q", 82: "M", 83: "C", 84: "T"}
 SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
 #: Those of them by which a client logs in.
 PASSWORDS: Final = frozenset((304, 1846))
+_IS_SECRET: Final = bytes([id_ in SECRETS for id_ in range(max(SECRETS) + 1)])
 #: How the names of objects and of classes begin or end.
 _OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class")
 _CLASS: Final = ".Class_Rid"
@@ -74,6 +75,11 @@ def block_name(number: int) -> str:
     """Return the name of a block by the id of its object, for example ``DB3``; empty when it is none."""
     kind = BLOCK_KINDS.get(number >> 16)
     return f"{kind}{number & 0xFFFF}" if kind is not None else ""
+
+
+def is_secret(id_: int) -> bool:
+    """Tell whether an id is one of `SECRETS`; this is asked of every value."""
+    return 0 <= id_ < len(_IS_SECRET) and _IS_SECRET[id_] != 0
 
 
 def is_packed(struct_id: int) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.ids import HIDDEN, SECRETS
+from dissect.s7plus.ids import HIDDEN, is_secret
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import every_object
 from dissect.s7plus.packed_values import misfit, packed_members
@@ -190,7 +190,7 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
             continue
         if session is not None:
             item.understand(session.program)
-        if item.value is not None and (address.lids[-1] if address.lids else address.sub_area) in SECRETS:
+        if item.value is not None and is_secret(address.lids[-1] if address.lids else address.sub_area):
             item.value = Value(0, WSTRING, HIDDEN)  # an answer to a read does not say so itself
             item.data = None
             item.note = ""

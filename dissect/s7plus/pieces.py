@@ -136,11 +136,7 @@ def take_read_addresses(walk: Walk, found: Contents) -> None:
         before = walk.budget
         take_addresses(walk, found)
         if walk.at == end and found.addresses:
-            _KNOWN.size += len(asked)
-            if _KNOWN.size > _MAX_KNOWN:
-                _KNOWN.asked.clear()
-                _KNOWN.size = len(asked)
-            _KNOWN.asked[asked] = _Asked(found, before - walk.budget)
+            _remember(asked, found, before - walk.budget)
     take_qualifier(walk)
 
 
@@ -150,8 +146,20 @@ def addresses_of(asked: bytes) -> list[Address]:
     if known is not None:
         return known.addresses
     found = Contents(V3, -1, {})
-    take_addresses(Walk(asked, 0, len(asked), False), found)
+    walk = Walk(asked, 0, len(asked), False)
+    before = walk.budget
+    take_addresses(walk, found)
+    if found.addresses:
+        _remember(asked, found, before - walk.budget)
     return found.addresses
+
+
+def _remember(asked: bytes, found: Contents, cost: int) -> None:
+    _KNOWN.size += len(asked)
+    if _KNOWN.size > _MAX_KNOWN:
+        _KNOWN.asked.clear()
+        _KNOWN.size = len(asked)
+    _KNOWN.asked[asked] = _Asked(found, cost)
 
 
 def take_addresses(walk: Walk, found: Contents) -> int:

@@ -139,9 +139,10 @@ class Program:
 
     def find(self, address: Address) -> Found | None:
         """Return what an address means, None when its type is not known, or the checksum of its symbol differs."""
-        type_id = self._type_of(address.area)
-        known = self._known(type_id)
-        if known is None or not address.lids:
+        if not self._types or not address.lids:
+            return None
+        known = self._known(self._type_of(address.area))
+        if known is None:
             return None
         return self._walk(address, known)
 
@@ -206,6 +207,8 @@ class Program:
 
     def doubt(self, address: Address) -> str:
         """Return why an address gets no name although its type passed, empty where there is nothing to say."""
+        if not self._types:
+            return ""
         known = self._known(self._type_of(address.area))
         entry = known.get(address.lids[0]) if known is not None and address.lids else None
         if entry is None or not _changed(address, entry[1]):

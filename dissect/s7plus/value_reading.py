@@ -49,8 +49,13 @@ def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int
     """
     offset = walk.at
     walk.spend(STEP, "value")
-    flags = walk.u8("flags")
-    type_ = walk.u8("type")
+    if offset + 2 <= walk.end:
+        flags = walk.octets[offset]
+        type_ = walk.octets[offset + 1]
+        walk.at = offset + 2
+    else:
+        flags = walk.u8("flags")
+        type_ = walk.u8("type")
     if type_ == STRUCT:
         value = Value(flags, type_, _read_struct(walk, flags, layout, start, label), offset, walk.at)
     else:

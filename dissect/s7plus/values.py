@@ -27,6 +27,7 @@ from dissect.wire.varint import VLQ, build_varint
 
 FLOAT: Final = struct.Struct(">f")
 DOUBLE: Final = struct.Struct(">d")
+_TYPE_NAMES: Final[list[str]] = [VALUE_TYPES.name(type_) for type_ in range(256)]
 
 
 class Value:
@@ -68,7 +69,8 @@ class Value:
     @property
     def type_name(self) -> str:
         """Name of the type."""
-        return VALUE_TYPES.name(self.type)
+        type_ = self.type
+        return _TYPE_NAMES[type_] if 0 <= type_ < len(_TYPE_NAMES) else VALUE_TYPES.name(type_)
 
 
 #: A member of a structure or of a list: its id, and its value.

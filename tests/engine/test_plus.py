@@ -119,6 +119,7 @@ def test_an_item_that_a_notification_refuses_is_an_error(kind: int) -> None:
     talk.close()
     first, second = talk.transactions
     assert [(one.part, one.code, one.name, one.item) for one in first.errors] == [("item", kind, "refused", 9)]
+    assert [one.address for one in first.errors] == [item.label for item in first.plus_items()] == ["item 9"]
     assert (second.has_errors, second.errors) == (False, [])
     assert "transaction.errors" not in slugs(talk)
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Address
+from dissect.s7plus.contents import Address, known_address
 from dissect.s7plus.hiding import shown_contents, shown_half, without_secrets
 from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.items import PlusItem, join_items
@@ -138,6 +138,19 @@ def test_functions_without_items() -> None:
     assert joined(DELETE_OBJECT, bodies.delete_object(5)) == []
     assert joined(GET_MULTI_VARIABLES, answer=bodies.multi_got([(1, FIVE)], [])) == []
     assert join_items(None, None, None) == []
+
+
+def test_one_address_serves_for_all_that_repeat_it() -> None:
+    """As long as it is one of the last thousands, and no monster."""
+    first = known_address(0, 82, 3736, [3, 100, 2])
+    assert first == Address(0, 82, 3736, [3, 100, 2])
+    assert known_address(0, 82, 3736, [3, 100, 2]) is first
+    assert known_address(1, 82, 3736, [3, 100, 2]) != first
+    long = known_address(0, 82, 3736, list(range(100)))
+    assert known_address(0, 82, 3736, list(range(100))) is not long
+    for number in range(5000):
+        known_address(0, 82, 3736, [3, number, 4])
+    assert known_address(0, 82, 3736, [3, 100, 2]) is not first
 
 
 def test_a_notification_has_the_addresses_of_its_subscription() -> None:

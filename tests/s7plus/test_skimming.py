@@ -16,6 +16,7 @@ from dissect.s7plus.contents import Address
 from dissect.s7plus.events import take
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_object
+from dissect.s7plus.pieces import addresses_of
 from dissect.s7plus.program import TYPE_INFO, Program
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.skimming import ASKS, PLACE, PLACES, REFUSES, SOUND, UNSOUND, WORDS, skim, skim_again, skim_refusals
@@ -205,6 +206,8 @@ def test_what_it_says_of_a_read(wanted: list[Address]) -> None:
         assert said >> ABOVE & PLACES == (states[0] if len(states) == 1 else 0)
         assert octets[said >> PLACE :].startswith(bodies.QUALIFIER)
         assert addresses_in(octets, said >> PLACE) == addresses_in(octets) == body[: body.index(bodies.QUALIFIER)]
+        for _ in range(2):  # the second time they are known
+            assert addresses_of(addresses_in(octets)) == parse_contents(parse_plus(octets), False).addresses == wanted
     data = asked(7, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted))
     frames = framed(data[:20], 3, trailer=False) + framed(data[20:], 3)
     assert skim(frames, _MARKS) >> ABOVE == 0  # places within several frames say nothing

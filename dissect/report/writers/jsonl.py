@@ -51,7 +51,7 @@ from dissect.wire.digits import write_decimal, write_digits
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
-from dissect.wire.text import THREE, Clock, json_text
+from dissect.wire.text import THREE, Clock, decimal, json_text
 
 if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu
@@ -239,7 +239,7 @@ class TransactionLines(Observer):
         if self.locate is not None:
             frames = self._places(asked, told, self.locate)
         elif asked and told:
-            frames = f'{asked},"response_frame":{told}'
+            frames = f'{decimal(asked)},"response_frame":{decimal(told)}'
         else:
             frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
         # Where there is no request, nothing else tells when it was.
@@ -249,7 +249,7 @@ class TransactionLines(Observer):
             time_ns = transaction.response_ns
             at = 'null,"response_time":"'
         rest: i64 = time_ns % _SECOND_NS
-        latency = str(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
+        latency = decimal(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         opening = _ITEMS
         closing = "]"
@@ -274,7 +274,7 @@ class TransactionLines(Observer):
                 function = facet.function_json(transaction.parameters)
                 transaction.parameters.fragment = function
         return (
-            f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
+            f"{_HEAD}{decimal(transaction.number)}{self._connection(transaction.connection, transaction.asked_by)}"
             f'{reference},"rosctr":{rosctr},"function":{function}'
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
             f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
