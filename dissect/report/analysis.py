@@ -6,10 +6,9 @@ Answer times are exact for the first 16,384, then within one part in 128 (docs/d
 from __future__ import annotations
 
 import heapq
-import struct
-from array import array
 from typing import Any, Final
 
+from librt.strings import BytesWriter, read_i64_le, write_i64_le
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
@@ -29,14 +28,16 @@ from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED,
 
 #: Answer times kept as they are; from then on they are counted in buckets.
 EXACT: Final = 16384
-#: As many are gathered before they are kept: to put one into an array takes long.
-_GATHERED: Final = 64
-#: How many of those kept are counted in buckets with each one that comes then: no packet waits for all of them.
+#: How many of these are counted there with each one that comes then: no packet waits for all of them.
 _AT_ONCE: Final = 32
 #: Buckets to each doubling.
 _STEPS: Final = 128
 #: Buckets for every answer time that 63 bits can hold.
 _BUCKETS: Final = 57 * _STEPS
+#: Of more than so many that are kept as they are, only those near a rank are put in order to find the one that has it.
+_FEW: Final = 256
+#: So many buckets beside each other are counted together for that.
+_COARSE: Final = 16
 
 
 class Latencies:
@@ -47,16 +48,18 @@ class Latencies:
     captures) count as they are for the minimum and as 0 in buckets.
     """
 
-    __slots__ = ("_buckets", "_fresh", "_in_order", "_recent", "count", "largest", "smallest")
+    __slots__ = ("_asked_at", "_buckets", "_counted", "_kept", "_spread", "_waiting", "count", "largest", "smallest")
 
     def __init__(self) -> None:
         self.count: i64 = 0
         self.smallest: i64 = 0
         self.largest: i64 = 0
-        self._recent: array[int] = array("q")  # a list would keep an object for each
-        self._fresh: list[int] = []  # the latest, which go there together
-        self._in_order: i64 = 0  # of how many answers they were put in order last
+        self._kept: BytesWriter = BytesWriter()  # those that are kept as they are, in eight octets each
+        self._asked_at: i64 = 0  # of how many answers a quantile was asked last: a few are in order since then
+        self._spread: list[int] = []  # of more, how many are in each `_COARSE` buckets
         self._buckets: list[int] | None = None
+        self._waiting: bytes = b""  # those that were kept, while buckets do not count them all
+        self._counted: i64 = 0  # octets of these that they do
 
     def add(self, latency_ns: i64) -> None:
         """Take one answer time."""
@@ -70,21 +73,19 @@ class Latencies:
         self.count += 1
         buckets = self._buckets
         if buckets is None:
-            self._fresh.append(latency_ns)
-            if len(self._fresh) == _GATHERED or self.count > EXACT:
-                self._gather()
+            write_i64_le(self._kept, latency_ns)
+            if self.count > EXACT:
+                self._begin_buckets()
             return
         bucket: i64 = _bucket(latency_ns)
         buckets[bucket] = buckets[bucket] + 1  # `+=` on an element of a list is slower (mypyc)
-        if self._recent:
+        if self._waiting:
             self._fold(_AT_ONCE)
 
-    def _gather(self) -> None:
-        """Keep those that came last with the others; begin with buckets where these are too many by now."""
-        self._recent.frombytes(_packed(self._fresh))
-        self._fresh = []
-        if self.count > EXACT and self._buckets is None:
-            self._buckets = [0] * _BUCKETS
+    def _begin_buckets(self) -> None:
+        self._buckets = [0] * _BUCKETS
+        self._waiting = self._kept.getvalue()
+        self._kept = BytesWriter()
 
     @property
     def exact(self) -> bool:
@@ -98,21 +99,44 @@ class Latencies:
         rank: int = max(1, int(-(-(q * int(self.count)) // 1)))
         buckets = self._buckets
         if buckets is None:
-            if self._in_order != self.count:
-                self._in_order = self.count
-                self._gather()
-                self._recent = array("q", _packed(sorted(self._recent)))
-            ordered = self._recent
             if q == 0.5 and self.count % 2 == 0:
-                return (ordered[rank - 1] + ordered[rank]) // 2
-            return ordered[rank - 1]
-        self._fold(len(self._recent))
+                return (self._at(rank) + self._at(rank + 1)) // 2
+            return self._at(rank)
+        self._fold(len(self._waiting))
         seen = 0
         for bucket, count in enumerate(buckets):
             seen += count
             if seen >= rank:
                 return min(max(_lower_end(bucket), int(self.smallest)), int(self.largest))
         return self.largest
+
+    def _at(self, rank: int) -> int:
+        """Return the answer time at a rank from 1 on, while all are kept as they are."""
+        few: bool = self.count <= _FEW
+        packed = self._kept.getvalue()
+        if self._asked_at != self.count:
+            self._asked_at = self.count
+            if few:
+                packed = _in_order(packed)
+                self._kept = BytesWriter()
+                self._kept.write(packed)
+            else:
+                self._spread = _spread(packed)
+        if few:
+            return read_i64_le(packed, 8 * (rank - 1))
+        before = 0
+        coarse = 0
+        while before + self._spread[coarse] < rank:
+            before += self._spread[coarse]
+            coarse += 1
+        first: i64 = _lower_end(coarse * _COARSE) if coarse else self.smallest
+        last: i64 = _lower_end((coarse + 1) * _COARSE) - 1
+        near: list[int] = []
+        for at in range(0, len(packed), 8):
+            latency: i64 = read_i64_le(packed, at)
+            if first <= latency <= last:
+                near.append(latency)
+        return sorted(near)[rank - before - 1]
 
     def as_dict(self) -> dict[str, int | None]:
         """Return minimum, median, 95 %, 99 % and maximum in nanoseconds; all None when there is no answer."""
@@ -128,17 +152,21 @@ class Latencies:
 
     def _fold(self, most: i64) -> None:
         """Count up to ``most`` of those kept as they are in buckets instead."""
-        if self._fresh:
-            self._gather()
+        if self._buckets is None:
+            self._begin_buckets()
         buckets = self._buckets
-        if buckets is None:
-            buckets = [0] * _BUCKETS
-            self._buckets = buckets
-        recent = self._recent
-        for _ in range(min(most, len(recent))):
-            buckets[_bucket(recent.pop())] += 1
-        if not recent:
-            self._recent = array("q")  # one that becomes shorter by little keeps all its memory
+        assert buckets is not None
+        waiting = self._waiting
+        at: i64 = self._counted
+        end: i64 = min(at + 8 * most, len(waiting))
+        while at < end:
+            bucket: i64 = _bucket(read_i64_le(waiting, at))
+            buckets[bucket] = buckets[bucket] + 1
+            at += 8
+        if at == len(waiting):
+            self._waiting = b""
+            at = 0
+        self._counted = at
 
     def merge(self, other: Latencies) -> None:
         """Take all answer times of ``other``, which keeps them."""
@@ -149,19 +177,32 @@ class Latencies:
         if not self.count or other.largest > self.largest:
             self.largest = other.largest
         self.count += other.count
-        self._gather()
-        self._recent.extend(other._recent)
-        self._recent.frombytes(_packed(other._fresh))
-        if other._buckets is not None or self._buckets is not None:
-            self._fold(len(self._recent))
+        if self._buckets is None and other._buckets is None and self.count <= EXACT:
+            self._kept.write(other._kept.getvalue())
+            return
+        self._fold(self.count)
+        self._waiting = other._waiting[other._counted :] + other._kept.getvalue()
+        self._fold(self.count)
         if self._buckets is not None and other._buckets is not None:
             for bucket, count in enumerate(other._buckets):
                 self._buckets[bucket] += count
 
 
-def _packed(numbers: list[int]) -> bytes:
-    """Return numbers as an array has them in memory, which is quicker than to put in one after the other."""
-    return struct.pack(f"={len(numbers)}q", *numbers)
+def _in_order(packed: bytes) -> bytes:
+    """Return the numbers in memory in their order."""
+    writer = BytesWriter()
+    for number in sorted([read_i64_le(packed, at) for at in range(0, len(packed), 8)]):
+        write_i64_le(writer, number)
+    return writer.getvalue()
+
+
+def _spread(packed: bytes) -> list[int]:
+    """Return how many of the numbers in memory are in each `_COARSE` buckets."""
+    spread = [0] * (_BUCKETS // _COARSE)
+    for at in range(0, len(packed), 8):
+        coarse: i64 = _bucket(read_i64_le(packed, at)) // _COARSE
+        spread[coarse] = spread[coarse] + 1  # as in `add`
+    return spread
 
 
 def _bucket(latency_ns: i64) -> i64:
@@ -234,7 +275,8 @@ class Shared:
     __slots__ = ("_asked", "_details", "_ends", "_macs", "_tsaps")
 
     def __init__(self) -> None:
-        self._asked: dict[tuple[int, bytes], Parameters] = {}  # what connections asked last, by ROSCTR and octets
+        #: What connections asked last by its octets, for each ROSCTR.
+        self._asked: list[dict[bytes, Parameters]] = [{} for _ in range(USERDATA + 1)]
         self._ends: dict[bytes, Endpoint] = {}  # by address
         self._macs: dict[bytes, bytes] = {}
         self._tsaps: dict[bytes, Tsap] = {}
@@ -279,12 +321,7 @@ class Shared:
     def _once(self, asked: Parameters | None) -> Parameters | None:
         if asked is None or asked.rosctr > USERDATA:
             return asked  # others are more than their octets say
-        key = (int(asked.rosctr), asked.octets)
-        known = self._asked.get(key)
-        if known is None:
-            self._asked[key] = asked
-            return asked
-        return known
+        return self._asked[asked.rosctr].setdefault(asked.octets, asked)
 
 
 class Part:
@@ -361,6 +398,7 @@ class Analysis(Observer):
         self.findings: list[Finding] = []
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
         self.stations: Book = Book()  # what stations state of themselves
+        self.own_book = self.stations
         self.failed: list[Transaction] = []
         self._slowest: list[tuple[int, int, Transaction]] = []
         self._slow_floor: i64 = -1
@@ -460,7 +498,8 @@ class Analysis(Observer):
 
     def fact(self, fact: Fact) -> None:
         """Keep what a station stated."""
-        self.stations.note(fact)
+        if not self.stations.filled:
+            self.stations.note(fact)
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
@@ -536,6 +575,38 @@ class Analysis(Observer):
         if len(self.failed) < MAX_FAILED and (not self.failed or self.failed[-1] is not transaction):
             self.failed.append(transaction)
 
+    def worst_connections(self, most: i64) -> list[Connection]:
+        """Return those of the connections with most errors, then those with most PDUs, in this order."""
+        worst: list[Connection] = []
+        for connection in self.connections:
+            place: i64 = len(worst)
+            if place == most and not _is_worse(connection, worst[most - 1]):
+                continue
+            while place > 0 and _is_worse(connection, worst[place - 1]):
+                place -= 1
+            worst.insert(place, connection)
+            if len(worst) > most:
+                worst.pop()
+        return worst
+
     def slowest(self) -> list[Transaction]:
         """Return the slowest answered transactions, slowest first."""
         return [transaction for _, _, transaction in sorted(self._slowest, reverse=True)]
+
+
+def _is_worse(one: Connection, other: Connection) -> bool:
+    """Return whether ``one`` had more trouble than ``other``, or as much and more PDUs; the lower number breaks a tie."""
+    mine: i64 = _trouble(one)
+    theirs: i64 = _trouble(other)
+    if mine != theirs:
+        return mine > theirs
+    if one.pdus != other.pdus:
+        return one.pdus > other.pdus
+    return one.number < other.number
+
+
+def _trouble(connection: Connection) -> i64:
+    trouble: i64 = connection.missed + connection.errors
+    if connection.refused:
+        trouble += 1
+    return trouble

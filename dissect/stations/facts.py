@@ -153,6 +153,10 @@ class Station:
         found = [stretches[-1] for (_, own), stretches in self.facts.items() if own == key]
         return max(found, key=lambda stretch: stretch.last_ns).value if found else ""
 
+    def states(self, keys: frozenset[str]) -> bool:
+        """Return whether the latest value of any of these kinds is known."""
+        return any([key in keys and self.latest(key) != "" for _, key in self.facts])
+
     def note(self, fact: Fact) -> None:
         """Take a fact; its ``before`` and ``fresh`` are filled in."""
         frame = fact.frames[-1] if fact.frames else 0
@@ -160,7 +164,7 @@ class Station:
             self._note_block(fact, frame)
             return
         key = (fact.module, fact.key)
-        stretches = self.facts.get(key)
+        stretches = self.facts.get(key) if self.facts else None
         if stretches is None:
             fact.fresh = True
             if len(self.facts) >= MAX_KEYS:
@@ -242,9 +246,13 @@ def _known(value: str, stretches: list[Stretch]) -> str:
 
 
 class Book:
-    """Stations by address. ``not_kept`` counts facts about stations there was no room for."""
+    """Stations by address. ``not_kept`` counts facts about stations there was no room for.
+
+    ``filled`` says that an engine notes all facts in it, so that its owner, who is told of them, need not.
+    """
 
     def __init__(self) -> None:
+        self.filled = False
         self.stations: dict[str, Station] = {}
         self.not_kept = 0
 
@@ -258,6 +266,10 @@ class Book:
             station = Station(fact.host)
             self.stations[fact.host] = station
         station.note(fact)
+
+    def stating(self, keys: frozenset[str]) -> list[Station]:
+        """Return the stations that state any of these kinds, in the order in which they first said something."""
+        return [station for station in self.stations.values() if station.states(keys)]
 
     def merge(self, later: Book) -> None:
         """Take what was noted in packets behind those of this one; ``later`` is used up."""

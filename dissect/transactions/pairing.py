@@ -279,7 +279,8 @@ class OpenRequests:
                         found.append(link)
                     link = link.earlier
                 row = row.superseded
-        found.sort(key=_number)
+        if len(found) > 1:
+            found.sort(key=_number)
         return found
 
     def drain(self) -> list[Transaction]:
@@ -293,7 +294,8 @@ class OpenRequests:
                 link = link.earlier
         for transaction in found:
             transaction.earlier = None
-        found.sort(key=_number)
+        if len(found) > 1:
+            found.sort(key=_number)
         self._table = {}
         self.count = 0
         return found
