@@ -493,7 +493,9 @@ class Analysis(Observer):
 
     def operation(self, operation: Operation) -> None:
         """Count an operation by its kind and result."""
-        results = self.operations.setdefault(operation.kind, {})
+        results = self.operations.get(operation.kind)
+        if results is None:
+            results = self.operations[operation.kind] = {}
         results[operation.result] = results.get(operation.result, 0) + 1
 
     def fact(self, fact: Fact) -> None:
