@@ -153,10 +153,6 @@ class Station:
         found = [stretches[-1] for (_, own), stretches in self.facts.items() if own == key]
         return max(found, key=lambda stretch: stretch.last_ns).value if found else ""
 
-    def states(self, keys: frozenset[str]) -> bool:
-        """Return whether the latest value of any of these kinds is known."""
-        return any([key in keys and self.latest(key) != "" for _, key in self.facts])
-
     def note(self, fact: Fact) -> None:
         """Take a fact; its ``before`` and ``fresh`` are filled in."""
         frame = fact.frames[-1] if fact.frames else 0
@@ -269,7 +265,13 @@ class Book:
 
     def stating(self, keys: frozenset[str]) -> list[Station]:
         """Return the stations that state any of these kinds, in the order in which they first said something."""
-        return [station for station in self.stations.values() if station.states(keys)]
+        found: list[Station] = []
+        for station in self.stations.values():
+            for _, key in station.facts:
+                if key in keys and station.latest(key):
+                    found.append(station)
+                    break
+        return found
 
     def merge(self, later: Book) -> None:
         """Take what was noted in packets behind those of this one; ``later`` is used up."""
