@@ -66,6 +66,19 @@ def test_exact_while_there_are_few(values: list[int]) -> None:
     assert (latencies.count, latencies.exact) == (len(values), True)
 
 
+@pytest.mark.parametrize("count", [256, 257, 1021])
+def test_exact_whatever_the_spread(count: int) -> None:
+    """Of many only those near a rank are put in order: the same, the smallest and the largest there can be, too early ones."""
+    for values in (
+        [7] * count,
+        [number - count // 2 for number in range(count)],
+        [(-1) ** number * 2 ** (number % 63) for number in range(count)],
+        [2**63 - 1 - number * 2**55 for number in range(count) if number < 250] * 2,
+    ):
+        latencies = of(values)
+        assert [latencies.quantile(q) for q in QUANTILES] == [exactly(values, q) for q in QUANTILES]
+
+
 @given(st.lists(st.integers(0, MINUTE), min_size=2, max_size=50), st.integers(1, 49))
 def test_asking_changes_nothing(values: list[int], asked_at: int) -> None:
     latencies = Latencies()
