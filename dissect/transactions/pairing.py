@@ -279,8 +279,7 @@ class OpenRequests:
                         found.append(link)
                     link = link.earlier
                 row = row.superseded
-        if len(found) > 1:
-            found.sort(key=_number)
+        found.sort(key=_number)
         return found
 
     def drain(self) -> list[Transaction]:
@@ -294,8 +293,7 @@ class OpenRequests:
                 link = link.earlier
         for transaction in found:
             transaction.earlier = None
-        if len(found) > 1:
-            found.sort(key=_number)
+        found.sort(key=_number)
         self._table = {}
         self.count = 0
         return found

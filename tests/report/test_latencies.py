@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.report.analysis import EXACT, Latencies
+from dissect.report.latencies import EXACT, Latencies
 from dissect.wire.build import COMPILED
 from tests.growth import UNCOUNTED, lines
 
