@@ -70,7 +70,7 @@ from dissect.transactions.transaction import (
 )
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
-from dissect.wire.text import distance_text, duration_text, hex_number
+from dissect.wire.text import distance_text, duration_text
 
 #: Areas that have an element of their own, by the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
@@ -344,7 +344,7 @@ def _judge_items(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 transaction.frames,
                 transaction.response_ns,
-                f"{transaction.function_name} {_about(transaction, error)}: {coded(hex_number(error.code, 2), error.name)}",
+                f"{transaction.function_name} {_about(transaction, error)}: {coded(f'0x{error.code:02x}', error.name)}",
             )
 
 
