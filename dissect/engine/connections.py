@@ -249,9 +249,8 @@ class Connections:
         judge_cut(exchange.reporter, side, ending)
         if ending.connecting:
             self.scans.refused(side.connection, ending.time_ns)
-        for end in (side, peer):
-            end.protocol.end(end, frame, now_ns)
-            exchange.dialogue.end(end, reason)
+        self._end_side(side, reason, frame, now_ns)
+        self._end_side(peer, reason, frame, now_ns)
         if exchange.dialogue.also:
             exchange.beside(frame, now_ns)
         if exchange.decoder is not None:
@@ -260,6 +259,10 @@ class Connections:
         exchange.watch.end(side.connection, reason)
         exchange.observer.connection_closed(side.connection)
         side.connection.let_go()
+
+    def _end_side(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
+        side.protocol.end(side, frame, now_ns)
+        self._exchange.dialogue.end(side, reason)
 
 
 class Recognition(Protocol):

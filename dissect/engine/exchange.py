@@ -100,7 +100,7 @@ class Watch:
         self.security = SecurityWatch(judge)
         self.plus = PlusWatch(judge, self.security, self.operations)
         self._blocks: BlockWatch | None = None
-        self.stations = StationWatch(judge)
+        self.stations = StationWatch(judge, observer.own_book)
 
     def opened(self, connection: Connection) -> None:
         """A connection was recognised."""

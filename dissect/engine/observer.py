@@ -5,7 +5,7 @@ from __future__ import annotations
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.findings.reporter import Finding
-from dissect.stations.facts import Fact
+from dissect.stations.facts import Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
@@ -15,9 +15,14 @@ from dissect.transactions.transaction import Transaction
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Observer:
-    """Gets every event; override the methods you need. The ``wants_`` flags must be set before the first packet."""
+    """Gets every event; override the methods you need. The ``wants_`` flags must be set before the first packet.
+
+    ``own_book`` is for who keeps what stations say: a book that is given here before the pipeline is made has noted each fact
+    before `fact` is told of it, and two need not be kept.
+    """
 
     def __init__(self) -> None:
+        self.own_book: Book | None = None
         self.wants_pdus: bool = False
         self.wants_tpdus: bool = False
 

@@ -521,17 +521,14 @@ class Pipeline(PacketSink):
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         # What never was ISO-on-TCP, nor ought to have been, is not our loss.
         if side.connection.state != LEFT_OUT and (side.connection.number or on_102(side)):
-            for end in (side, peer):
-                self.counters.add_up(end)
+            self.counters.add_up(side)
+            self.counters.add_up(peer)
         self.table.remove(side)
         side.tcp.let_go()
 
     def _end(self, side: Side, peer: Side, reason: str) -> None:
-        for end in (side, peer):
-            end.stream.finish()
-            if end.stream.ready or end.stream.outside:
-                self.timers.chunks(end)
-            end.waiting = False
+        self._end_stream(side)
+        self._end_stream(peer)
         connection = side.connection
         if connection.number:
             if side.tcp.ended and reason == CAPTURE_ENDED:
@@ -542,6 +539,12 @@ class Pipeline(PacketSink):
         elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
             first, second = side.tcp.ends
             note_idle(self.counters, first, second, side.probes + peer.probes)
+
+    def _end_stream(self, side: Side) -> None:
+        side.stream.finish()
+        if side.stream.ready or side.stream.outside:
+            self.timers.chunks(side)
+        side.waiting = False
 
     def forget(self) -> None:
         """No packet comes any more: what only the next ones would have asked for makes room for the report."""

@@ -128,7 +128,7 @@ class PlusWatch:
             self._security.tell("security.protected", transaction, transaction.function_name)
 
     def _note(self, slug: str, transaction: Transaction, what: str) -> None:
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        frames = transaction.frames
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         detail = f"{transaction.function_name}: {what}"
         self._judge.note(slug, transaction.connection.number, frames, time_ns, detail)

@@ -69,6 +69,16 @@ class Finding:
         return self.rule.severity
 
 
+class _Detailed:
+    """How many findings of a slug were detailed: in all, and of each connection while more may be."""
+
+    __slots__ = ("by_connection", "count")
+
+    def __init__(self) -> None:
+        self.count: i64 = 0
+        self.by_connection: dict[int, int] = {}
+
+
 class Reporter:
     """Counts findings by slug and passes the detailed ones on.
 
@@ -78,35 +88,34 @@ class Reporter:
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self.fresh: list[Finding] = []
-        self._detailed: dict[str, dict[int, int]] = {}  # by slug and connection
-        self._detailed_all: dict[str, int] = {}
+        self._detailed: dict[str, _Detailed] = {}  # by slug
 
     def wants(self, slug: str, connection: i64) -> bool:
         """Count one occurrence; True when it should be detailed, so that no sentence is built in vain."""
         self.counts[slug] = self.counts.get(slug, 0) + 1
-        in_all = self._detailed_all.get(slug, 0)
-        if in_all >= MAX_DETAILED_ALL:
+        detailed = self._detailed.get(slug)
+        if detailed is None:
+            detailed = self._detailed[slug] = _Detailed()
+        if detailed.count >= MAX_DETAILED_ALL:
             return False
-        if slug not in self._detailed:
-            self._detailed[slug] = {}
-        by_connection = self._detailed[slug]
+        by_connection = detailed.by_connection
         here = by_connection.get(connection, 0)
         if here >= MAX_DETAILED:
             return False
         by_connection[connection] = here + 1
-        self._detailed_all[slug] = in_all + 1
-        if in_all + 1 == MAX_DETAILED_ALL:
-            del self._detailed[slug]  # no more will be detailed, on whichever connection
+        detailed.count += 1
+        if detailed.count == MAX_DETAILED_ALL:
+            detailed.by_connection = {}  # no more will be detailed, on whichever connection
         return True
 
     def renew(self) -> None:
         """Allow as many detailed findings again as in the beginning: who watches a line for days wants those of today."""
         self._detailed = {}
-        self._detailed_all = {}
 
     def forget(self) -> None:
         """Nothing more comes: forget which connections were detailed."""
-        self._detailed = {}
+        for detailed in self._detailed.values():
+            detailed.by_connection = {}
 
     def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
         """Count and, within the bounds, detail a finding."""

@@ -265,7 +265,7 @@ class SecurityWatch:
         number = transaction.connection.number
         if not self._judge.wants(slug, number):
             return
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        frames = transaction.frames
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
         who = f"{told} reports to {asked}" if transaction.outcome == PUSH else f"{asked} to {told}"

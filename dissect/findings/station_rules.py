@@ -7,7 +7,7 @@ from typing import Final
 from dissect.findings.reporter import Reporter
 from dissect.s7plus.session import Identity
 from dissect.stations.evidence import Evidence, module_asked
-from dissect.stations.facts import FIRMWARE, KEYS, LASTING, MAC, ORDER_NUMBER, SERIAL_NUMBER, Book, Fact
+from dissect.stations.facts import FIRMWARE, KEYS, LASTING, MAC, MAX_STATIONS, ORDER_NUMBER, SERIAL_NUMBER, Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -23,12 +23,17 @@ _SLUGS: Final[dict[str, str]] = {
 
 
 class StationWatch:
-    """Reads facts, keeps them in ``book`` and judges them; what it returns is for the observer. One for a whole analysis."""
+    """Reads facts, keeps them in ``book`` and judges them; what it returns is for the observer. One for a whole analysis.
 
-    def __init__(self, judge: Reporter) -> None:
-        self.book = Book()
+    The book is its own, or one that somebody else reads (`Book.filled`).
+    """
+
+    def __init__(self, judge: Reporter, book: Book | None = None) -> None:
+        self.book = Book() if book is None else book
+        self.book.filled = True
         self._judge = judge
         self._evidence = Evidence()
+        self._macs: dict[bytes, str] = {}  # as text: each connection has two, most of them were there before
 
     def opened(self, connection: Connection) -> list[Fact]:
         """Take the Ethernet addresses that the ends of a connection sent with, when it is recognised.
@@ -44,8 +49,16 @@ class StationWatch:
                 host = tcp.ends[side].host
                 # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
-                found.append(Fact(host, "", MAC, mac.hex(":"), "Ethernet", number, [frame], time_ns))
+                found.append(Fact(host, "", MAC, self._mac_text(mac), "Ethernet", number, [frame], time_ns))
         return self._noted(found)
+
+    def _mac_text(self, mac: bytes) -> str:
+        text = self._macs.get(mac)
+        if text is None:
+            if len(self._macs) >= MAX_STATIONS:
+                self._macs.clear()
+            text = self._macs[mac] = mac.hex(":")
+        return text
 
     def take(self, transaction: Transaction) -> list[Fact]:
         """Take a transaction of S7comm userdata."""
@@ -59,7 +72,7 @@ class StationWatch:
         """Take what a CPU said of itself in S7comm-plus."""
         told = identity.told
         identity.told = []
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        frames = transaction.frames
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         connection = transaction.connection
         asked_by = int(transaction.asked_by)

@@ -199,7 +199,7 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
     szl_id, length, count = u16(buf, payload_at), u16(buf, payload_at + 4), u16(buf, payload_at + 6)
     if extract(szl_id) != HEAD_ONLY and length * count > size:
         detail = f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        frames = transaction.frames
         judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
 
 
@@ -213,9 +213,7 @@ def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slo
         transaction.connection.still_open += 1
         return
     if transaction.reason == TABLE_FULL:
-        judge.note(
-            "transaction.table_full", transaction.connection.number, _frames(transaction), transaction.request_ns
-        )
+        judge.note("transaction.table_full", transaction.connection.number, transaction.frames, transaction.request_ns)
     _note(judge, "transaction.unanswered", transaction, _why(transaction))
 
 
@@ -243,15 +241,11 @@ def _why(transaction: Transaction) -> str:
     return REASON_TEXTS[transaction.reason]
 
 
-def _frames(transaction: Transaction) -> list[int]:
-    return [frame for frame in (transaction.request_frame, transaction.response_frame) if frame]
-
-
 def _note(judge: Reporter, slug: str, transaction: Transaction, what: str) -> None:
     number = transaction.connection.number
     if judge.wants(slug, number):
         time_ns = max(transaction.request_ns, transaction.response_ns)
-        judge.detail(slug, number, _frames(transaction), time_ns, f"{subject(transaction)}: {what}")
+        judge.detail(slug, number, transaction.frames, time_ns, f"{subject(transaction)}: {what}")
 
 
 def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
@@ -333,7 +327,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
             judge.detail(
                 "transaction.refused",
                 transaction.connection.number,
-                _frames(transaction),
+                transaction.frames,
                 transaction.response_ns,
                 f"{_asked(transaction)}: {coded(f'0x{error.code:04x}', error.name)}",
             )
@@ -348,7 +342,7 @@ def _judge_items(judge: Reporter, transaction: Transaction) -> None:
             judge.detail(
                 slug,
                 transaction.connection.number,
-                _frames(transaction),
+                transaction.frames,
                 transaction.response_ns,
                 f"{transaction.function_name} {_about(transaction, error)}: {coded(f'0x{error.code:02x}', error.name)}",
             )

@@ -7,7 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
+from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.transactions.connection import NO_LIMIT, Connection
@@ -95,8 +95,8 @@ def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
     asked: i64 = connection.tpdu_size_asked or _LARGEST
     if tpdu.tpdu_size > asked:
         wrong.append(f"TPDU size {tpdu.tpdu_size}, requested {asked}")
-    _compare(wrong, "calling", connection.tsap_calling, tpdu.parameter(CALLING_TSAP))
-    _compare(wrong, "called", connection.tsap_called, tpdu.parameter(CALLED_TSAP))
+    _compare(wrong, "calling", connection.tsap_calling, tpdu.calling)
+    _compare(wrong, "called", connection.tsap_called, tpdu.called)
     if wrong:
         judge.note("cotp.bad_confirm", connection.number, [frame], time_ns, "; ".join(wrong))
 

@@ -8,7 +8,7 @@ from ipaddress import ip_address
 from typing import Final
 
 from dissect.program.carved import CarvedBlock
-from dissect.report.analysis import Latencies
+from dissect.report.latencies import Latencies
 from dissect.stations import facts
 from dissect.stations.facts import Fact, Station, Stretch
 

@@ -42,10 +42,23 @@ class Tpdu:
 
     ``fields`` are the fixed part in wire order (offsets within the TPDU), ``parameters`` the variable part, ``data`` the user
     data. ``head`` is the octets of fixed and variable part; ``variable`` those of the latter, kept because RDP writes something
-    else there.
+    else there. ``calling`` and ``called`` are the octets of the TSAPs, None where there is none, and ``tpdu_size`` the size
+    offered or chosen in octets, 0 when none is stated (then RFC 1006 means 65531).
     """
 
-    __slots__ = ("_fields", "_parameters", "data", "head", "layout", "malformed", "type", "variable")
+    __slots__ = (
+        "_fields",
+        "_parameters",
+        "called",
+        "calling",
+        "data",
+        "head",
+        "layout",
+        "malformed",
+        "tpdu_size",
+        "type",
+        "variable",
+    )
 
     def __init__(self, type_: int, layout: Layout) -> None:
         self.type = type_
@@ -54,6 +67,9 @@ class Tpdu:
         self._fields: list[FieldValue] | None = None  # made when somebody first asks for all of them
         self._parameters: list[Parameter] | None = None  # the same
         self.variable = b""
+        self.calling: bytes | None = None
+        self.called: bytes | None = None
+        self.tpdu_size = 0
         self.data = b""
         self.malformed: list[Malformed] = []
 
@@ -77,6 +93,34 @@ class Tpdu:
         start, field = found
         return field.read(self.head, start) if start + field.size <= len(self.head) else -1
 
+    def take_variable(self, variable: bytes) -> i64:
+        """Take the variable part and read what a connection is negotiated by; return where the last whole parameter ends.
+
+        As in `parameter`, the last one counts when a code stands twice.
+        """
+        self.variable = variable
+        power: i64 = 0
+        preferred: i64 = -1
+        at: i64 = 0
+        behind: i64 = _behind(variable, at)
+        while behind > 0:
+            code: i64 = variable[at]
+            if code == CALLING_TSAP:
+                self.calling = variable[at + 2 : behind]
+            elif code == CALLED_TSAP:
+                self.called = variable[at + 2 : behind]
+            elif code == TPDU_SIZE:
+                power = variable[at + 2] if behind - at == 3 else 0
+            elif code == PREFERRED_SIZE:
+                preferred = int.from_bytes(variable[at + 2 : behind], "big") if 3 <= behind - at <= 6 else -1
+            at = behind
+            behind = _behind(variable, at)
+        if preferred >= 0:
+            self.tpdu_size = int(preferred * 128)
+        elif 7 <= power <= 16:
+            self.tpdu_size = 65531 if power == 16 else int(1 << power)
+        return at
+
     @property
     def parameters(self) -> list[Parameter]:
         """The parameters that lie whole in the variable part, in wire order."""
@@ -96,32 +140,19 @@ class Tpdu:
     def parameter(self, code: int) -> bytes | None:
         """Return the value of a parameter; the last one counts when a code stands twice (X.224 13.2.3)."""
         found: bytes | None = None
-        wanted: i64 = code
-        variable = self.variable
-        at: i64 = 0
-        behind: i64 = _behind(variable, at)
-        while behind > 0:
-            if variable[at] == wanted:
-                found = variable[at + 2 : behind]
-            at = behind
-            behind = _behind(variable, at)
+        for parameter in self.parameters:
+            if parameter.code == code:
+                found = parameter.value
         return found
 
     def tsap(self, code: int) -> Tsap | None:
         """Return the calling (0xC1) or called (0xC2) TSAP, None when it is not there."""
-        value = self.parameter(code)
+        value: bytes | None = None
+        if code == CALLING_TSAP:
+            value = self.calling
+        elif code == CALLED_TSAP:
+            value = self.called
         return Tsap(value) if value is not None else None
-
-    @property
-    def tpdu_size(self) -> int:
-        """The TPDU size offered or chosen in octets, 0 when none is stated (then RFC 1006 means 65531)."""
-        preferred = self.parameter(PREFERRED_SIZE)
-        if preferred is not None and 1 <= len(preferred) <= 4:
-            return int.from_bytes(preferred, "big") * 128
-        size = self.parameter(TPDU_SIZE)
-        if size is not None and len(size) == 1 and 7 <= size[0] <= 16:
-            return 65531 if size[0] == 16 else 1 << size[0]
-        return 0
 
 
 def _behind(variable: bytes, at: i64) -> i64:
@@ -188,21 +219,15 @@ def parse_tpdu(octets: bytes) -> Tpdu:
     elif layout.size > end:
         tpdu.malformed.append(Malformed("cotp", "too_short", layout.name, 0, layout.size, end, "li"))
     else:
-        tpdu.variable = octets[layout.size : end]
-        _judge_parameters(tpdu)
+        _judge_rest(tpdu, tpdu.take_variable(octets[layout.size : end]))
     tpdu.data = octets[end:]
     return tpdu
 
 
-def _judge_parameters(tpdu: Tpdu) -> None:
-    """Tell of a parameter that does not lie whole in the variable part; those behind it cannot be found."""
+def _judge_rest(tpdu: Tpdu, at: i64) -> None:
+    """Tell of a parameter that does not lie whole in the variable part, at ``at``; those behind it cannot be found."""
     variable = tpdu.variable
     size: i64 = len(variable)
-    at: i64 = 0
-    behind: i64 = _behind(variable, at)
-    while behind > 0:
-        at = behind
-        behind = _behind(variable, at)
     if at == size:
         return
     here = tpdu.layout.size + at

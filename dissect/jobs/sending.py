@@ -14,13 +14,14 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
-from array import array
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from functools import cache
 from itertools import repeat
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
+
+from librt.strings import BytesWriter
 
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
@@ -33,12 +34,21 @@ from dissect.transactions.ending import Ending
 from dissect.transactions.transaction import Transaction
 
 _OURS: Final = "dissect."
+
+
+def _writer(octets: bytes) -> BytesWriter:
+    """Return what was written before, to be written on."""
+    writer = BytesWriter()
+    writer.write(octets)
+    return writer
+
+
 #: What is sent as it is, and what as the list of what it holds.
 _PLAIN: Final = frozenset((type(None), bool, int, float, str, bytes))
-_KINDS: Final[tuple[type, ...]] = (list, tuple, set, frozenset, deque, dict, OrderedDict, array)
-_HOLDERS: Final[dict[str, Callable[[list[Any]], Any]]] = {
+_KINDS: Final[tuple[type, ...]] = (list, tuple, set, frozenset, deque, dict, OrderedDict)
+_HOLDERS: Final[dict[str, Callable[[Any], Any]]] = {
     **{kind.__name__: kind for kind in _KINDS},
-    array.__name__: lambda numbers: array("q", numbers),
+    BytesWriter.__name__: _writer,
 }
 #: Marks of an object by its place in `Sent.objects`, of a class of ours that is a tuple, and of a rule by its slug.
 _OBJECT: Final = "object"
@@ -102,6 +112,8 @@ class _Sender:
         name = kind.__name__
         if kind in _KINDS:
             return name, self._all_plain(list(value.items()) if kind is dict or kind is OrderedDict else list(value))
+        if kind is BytesWriter:
+            return name, value.getvalue()
         if isinstance(value, Rule):
             return _RULE, value.slug
         if not kind.__module__.startswith(_OURS):

@@ -150,7 +150,7 @@ def _connection_parameters(found: dict[Place, Fact], tpdu: Tpdu) -> None:
         # `tpdu_size` is what holds of the two; each alone says what it states.
         alone = Tpdu(tpdu.type, tpdu.layout)
         stated = [parameter.value for parameter in tpdu.parameters if parameter.code == code]
-        alone.variable = b"".join([bytes((code, len(value))) + value for value in stated])
+        alone.take_variable(b"".join([bytes((code, len(value))) + value for value in stated]))
         if alone.tpdu_size:
             found[Place(facts.IN_TPDU, 0, name)] = Fact(alone.tpdu_size, _last(tpdu, code) + 2)
 

@@ -196,7 +196,7 @@ class Selection(Observer):
             self._book.pop(number, asked_by, int(transaction.request_frame), int(transaction.request_size)),
             self._book.pop(number, 1 - asked_by, int(transaction.response_frame), int(transaction.response_size)),
         ]
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        frames = transaction.frames
         if self._context is not None and transaction.function == _SETUP:
             self._context.negotiated(number, frames, [span for span in spans if span is not None])
         self._subscriptions.note(transaction, frames, spans)

@@ -1,13 +1,8 @@
-"""What `analyze` adds up over a whole run. Bounded: counters are exact, lists keep the entries that matter most.
-
-Answer times are exact for the first 16,384, then within one part in 128 (docs/decisions/0007).
-"""
+"""What `analyze` adds up over a whole run. Bounded: counters are exact, lists keep the entries that matter most."""
 
 from __future__ import annotations
 
 import heapq
-import struct
-from array import array
 from typing import Any, Final
 
 from mypy_extensions import i64
@@ -16,6 +11,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
+from dissect.report.latencies import Latencies
 from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import USERDATA
@@ -26,168 +22,6 @@ from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
-
-#: Answer times kept as they are; from then on they are counted in buckets.
-EXACT: Final = 16384
-#: As many are gathered before they are kept: to put one into an array takes long.
-_GATHERED: Final = 64
-#: How many of those kept are counted in buckets with each one that comes then: no packet waits for all of them.
-_AT_ONCE: Final = 32
-#: Buckets to each doubling.
-_STEPS: Final = 128
-#: Buckets for every answer time that 63 bits can hold.
-_BUCKETS: Final = 57 * _STEPS
-
-
-class Latencies:
-    """Answer times in nanoseconds: count, minimum, maximum and quantiles.
-
-    Quantiles are exact up to `EXACT` answers (the value at rank ⌈q·n⌉; the median of an even count is the mean of the two in
-    the middle), and after that the lower end of a bucket whose width is at most 1/128 of it. Negative times (reordered
-    captures) count as they are for the minimum and as 0 in buckets.
-    """
-
-    __slots__ = ("_buckets", "_fresh", "_in_order", "_recent", "count", "largest", "smallest")
-
-    def __init__(self) -> None:
-        self.count: i64 = 0
-        self.smallest: i64 = 0
-        self.largest: i64 = 0
-        self._recent: array[int] = array("q")  # a list would keep an object for each
-        self._fresh: list[int] = []  # the latest, which go there together
-        self._in_order: i64 = 0  # of how many answers they were put in order last
-        self._buckets: list[int] | None = None
-
-    def add(self, latency_ns: i64) -> None:
-        """Take one answer time."""
-        if self.count == 0:
-            self.smallest = latency_ns
-            self.largest = latency_ns
-        elif latency_ns < self.smallest:
-            self.smallest = latency_ns
-        elif latency_ns > self.largest:
-            self.largest = latency_ns
-        self.count += 1
-        buckets = self._buckets
-        if buckets is None:
-            self._fresh.append(latency_ns)
-            if len(self._fresh) == _GATHERED or self.count > EXACT:
-                self._gather()
-            return
-        bucket: i64 = _bucket(latency_ns)
-        buckets[bucket] = buckets[bucket] + 1  # `+=` on an element of a list is slower (mypyc)
-        if self._recent:
-            self._fold(_AT_ONCE)
-
-    def _gather(self) -> None:
-        """Keep those that came last with the others; begin with buckets where these are too many by now."""
-        self._recent.frombytes(_packed(self._fresh))
-        self._fresh = []
-        if self.count > EXACT and self._buckets is None:
-            self._buckets = [0] * _BUCKETS
-
-    @property
-    def exact(self) -> bool:
-        """True while every answer time is kept as it is."""
-        return self._buckets is None
-
-    def quantile(self, q: float) -> int | None:
-        """Return the answer time that a share ``q`` (0 to 1) of all does not exceed, None when there is none."""
-        if self.count == 0:
-            return None
-        rank: int = max(1, int(-(-(q * int(self.count)) // 1)))
-        buckets = self._buckets
-        if buckets is None:
-            if self._in_order != self.count:
-                self._in_order = self.count
-                self._gather()
-                self._recent = array("q", _packed(sorted(self._recent)))
-            ordered = self._recent
-            if q == 0.5 and self.count % 2 == 0:
-                return (ordered[rank - 1] + ordered[rank]) // 2
-            return ordered[rank - 1]
-        self._fold(len(self._recent))
-        seen = 0
-        for bucket, count in enumerate(buckets):
-            seen += count
-            if seen >= rank:
-                return min(max(_lower_end(bucket), int(self.smallest)), int(self.largest))
-        return self.largest
-
-    def as_dict(self) -> dict[str, int | None]:
-        """Return minimum, median, 95 %, 99 % and maximum in nanoseconds; all None when there is no answer."""
-        if self.count == 0:
-            return {"min": None, "median": None, "p95": None, "p99": None, "max": None}
-        return {
-            "min": self.smallest,
-            "median": self.quantile(0.5),
-            "p95": self.quantile(0.95),
-            "p99": self.quantile(0.99),
-            "max": self.largest,
-        }
-
-    def _fold(self, most: i64) -> None:
-        """Count up to ``most`` of those kept as they are in buckets instead."""
-        if self._fresh:
-            self._gather()
-        buckets = self._buckets
-        if buckets is None:
-            buckets = [0] * _BUCKETS
-            self._buckets = buckets
-        recent = self._recent
-        for _ in range(min(most, len(recent))):
-            buckets[_bucket(recent.pop())] += 1
-        if not recent:
-            self._recent = array("q")  # one that becomes shorter by little keeps all its memory
-
-    def merge(self, other: Latencies) -> None:
-        """Take all answer times of ``other``, which keeps them."""
-        if not other.count:
-            return
-        if not self.count or other.smallest < self.smallest:
-            self.smallest = other.smallest
-        if not self.count or other.largest > self.largest:
-            self.largest = other.largest
-        self.count += other.count
-        self._gather()
-        self._recent.extend(other._recent)
-        self._recent.frombytes(_packed(other._fresh))
-        if other._buckets is not None or self._buckets is not None:
-            self._fold(len(self._recent))
-        if self._buckets is not None and other._buckets is not None:
-            for bucket, count in enumerate(other._buckets):
-                self._buckets[bucket] += count
-
-
-def _packed(numbers: list[int]) -> bytes:
-    """Return numbers as an array has them in memory, which is quicker than to put in one after the other."""
-    return struct.pack(f"={len(numbers)}q", *numbers)
-
-
-def _bucket(latency_ns: i64) -> i64:
-    """Return the bucket number: the doubling times `_STEPS`, plus the step within it."""
-    if latency_ns < _STEPS:
-        return max(0, latency_ns)
-    doubling: i64 = 0
-    value: i64 = latency_ns
-    while value >= _STEPS << 16:  # answer times of milliseconds would be halved a dozen times
-        value >>= 16
-        doubling += 16
-    while value >= _STEPS << 4:
-        value >>= 4
-        doubling += 4
-    while value >= 2 * _STEPS:
-        value >>= 1
-        doubling += 1
-    return (doubling + 1) * _STEPS + (value - _STEPS)
-
-
-def _lower_end(bucket: int) -> int:
-    doubling, step = divmod(bucket, _STEPS)
-    if doubling == 0:
-        return step
-    return (_STEPS + step) << (doubling - 1)
-
 
 #: Connections described one by one; the others are only counted.
 MAX_CONNECTIONS: Final = 1000
@@ -234,7 +68,8 @@ class Shared:
     __slots__ = ("_asked", "_details", "_ends", "_macs", "_tsaps")
 
     def __init__(self) -> None:
-        self._asked: dict[tuple[int, bytes], Parameters] = {}  # what connections asked last, by ROSCTR and octets
+        #: What connections asked last by its octets, for each ROSCTR.
+        self._asked: list[dict[bytes, Parameters]] = [{} for _ in range(USERDATA + 1)]
         self._ends: dict[bytes, Endpoint] = {}  # by address
         self._macs: dict[bytes, bytes] = {}
         self._tsaps: dict[bytes, Tsap] = {}
@@ -279,12 +114,7 @@ class Shared:
     def _once(self, asked: Parameters | None) -> Parameters | None:
         if asked is None or asked.rosctr > USERDATA:
             return asked  # others are more than their octets say
-        key = (int(asked.rosctr), asked.octets)
-        known = self._asked.get(key)
-        if known is None:
-            self._asked[key] = asked
-            return asked
-        return known
+        return self._asked[asked.rosctr].setdefault(asked.octets, asked)
 
 
 class Part:
@@ -361,6 +191,7 @@ class Analysis(Observer):
         self.findings: list[Finding] = []
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
         self.stations: Book = Book()  # what stations state of themselves
+        self.own_book = self.stations
         self.failed: list[Transaction] = []
         self._slowest: list[tuple[int, int, Transaction]] = []
         self._slow_floor: i64 = -1
@@ -455,12 +286,15 @@ class Analysis(Observer):
 
     def operation(self, operation: Operation) -> None:
         """Count an operation by its kind and result."""
-        results = self.operations.setdefault(operation.kind, {})
+        results = self.operations.get(operation.kind)
+        if results is None:
+            results = self.operations[operation.kind] = {}
         results[operation.result] = results.get(operation.result, 0) + 1
 
     def fact(self, fact: Fact) -> None:
         """Keep what a station stated."""
-        self.stations.note(fact)
+        if not self.stations.filled:
+            self.stations.note(fact)
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
@@ -536,6 +370,38 @@ class Analysis(Observer):
         if len(self.failed) < MAX_FAILED and (not self.failed or self.failed[-1] is not transaction):
             self.failed.append(transaction)
 
+    def worst_connections(self, most: i64) -> list[Connection]:
+        """Return those of the connections with most errors, then those with most PDUs, in this order."""
+        worst: list[Connection] = []
+        for connection in self.connections:
+            place: i64 = len(worst)
+            if place == most and not _is_worse(connection, worst[most - 1]):
+                continue
+            while place > 0 and _is_worse(connection, worst[place - 1]):
+                place -= 1
+            worst.insert(place, connection)
+            if len(worst) > most:
+                worst.pop()
+        return worst
+
     def slowest(self) -> list[Transaction]:
         """Return the slowest answered transactions, slowest first."""
         return [transaction for _, _, transaction in sorted(self._slowest, reverse=True)]
+
+
+def _is_worse(one: Connection, other: Connection) -> bool:
+    """Return whether ``one`` had more trouble than ``other``, or as much and more PDUs; the lower number breaks a tie."""
+    mine: i64 = _trouble(one)
+    theirs: i64 = _trouble(other)
+    if mine != theirs:
+        return mine > theirs
+    if one.pdus != other.pdus:
+        return one.pdus > other.pdus
+    return one.number < other.number
+
+
+def _trouble(connection: Connection) -> i64:
+    trouble: i64 = connection.missed + connection.errors
+    if connection.refused:
+        trouble += 1
+    return trouble

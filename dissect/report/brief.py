@@ -9,7 +9,7 @@ from dissect.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.report import words
 from dissect.report.analysis import Analysis
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
-from dissect.report.text import completeness, table, trouble
+from dissect.report.text import completeness, table
 from dissect.report.words import Places, named
 from dissect.stations import facts
 from dissect.transactions.connection import Connection
@@ -128,7 +128,7 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
 def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
     total = len(analysis.connections) + int(analysis.connections_not_listed)
     yield Line(f"Connections: {total}", HEADING)
-    chosen = sorted(analysis.connections, key=trouble)[:_CONNECTIONS]
+    chosen = analysis.worst_connections(_CONNECTIONS)
     rows = [_row(connection, places) for connection in sorted(chosen, key=_number)]
     yield from table(rows, frozenset((0,)))
     if total > len(chosen):

@@ -19,16 +19,12 @@ TOLD: Final = (
     facts.OPERATING_MODE,
     facts.PROTECTION,
 )
+_TOLD: Final = frozenset(TOLD)
 
 
 def stations_that_state(book: Book) -> list[Station]:
     """Return the stations that stated any of `TOLD`, by address."""
-    found = [
-        station
-        for station in book.stations.values()
-        if any([key in TOLD and station.latest(key) for _, key in station.facts])
-    ]
-    return sorted(found, key=_host)
+    return sorted(book.stating(_TOLD), key=_host)
 
 
 def _host(station: Station) -> str:

@@ -210,7 +210,7 @@ def _file(file: SourceFile) -> Iterator[Line]:
 
 
 def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
-    connections = sorted(analysis.connections, key=_number)
+    connections = analysis.connections
     yield Line("")
     if not connections:
         of = "the selection" if analysis.part is not None else "this capture"
@@ -223,8 +223,8 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
         yield Line(
             f"Connections ({_CONNECTIONS} of {total}: those with most errors, then the busiest, by number)", HEADING
         )
-        connections = sorted(sorted(connections, key=trouble)[:_CONNECTIONS], key=_number)
-    for connection in connections:
+        connections = analysis.worst_connections(_CONNECTIONS)
+    for connection in sorted(connections, key=_number):
         yield from connection_lines(connection, places)
     if total > _CONNECTIONS:
         yield Line(f"  and {total - _CONNECTIONS} more; -T json lists up to {MAX_CONNECTIONS}", DIM)
@@ -232,12 +232,6 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
 
 def _number(connection: Connection) -> int:
     return int(connection.number)
-
-
-def trouble(connection: Connection) -> tuple[int, int, int]:
-    """Return what sorts connections with trouble to the front, then the busiest."""
-    trouble = connection.missed + connection.errors + (1 if connection.refused else 0)
-    return -int(trouble), -int(connection.pdus), int(connection.number)
 
 
 def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
@@ -459,13 +453,25 @@ def finding_lines(
         said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
     if count > most and details:
-        rest = list(dict.fromkeys([finding.frames[-1] for finding in details[most:] if finding.frames]))
+        rest = _last_packets(details[most:], _MORE_FRAMES + 1)
         more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
         at = f": {places.phrase(rest[:_MORE_FRAMES])}{more}" if rest else ""
         yield Line(f"      and {count - most} more{at}", PLAIN, 8)
     yield Line(f"      → {rule.advice}", DIM, 8)
     if rule.techniques:
         yield Line(f"      MITRE ATT&CK: {', '.join([str(technique) for technique in rule.techniques])}", DIM, 8)
+
+
+def _last_packets(details: Sequence[Finding], most: int) -> list[int]:
+    """Return up to ``most`` different packets that are the last ones of findings."""
+    found: dict[int, None] = {}
+    for finding in details:
+        frames = finding.frames
+        if frames:
+            found[frames[-1]] = None
+            if len(found) == most:
+                break
+    return list(found)
 
 
 # ---- completeness ---------------------------------------------------------------------------------------------------

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Final
+
 from dissect.s7.body import Body
 from dissect.s7.items import DataItem, parse_data_items
 from dissect.s7.parameters import (
@@ -15,6 +18,9 @@ from dissect.s7.parameters import (
 from dissect.s7.tables import ACK_DATA, FUNCTIONS, JOB, READ_VAR, ROSCTR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
+
+#: What cuts a body, once it was imported: to ask for the import each time takes as long as many a body.
+_CUT: Final[list[Callable[[Pdu], Body]]] = []
 
 
 class Pdu:
@@ -97,11 +103,12 @@ class Pdu:
     @property
     def body(self) -> Body:
         """The parts behind the header (`dissect.s7.bodies`), cut anew at each access; notes hold no password. Never raises."""
-        from dissect.s7.hiding import (
-            body_to_show,  # late: the tables of all structures come with it, few runs need them
-        )
+        if not _CUT:
+            # Late: the tables of all structures come with it, few runs need them.
+            from dissect.s7.hiding import body_to_show
 
-        return body_to_show(self)
+            _CUT.append(body_to_show)
+        return _CUT[0](self)
 
     def data_items(self, malformed: list[Malformed] | None = None) -> list[DataItem]:
         """Return the data items of a read answer or a write request, offsets within the PDU; empty for other PDUs."""

@@ -111,7 +111,7 @@ class PacketSelection(Observer):
             self._book.pop(number, asked_by, int(transaction.request_frame), int(transaction.request_size)),
             self._book.pop(number, 1 - asked_by, int(transaction.response_frame), int(transaction.response_size)),
         ]
-        frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+        frames = transaction.frames
         for frame in frames:
             self._carrying.add(frame)
         if not self._wanted(transaction):

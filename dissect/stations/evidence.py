@@ -123,7 +123,7 @@ class Evidence:
         payload = _answered(transaction)
         if len(payload) < SZL_HEAD.size or payload[1] not in _LISTS:
             return []
-        szl_id = int.from_bytes(payload[:2], "big")
+        szl_id = u16(payload, 0)
         return _facts(transaction, self._said(transaction, b"", payload), f"SZL 0x{szl_id:04x}")
 
     def _blocks(self, transaction: Transaction) -> list[Fact]:
@@ -285,6 +285,6 @@ def made(
 
 
 def _facts(transaction: Transaction, said: list[Said], source: str) -> list[Fact]:
-    frames = [int(frame) for frame in (transaction.request_frame, transaction.response_frame) if frame]
+    frames = transaction.frames
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
     return made(transaction.connection, int(transaction.asked_by), said, source, frames, time_ns)

@@ -160,7 +160,7 @@ class Station:
             self._note_block(fact, frame)
             return
         key = (fact.module, fact.key)
-        stretches = self.facts.get(key)
+        stretches = self.facts.get(key) if self.facts else None
         if stretches is None:
             fact.fresh = True
             if len(self.facts) >= MAX_KEYS:
@@ -242,9 +242,13 @@ def _known(value: str, stretches: list[Stretch]) -> str:
 
 
 class Book:
-    """Stations by address. ``not_kept`` counts facts about stations there was no room for."""
+    """Stations by address. ``not_kept`` counts facts about stations there was no room for.
+
+    ``filled`` says that an engine notes all facts in it, so that its owner, who is told of them, need not.
+    """
 
     def __init__(self) -> None:
+        self.filled = False
         self.stations: dict[str, Station] = {}
         self.not_kept = 0
 
@@ -258,6 +262,16 @@ class Book:
             station = Station(fact.host)
             self.stations[fact.host] = station
         station.note(fact)
+
+    def stating(self, keys: frozenset[str]) -> list[Station]:
+        """Return the stations that state any of these kinds, in the order in which they first said something."""
+        found: list[Station] = []
+        for station in self.stations.values():
+            for _, key in station.facts:
+                if key in keys and station.latest(key):
+                    found.append(station)
+                    break
+        return found
 
     def merge(self, later: Book) -> None:
         """Take what was noted in packets behind those of this one; ``later`` is used up."""

@@ -118,8 +118,9 @@ class Ending:
 
     def _count_open(self, connection: Connection, hole_frames: list[int]) -> None:
         first: Transaction | None = None
-        for requests, hole_frame in zip(connection.open_requests, hole_frames, strict=True):
-            for found in requests.asked_after(-1):
+        for side in range(2):
+            hole_frame: i64 = hole_frames[side]
+            for found in connection.open_requests[side].asked_after(-1):
                 if found.request_frame > hole_frame:
                     self.open_requests += 1
                     if first is None or found.number < first.number:

@@ -402,6 +402,15 @@ class Transaction:
         return list(self.response_buf[at : self.response_offset + self.response_size])
 
     @property
+    def frames(self) -> list[int]:
+        """The packets of request and answer, those that were captured."""
+        if self.request_frame == 0:
+            return [self.response_frame] if self.response_frame else []
+        if self.response_frame == 0:
+            return [self.request_frame]
+        return [self.request_frame, self.response_frame]
+
+    @property
     def errors(self) -> list[TransactionError]:
         """Everything the answer says no to, in wire order: header, parameter, items. Empty when all is well."""
         if not self.has_errors:

@@ -21,8 +21,9 @@ from dissect.jobs.analyses import Analyses
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
 from dissect.jobs.sums import FilePart, part_of, unread
-from dissect.report.analysis import EXACT, MAX_FAILED, Analysis
+from dissect.report.analysis import MAX_FAILED, Analysis
 from dissect.report.contract import analysis_as_json
+from dissect.report.latencies import EXACT
 from dissect.report.summary import Summary
 from dissect.session import Run
 from dissect.source.packet import SourceFile

@@ -4,13 +4,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.engine.observer import Observer
+from dissect.engine.options import Options
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
 from dissect.report.analysis import MAX_CONNECTIONS, MAX_FAILED, MAX_SLOWEST, Analysis
+from dissect.session import Run
 from dissect.source.packet import SourceFile
+from dissect.stations.facts import Book, Fact
+from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.findings.events import start_upload
 from tests.findings.operation_scenarios import read_out
+from tests.report.support import ROOT
 from tests.transactions.talk import (
     MS,
     SECOND,
@@ -206,6 +213,55 @@ def test_connections_are_listed_up_to_a_bound() -> None:
     for _ in range(MAX_CONNECTIONS + 7):
         analysis.connection_closed(talk.connections[0])
     assert (len(analysis.connections), analysis.connections_not_listed) == (MAX_CONNECTIONS, 7)
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2), st.booleans(), st.integers(0, 3)), max_size=12))
+def test_the_worst_connections_come_first(made: list[tuple[int, int, bool, int]]) -> None:
+    """Most unanswered, refused and with errors, then most PDUs, then the first."""
+    analysis = Analysis()
+    tcp = TcpConnection(Endpoint(b"\n\0\0\1", 1024), Endpoint(b"\n\0\0\2", 102), 0, 1, 1)
+    for number, (missed, errors, turned_down, pdus) in enumerate(made, 1):
+        connection = Connection(number, tcp)
+        connection.unanswered, connection.errors, connection.pdus = missed, errors, pdus
+        connection.refused = "why" if turned_down else ""
+        analysis.connection_closed(connection)
+    places = sorted(range(len(made)), key=lambda at: (-sum(made[at][:3]), -made[at][3], at))
+    for most in (1, 3, 20):
+        assert [one.number - 1 for one in analysis.worst_connections(most)] == places[:most]
+
+
+class Behind(Observer):
+    """Hands on what stations state, as all do who stand between a pipeline and an analysis."""
+
+    def __init__(self, analysis: Analysis) -> None:
+        super().__init__()
+        self.analysis = analysis
+
+    def fact(self, fact: Fact) -> None:
+        self.analysis.fact(fact)
+
+
+def test_what_stations_state_is_kept_once() -> None:
+    """The book of an analysis that is the observer itself is the engine's, any other it fills by itself: they say the same."""
+    own, behind = Analysis(), Analysis()
+    for observer in (own, Behind(behind)):
+        run = Run([str(ROOT / "captures/szl.pcapng")], observer, Options(strict=True))
+        while run.step():
+            pass
+    (book, engine), other = (own.stations, own.own_book), behind.stations
+    assert book is engine
+    assert (book.filled, other.filled) == (True, False)
+    assert counts(book) == counts(other)
+    assert len(counts(book)) > 1
+
+
+def counts(book: Book) -> list[tuple[str, str, str, str, int]]:
+    return [
+        (station.host, module, key, stretch.value, stretch.count)
+        for station in book.stations.values()
+        for (module, key), stretches in station.facts.items()
+        for stretch in stretches
+    ]
 
 
 def test_findings_are_kept_in_order() -> None:

@@ -58,6 +58,17 @@ def test_modules_of_a_rack_do_not_contradict_each_other() -> None:
     assert said(book, facts.SERIAL_NUMBER, "B", module="rack 0 slot 3").before == ""
 
 
+def test_stations_that_state_a_kind() -> None:
+    book = Book()
+    said(book, facts.MAC, "m", host="10.0.0.3")
+    said(book, facts.FIRMWARE, "", host="10.0.0.4")
+    said(book, facts.FIRMWARE, "V1", host="10.0.0.5")
+    said(book, facts.MAC, "m", host="10.0.0.2")
+    said(book, facts.ORDER_NUMBER, "6ES7", host="10.0.0.2")
+    told = book.stating(frozenset((facts.ORDER_NUMBER, facts.FIRMWARE)))
+    assert [station.host for station in told] == ["10.0.0.5", "10.0.0.2"]
+
+
 def test_a_clock_runs_on() -> None:
     book = Book()
     said(book, facts.CLOCK, "100")

@@ -385,6 +385,31 @@ def test_a_half_that_is_missing() -> None:
     assert transaction.request is not None
 
 
+def test_the_packets_are_those_of_both_halves() -> None:
+    both, half = exchange(read(1, dbw(1, 0)), words(1, 1)), exchange(read(1, dbw(1, 0)), None)
+    assert both.frames == [both.request_frame, both.response_frame]
+    assert both.request_frame < both.response_frame
+    assert half.frames == [both.request_frame]
+    orphan = lonely_answer()
+    assert orphan.frames == [orphan.response_frame]
+
+
+def lonely_answer() -> Transaction:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.tell(words(9, 1))
+    talk.close()
+    (orphan,) = talk.transactions
+    return orphan
+
+
+def test_the_parts_of_a_request_are_cut_once() -> None:
+    transaction = exchange(job(1, b"\x1d" + bytes(17)), ack(1, 0xD209))
+    assert transaction.request_body is not None
+    assert transaction.request_body is transaction.request_body
+    assert lonely_answer().request_body is None
+
+
 def test_the_answer_is_timed_from_the_packet_that_completes_the_request() -> None:
     talk = Talk()
     talk.open()

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 import statistics
-import sys
 from collections.abc import Sequence
 from fractions import Fraction
 
@@ -10,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.report.analysis import EXACT, Latencies
+from dissect.report.latencies import EXACT, Latencies
 from dissect.wire.build import COMPILED
 from tests.growth import UNCOUNTED, lines
 
@@ -65,6 +64,19 @@ def test_exact_while_there_are_few(values: list[int]) -> None:
         "max": max(values),
     }
     assert (latencies.count, latencies.exact) == (len(values), True)
+
+
+@pytest.mark.parametrize("count", [256, 257, 1021])
+def test_exact_whatever_the_spread(count: int) -> None:
+    """Of many only those near a rank are put in order: the same, the smallest and the largest there can be, too early ones."""
+    for values in (
+        [7] * count,
+        [number - count // 2 for number in range(count)],
+        [(-1) ** number * 2 ** (number % 63) for number in range(count)],
+        [2**63 - 1 - number * 2**55 for number in range(count) if number < 250] * 2,
+    ):
+        latencies = of(values)
+        assert [latencies.quantile(q) for q in QUANTILES] == [exactly(values, q) for q in QUANTILES]
 
 
 @given(st.lists(st.integers(0, MINUTE), min_size=2, max_size=50), st.integers(1, 49))
@@ -138,9 +150,9 @@ def test_memory_does_not_grow_with_the_count() -> None:
         for number in range(EXACT):
             latencies.add((number * 2654435761 + round_) % (10**9))
         buckets = latencies._buckets
-        sizes.append(len(latencies._recent) + (len(buckets) if buckets is not None else 0))
+        kept = len(latencies._kept) + len(latencies._waiting)
+        sizes.append(kept // 8 + (len(buckets) if buckets is not None else 0))
     assert max(sizes) <= EXACT + 64 * 128
-    assert sys.getsizeof(latencies._recent) < 16 * EXACT
 
 
 def test_quantiles_do_not_fall_when_q_rises() -> None:
