@@ -49,14 +49,14 @@ def secret_spans(octets: bytes) -> list[tuple[int, int]]:
         begin = HEADER_SIZE + head + _DATA_HEAD
         return [(begin, size)] if begin < size else []
     if octets[1] == JOB and octets[_FUNCTION_AT] == PI_SERVICE:
-        return _in_service(octets)
+        pdu = parse_pdu(octets)
+        return _in_service(pdu, parse_body(pdu))
     return []
 
 
-def _in_service(octets: bytes) -> list[tuple[int, int]]:
+def _in_service(pdu: Pdu, body: Body) -> list[tuple[int, int]]:
     """Return the passwords among the arguments of a service; all arguments where they are not simply those it has."""
-    pdu = parse_pdu(octets)
-    body = parse_body(pdu)
+    octets = pdu.octets
     arguments = [part for part in body.parts if part.layout is PI_STRING or part.layout is PI_PASSWORD]
     name = b""
     for part in body.parts:
@@ -84,8 +84,8 @@ def _in_service(octets: bytes) -> list[tuple[int, int]]:
 def body_to_show(pdu: Pdu) -> Body:
     """Return the parts of a PDU; those that may hold a password have no note."""
     body = parse_body(pdu)
-    if pdu.rosctr == JOB and pdu.function == PI_SERVICE:
-        spans = secret_spans(pdu.octets)
+    if pdu.rosctr == JOB and pdu.function == PI_SERVICE and len(pdu.octets) > _SUBFUNCTION_AT:
+        spans = _in_service(pdu, body)
         for part in body.parts:
             if part.holding(HOLDS_SECRET) is None and any(
                 [begin < part.end and part.offset < end for begin, end in spans]
