@@ -13,6 +13,8 @@ from dissect.transactions.transaction import ANSWERED, Transaction
 
 def good_octets(transaction: Transaction) -> list[bytes] | None:
     """Return the octets of each item of such a read; None for others."""
+    if transaction.has_errors or transaction.parameters.function != READ_VAR:
+        return None
     good = GoodItems()
     found: list[bytes] = []
     if good.begin(transaction):

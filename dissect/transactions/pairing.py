@@ -144,10 +144,8 @@ class OpenRequests:
         before = self._latest
         if before is not None and key == self._latest_key:
             return before
-        if self._table:
-            found = self._table.get(key)
-            if found is not None:
-                return found
+        if self._table and (found := self._table.get(key)) is not None:
+            return found
         self.count += 1
         if before is not None:
             self._table[self._latest_key] = before
@@ -445,8 +443,11 @@ class Dialogue:
         waiting = requests.add(key, transaction)
         if waiting is not None:
             expected: bool = answering is not None and _unseen(transaction, answering)
-            kept: bool = expected and requests.supersede(key, transaction, waiting)
-            replaced = None if kept else requests.add_again(key, transaction, waiting)
+            replaced = (
+                None
+                if expected and requests.supersede(key, transaction, waiting)
+                else requests.add_again(key, transaction, waiting)
+            )
             if replaced is not None:
                 self._replace(replaced, answering)
         if requests.count > MAX_OPEN or (self.open > MAX_OPEN_ALL and requests.count > FEW_OPEN):
@@ -505,13 +506,11 @@ class Dialogue:
         if waiting.superseded is not None:  # what was asked before it would have been answered by now
             for lost in requests.drop_superseded(waiting):
                 self._give_up(lost, side, REFERENCE_REUSED)
-        misfit: bool = False
-        if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
-            misfit = mismatch(waiting.parameters, parameters)
         asked = requests.take(key, waiting)
         self.open -= 1
-        if misfit:
-            asked.flags |= FUNCTION_MISMATCH
+        if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
+            if mismatch(waiting.parameters, parameters):
+                asked.flags |= FUNCTION_MISMATCH
         asked.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
         self._answered(asked, parameters, data_at)
         return asked
