@@ -187,8 +187,6 @@ class Errors:
 
     def json(self, transaction: Transaction) -> str:
         """Return the errors of a transaction as JSON, without the brackets of their array."""
-        if not transaction.has_errors:
-            return ""
         return ",".join(
             [
                 f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'

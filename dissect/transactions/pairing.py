@@ -149,8 +149,7 @@ class OpenRequests:
         self.count += 1
         if before is not None:
             self._table[self._latest_key] = before
-        self._latest = transaction
-        self._latest_key = key
+        self._latest, self._latest_key = transaction, key
         return None
 
     def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
@@ -443,11 +442,8 @@ class Dialogue:
         waiting = requests.add(key, transaction)
         if waiting is not None:
             expected: bool = answering is not None and _unseen(transaction, answering)
-            replaced = (
-                None
-                if expected and requests.supersede(key, transaction, waiting)
-                else requests.add_again(key, transaction, waiting)
-            )
+            kept: bool = expected and requests.supersede(key, transaction, waiting)
+            replaced = None if kept else requests.add_again(key, transaction, waiting)
             if replaced is not None:
                 self._replace(replaced, answering)
         if requests.count > MAX_OPEN or (self.open > MAX_OPEN_ALL and requests.count > FEW_OPEN):

@@ -136,7 +136,7 @@ class TransactionLines(Observer):
         self._second_octets: bytes = b""
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
-        self._errors: Errors = Errors()
+        self._told: Errors = Errors()
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -202,7 +202,7 @@ class TransactionLines(Observer):
         else:
             out.write(_ANSWERED)
             about = self._setup(transaction) + self._notes(transaction)
-            told = f'{about}{_ITEMS}{self._items(transaction)}],"errors":[{self._errors.json(transaction)}]}}'
+            told = f'{about}{_ITEMS}{self._items(transaction)}],"errors":[{self._errors(transaction)}]}}'
             out.write(told.encode("ascii"))
         return out.getvalue()
 
@@ -289,7 +289,7 @@ class TransactionLines(Observer):
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
             f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{opening}{body}{closing}'
-            f',"errors":[{self._errors.json(transaction)}]{tail}}}'
+            f',"errors":[{self._errors(transaction)}]{tail}}}'
         )
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
@@ -350,6 +350,9 @@ class TransactionLines(Observer):
                     self._short.clear()
                 self._short[key] = found
         return found
+
+    def _errors(self, transaction: Transaction) -> str:
+        return self._told.json(transaction) if transaction.has_errors else ""
 
     def _items(self, transaction: Transaction) -> str:
         naming = transaction.connection.naming
