@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from librt.strings import read_i16_be
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
@@ -108,7 +109,7 @@ class S7(Protocol):
         limit: i64 = connection.pdu_length
         if limit and (size > limit or parameters.answer_size > limit):
             judge_length(exchange.reporter, connection, parameters, size, frame, time_ns)
-        if (rosctr == ACK and size > head) or buf[at + 2] or buf[at + 3]:
+        if (rosctr == ACK and size > head) or read_i16_be(buf, at + 2) != 0:
             judge_header(exchange.reporter, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
         if rosctr == JOB:
             self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)

@@ -16,6 +16,8 @@ from dissect.s7.parameters import UserdataHead
 from dissect.s7.tables import BIT, BYTE, CHAR, SUCCESS, USERDATA_TYPES, WCHAR
 from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers, write_times
 from dissect.transactions.naming import NamedValue
+from dissect.transactions.results import NO_CODE
+from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import write_escape, write_hexadecimal
 from dissect.wire.text import SHORT, hexadecimal, json_text
 
@@ -36,6 +38,10 @@ _ESCAPED: Final = bytes([len(json_text(chr(code))) > 3 for code in range(128)])
 #: Units of UTF-16 of which two make a character: those bits of them, and what they are.
 _SURROGATES: Final = 0xF800
 _SURROGATE: Final = 0xD800
+
+
+#: Texts of errors that are kept as JSON; forgotten together when there are so many.
+_MAX_TEXTS: Final = 1024
 
 
 def value_text(value: Value) -> str:
@@ -171,6 +177,32 @@ def value_json(item: Item, data: bytes) -> str:
         if text:
             return f'{value},"text":{json_text(text)}'
     return value
+
+
+class Errors:
+    """Writes errors of transactions; names and explanations, which come again and again, are escaped once."""
+
+    def __init__(self) -> None:
+        self._texts: dict[str, str] = {}
+
+    def json(self, transaction: Transaction) -> str:
+        """Return the errors of a transaction as JSON, without the brackets of their array."""
+        return ",".join(
+            [
+                f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
+                f',"name":{self._quoted(error.name)},"text":{self._quoted(error.text)}}}'
+                for error in transaction.errors
+            ]
+        )
+
+    def _quoted(self, text: str) -> str:
+        found = self._texts.get(text)
+        if found is None:
+            if len(self._texts) >= _MAX_TEXTS:
+                self._texts.clear()
+            found = json_text(text)
+            self._texts[text] = found
+        return found
 
 
 def with_tags(item: str, known: list[NamedValue]) -> str:

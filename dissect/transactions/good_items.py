@@ -13,6 +13,8 @@ from dissect.transactions.transaction import ANSWERED, Transaction
 
 def good_octets(transaction: Transaction) -> list[bytes] | None:
     """Return the octets of each item of such a read; None for others."""
+    if transaction.has_errors or transaction.parameters.function != READ_VAR:
+        return None
     good = GoodItems()
     found: list[bytes] = []
     if good.begin(transaction):
@@ -28,7 +30,7 @@ class GoodItems:
     with tags are not stepped over, nor items that ask for several areas.
     """
 
-    __slots__ = ("_end", "_items", "_next", "at", "buf", "index", "size", "whole")
+    __slots__ = ("_end", "_items", "_judged", "_next", "at", "buf", "index", "size", "whole")
 
     def __init__(self) -> None:
         self.buf: bytes = b""
@@ -37,6 +39,7 @@ class GoodItems:
         self.index: i64 = -1
         self.whole: bool = False
         self._items: list[Item] = []
+        self._judged: bool = False  # `check_answer` found each item to be good and as long as it was asked for
         self._next: i64 = 0
         self._end: i64 = 0
 
@@ -61,6 +64,7 @@ class GoodItems:
         self.buf = transaction.response_buf
         self.index = -1
         self._items = asked.items
+        self._judged = transaction.flags == 0
         self._next = transaction.response_offset + ACK_HEADER_SIZE + len(answer.octets)
         self._end = transaction.response_offset + transaction.response_size
         return True
@@ -77,11 +81,16 @@ class GoodItems:
         end: i64 = self._end
         if at + DATA_HEAD > end:
             return False
-        head: i64 = i64(read_i32_be(buf, at))
-        if head >> 24 & 0xFF != SUCCESS or self._items[index].areas is not None:
+        item = self._items[index]
+        if item.areas is not None:
             return False
         body: i64 = at + DATA_HEAD
-        size: i64 = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - body)
+        size: i64 = item.size
+        if size < 0 or not self._judged:
+            head: i64 = i64(read_i32_be(buf, at))
+            if head >> 24 & 0xFF != SUCCESS:
+                return False
+            size = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - body)
         if body + size > end:
             return False
         self.index = index

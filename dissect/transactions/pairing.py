@@ -139,14 +139,18 @@ class OpenRequests:
             return latest
         return self._table.get(key) if self._table else None
 
-    def add(self, key: i64, transaction: Transaction) -> None:
-        """Open a request under a key that nothing is open under."""
-        self.count += 1
+    def add(self, key: i64, transaction: Transaction) -> Transaction | None:
+        """Open a request, unless something is open under its key (`find`): then return that."""
         before = self._latest
+        if before is not None and key == self._latest_key:
+            return before
+        if self._table and (found := self._table.get(key)) is not None:
+            return found
+        self.count += 1
         if before is not None:
             self._table[self._latest_key] = before
-        self._latest = transaction
-        self._latest_key = key
+        self._latest, self._latest_key = transaction, key
+        return None
 
     def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
         """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it)."""
@@ -432,13 +436,11 @@ class Dialogue:
                 self._join(transaction, orphan.transaction)
                 return transaction
         answering = side.peer
-        waiting = requests.find(key)
         self.open += 1
         if self.watching and not side.watched:
             self._watch(side)
-        if waiting is None:
-            requests.add(key, transaction)
-        else:
+        waiting = requests.add(key, transaction)
+        if waiting is not None:
             expected: bool = answering is not None and _unseen(transaction, answering)
             kept: bool = expected and requests.supersede(key, transaction, waiting)
             replaced = None if kept else requests.add_again(key, transaction, waiting)
@@ -500,13 +502,11 @@ class Dialogue:
         if waiting.superseded is not None:  # what was asked before it would have been answered by now
             for lost in requests.drop_superseded(waiting):
                 self._give_up(lost, side, REFERENCE_REUSED)
-        misfit: bool = False
-        if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
-            misfit = mismatch(waiting.parameters, parameters)
         asked = requests.take(key, waiting)
         self.open -= 1
-        if misfit:
-            asked.flags |= FUNCTION_MISMATCH
+        if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
+            if mismatch(waiting.parameters, parameters):
+                asked.flags |= FUNCTION_MISMATCH
         asked.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
         self._answered(asked, parameters, data_at)
         return asked

@@ -33,6 +33,7 @@ _NUMBER: Final = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 #: Numbers below 1000, as they are and with three digits: most of what the bulk outputs write are digits, and `str` takes
 #: several times as long as looking them up.
 SHORT: Final[list[str]] = [str(number) for number in range(1000)]
+TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
 #: The same with a point behind.
 POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
@@ -238,8 +239,8 @@ class Clock:
         day: i64 = second // _S_PER_DAY
         rest: i64 = second % _S_PER_DAY
         year, month, of_month = civil(day)
-        of_day = f"{rest // 3600:02d}:{rest // 60 % 60:02d}:{rest % 60:02d}."
-        self._text = f"{year:04d}-{month:02d}-{of_month:02d}T{of_day}"
+        of_day = f"{TWO[rest // 3600]}:{TWO[rest // 60 % 60]}:{TWO[rest % 60]}."
+        self._text = f"{str(year).zfill(4)}-{TWO[month]}-{TWO[of_month]}T{of_day}"
         self._moment = ""
         self._second = second
 

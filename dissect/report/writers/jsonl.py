@@ -19,7 +19,16 @@ from dissect.iso.tables import DT, ED
 from dissect.iso.tsap import Tsap
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
-from dissect.report.item_json import CODE, item_json, item_text, userdata_text, value_json, with_tags, write_good_item
+from dissect.report.item_json import (
+    CODE,
+    Errors,
+    item_json,
+    item_text,
+    userdata_text,
+    value_json,
+    with_tags,
+    write_good_item,
+)
 from dissect.report.operations import operation_json
 from dissect.report.plus import plus_pdu_line
 from dissect.report.scd import scd_json, scd_line_json
@@ -43,7 +52,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import FUNCTION_MISMATCH, NO_CODE
+from dissect.transactions.results import FUNCTION_MISMATCH
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
@@ -127,6 +136,7 @@ class TransactionLines(Observer):
         self._second_octets: bytes = b""
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
+        self._told: Errors = Errors()
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -192,7 +202,7 @@ class TransactionLines(Observer):
         else:
             out.write(_ANSWERED)
             about = self._setup(transaction) + self._notes(transaction)
-            told = f'{about}{_ITEMS}{self._items(transaction)}],"errors":[{_errors(transaction)}]}}'
+            told = f'{about}{_ITEMS}{self._items(transaction)}],"errors":[{self._errors(transaction)}]}}'
             out.write(told.encode("ascii"))
         return out.getvalue()
 
@@ -279,7 +289,7 @@ class TransactionLines(Observer):
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
             f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
             f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{opening}{body}{closing}'
-            f',"errors":[{_errors(transaction)}]{tail}}}'
+            f',"errors":[{self._errors(transaction)}]{tail}}}'
         )
 
     def _places(self, asked: int, told: int, locate: Locate) -> str:
@@ -341,6 +351,9 @@ class TransactionLines(Observer):
                 self._short[key] = found
         return found
 
+    def _errors(self, transaction: Transaction) -> str:
+        return self._told.json(transaction) if transaction.has_errors else ""
+
     def _items(self, transaction: Transaction) -> str:
         naming = transaction.connection.naming
         if naming is not None:
@@ -367,18 +380,6 @@ def _setup_text(setup: Setup | None) -> str:
             f',"pdu_length":{setup.pdu_length}}}'
         )
     return setup.fragment
-
-
-def _errors(transaction: Transaction) -> str:
-    if not transaction.has_errors:
-        return ""
-    return ",".join(
-        [
-            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
-            f',"name":{json_text(error.name)},"text":{json_text(error.text)}}}'
-            for error in transaction.errors
-        ]
-    )
 
 
 class PduLines:
