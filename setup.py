@@ -248,7 +248,6 @@ BUSY: Final = (
     "dissect/variables/collector.py",
     "dissect/variables/model.py",
     "dissect/variables/tracker.py",
-    "dissect/variables/writers.py",
     "dissect/stations/evidence.py",
     "dissect/stations/facts.py",
 )
