@@ -25,7 +25,7 @@ _SLUGS: Final[dict[str, str]] = {
 class StationWatch:
     """Reads facts, keeps them in ``book`` and judges them; what it returns is for the observer. One for a whole analysis.
 
-    The book is its own, or one that somebody else reads (`Book.filled`).
+    Without ``book`` it keeps one of its own; a given one is an observer's, which need not note the facts again (`Book.filled`).
     """
 
     def __init__(self, judge: Reporter, book: Book | None = None) -> None:

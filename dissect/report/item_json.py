@@ -19,7 +19,7 @@ from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import NO_CODE
 from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import write_escape, write_hexadecimal
-from dissect.wire.text import SHORT, hexadecimal, json_text
+from dissect.wire.text import SHORT, JsonTexts, hexadecimal, json_text
 
 #: The return code of an item of which all is well, and what stands in front of its octets.
 _GOOD: Final = f'{SUCCESS},"data":"'
@@ -38,10 +38,6 @@ _ESCAPED: Final = bytes([len(json_text(chr(code))) > 3 for code in range(128)])
 #: Units of UTF-16 of which two make a character: those bits of them, and what they are.
 _SURROGATES: Final = 0xF800
 _SURROGATE: Final = 0xD800
-
-
-#: Texts of errors that are kept as JSON; forgotten together when there are so many.
-_MAX_TEXTS: Final = 1024
 
 
 def value_text(value: Value) -> str:
@@ -179,30 +175,15 @@ def value_json(item: Item, data: bytes) -> str:
     return value
 
 
-class Errors:
-    """Writes errors of transactions; names and explanations, which come again and again, are escaped once."""
-
-    def __init__(self) -> None:
-        self._texts: dict[str, str] = {}
-
-    def json(self, transaction: Transaction) -> str:
-        """Return the errors of a transaction as JSON, without the brackets of their array."""
-        return ",".join(
-            [
-                f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
-                f',"name":{self._quoted(error.name)},"text":{self._quoted(error.text)}}}'
-                for error in transaction.errors
-            ]
-        )
-
-    def _quoted(self, text: str) -> str:
-        found = self._texts.get(text)
-        if found is None:
-            if len(self._texts) >= _MAX_TEXTS:
-                self._texts.clear()
-            found = json_text(text)
-            self._texts[text] = found
-        return found
+def errors_json(transaction: Transaction, texts: JsonTexts) -> str:
+    """Return the errors of a transaction as JSON, without the brackets of their array."""
+    return ",".join(
+        [
+            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
+            f',"name":{texts.of(error.name)},"text":{texts.of(error.text)}}}'
+            for error in transaction.errors
+        ]
+    )
 
 
 def with_tags(item: str, known: list[NamedValue]) -> str:

@@ -23,7 +23,7 @@ from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
-from dissect.wire.text import hex_number, json_text, shortened
+from dissect.wire.text import JsonTexts, hex_number, json_text, shortened
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
@@ -42,10 +42,8 @@ _ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
 #: How `head_json` begins, by version and opcode, for PDUs in one frame.
 _BEGINNINGS: Final[dict[int, str]] = {}
 
-#: Texts of requests as JSON, how many are remembered, and the characters of the longest of them.
-_KNOWN: Final[dict[str, str]] = {}
-_MAX_KNOWN: Final = 4096
-_LONGEST: Final = 200
+#: Texts of requests: they name the same sessions and addresses again and again.
+_KNOWN: Final = JsonTexts()
 
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 _NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
@@ -213,19 +211,7 @@ def _noted(half: Half | None) -> str:
         texts += _malformed(half)
     if half.pdu.opcode != REQUEST:
         return ",".join([json_text(text) for text in texts])
-    return ",".join([_known_json(text) for text in texts])
-
-
-def _known_json(text: str) -> str:
-    """Return a text as JSON, one that was asked for before from a table: requests name the same sessions and addresses."""
-    found = _KNOWN.get(text)
-    if found is None and len(text) > _LONGEST:
-        return json_text(text)
-    if found is None:
-        if len(_KNOWN) >= _MAX_KNOWN:
-            _KNOWN.clear()
-        found = _KNOWN[text] = json_text(text)
-    return found
+    return ",".join([_KNOWN.of(text) for text in texts])
 
 
 def _malformed(half: Half | None, which: str = "") -> list[str]:

@@ -37,6 +37,9 @@ TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
 #: The same with a point behind.
 POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
+#: Characters of the longest text that `JsonTexts` keeps, and how many of them.
+_LONGEST: Final = 200
+_MAX_TEXTS: Final = 4096
 #: Bytes as two hexadecimal digits.
 HEX: Final[list[str]] = [f"{number:02x}" for number in range(256)]
 
@@ -100,6 +103,27 @@ def json_text(value: str) -> str:
     """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
     text = _ENCODE(value)
     return text.replace("\x7f", "\\u007f") if "\x7f" in text else text
+
+
+class JsonTexts:
+    """Texts as JSON strings (`json_text`); those that come again and again are escaped once, long ones are not kept."""
+
+    __slots__ = ("_known",)
+
+    def __init__(self) -> None:
+        self._known: dict[str, str] = {}
+
+    def of(self, text: str) -> str:
+        """Return ``text`` as a JSON string."""
+        found = self._known.get(text)
+        if found is not None:
+            return found
+        found = json_text(text)
+        if len(text) <= _LONGEST:
+            if len(self._known) >= _MAX_TEXTS:
+                self._known.clear()
+            self._known[text] = found
+        return found
 
 
 def encodable(text: str) -> str:

@@ -2,13 +2,24 @@ from __future__ import annotations
 
 import csv
 import io
+import tracemalloc
 import unicodedata
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.wire.text import cell, duration_text, encodable, hex_number, printable, shortened, titled
+from dissect.wire.text import (
+    JsonTexts,
+    cell,
+    duration_text,
+    encodable,
+    hex_number,
+    json_text,
+    printable,
+    shortened,
+    titled,
+)
 
 ANY = st.text(st.characters())  # surrogates included
 
@@ -142,3 +153,20 @@ def test_a_number_in_hexadecimal_has_at_least_so_many_digits() -> None:
     for digits in range(1, 9):
         for number in (0, 1, 9, 10, 15, 16, 255, 256, 4095, 4096, 65535, 65536, 0xFFFFFFFF):
             assert hex_number(number, digits) == f"0x{number:0{digits}x}"
+
+
+@given(st.lists(st.text(max_size=250), max_size=30))
+def test_texts_that_are_kept_are_escaped_as_any(texts: list[str]) -> None:
+    kept = JsonTexts()
+    assert [kept.of(text) for text in texts * 2] == [json_text(text) for text in texts * 2]
+
+
+@pytest.mark.parametrize(("digits", "most"), [(8, 1_500_000), (250, 100_000)], ids=["many", "long"])
+def test_kept_texts_are_bounded(digits: int, most: int) -> None:
+    kept = JsonTexts()
+    tracemalloc.start()
+    for number in range(20_000):
+        assert kept.of(f"{number:0{digits}}\x7f").endswith('\\u007f"')
+    size, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert size < most

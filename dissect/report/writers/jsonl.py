@@ -21,7 +21,7 @@ from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
 from dissect.report.item_json import (
     CODE,
-    Errors,
+    errors_json,
     item_json,
     item_text,
     userdata_text,
@@ -60,7 +60,7 @@ from dissect.wire.digits import write_decimal, write_digits
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
-from dissect.wire.text import THREE, Clock, decimal, json_text
+from dissect.wire.text import THREE, Clock, JsonTexts, decimal, json_text
 
 if TYPE_CHECKING:
     from dissect.iso.cotp import Tpdu
@@ -136,7 +136,7 @@ class TransactionLines(Observer):
         self._second_octets: bytes = b""
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
-        self._told: Errors = Errors()
+        self._texts: JsonTexts = JsonTexts()
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -352,7 +352,7 @@ class TransactionLines(Observer):
         return found
 
     def _errors(self, transaction: Transaction) -> str:
-        return self._told.json(transaction) if transaction.has_errors else ""
+        return errors_json(transaction, self._texts) if transaction.has_errors else ""
 
     def _items(self, transaction: Transaction) -> str:
         naming = transaction.connection.naming
