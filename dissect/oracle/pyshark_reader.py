@@ -7,16 +7,21 @@ several PDUs of a packet are in ``duplicate_layers``, while EK mode raises on th
 
 from __future__ import annotations
 
+import asyncio
 import os
 import sys
+from asyncio.subprocess import Process
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
 from dissect.oracle.theirs import OF_FRAME, PROTOCOLS, WANTED, WHOLE, Frame, Tree
 from dissect.oracle.tshark import FILTER, Child, OracleError, preferences
+
+#: Seconds in which a tshark that has written all it has to say is expected to be gone.
+_LEAVING: Final = 10
 
 
 def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> Iterator[Frame]:
@@ -29,6 +34,8 @@ def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) ->
     whole = False
     try:
         for line in child.stdout:
+            if not line.endswith(b"\n"):
+                break  # the child ended within a line: it says why, not what it left
             yield Frame(_decoded(line, path))
         whole = True
     finally:
@@ -91,8 +98,22 @@ def main(path: str, reorder: str, *ports: str) -> None:
         from pyshark.tshark.tshark import TSharkNotFoundException
     except ImportError:
         sys.exit("pyshark is not installed: pip install 's7dissect[tshark]'")
+
+    class Capture(pyshark.FileCapture):  # type: ignore[misc]  # pyshark has no types
+        """At the end of its output tshark is let go by itself.
+
+        pyshark kills it there. If it leaves between pyshark's look and the signal, the signal takes its status from the event
+        loop, which then reports 255, and pyshark raises for a crash that never was.
+        """
+
+        async def _cleanup_subprocess(self, process: Process) -> None:
+            if self._eof_reached:
+                with suppress(asyncio.TimeoutError):  # then pyshark may kill it
+                    await asyncio.wait_for(process.wait(), _LEAVING)
+            await super()._cleanup_subprocess(process)
+
     try:
-        capture = pyshark.FileCapture(
+        capture = Capture(
             path,
             use_json=True,
             include_raw=True,
@@ -110,6 +131,7 @@ def main(path: str, reorder: str, *ports: str) -> None:
         # Behind the first two lines stands advice for pyshark's developers; and it raises once more while Python shuts down.
         sys.stderr.write(" ".join(str(error).splitlines()[:2]) + "\n")
         sys.stderr.flush()
+        sys.stdout.flush()
         os._exit(1)
 
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from random import Random
 
 import pytest
 
+from dissect.oracle import pyshark_reader
 from dissect.oracle.pyshark_reader import _decoded, read_pyshark
-from dissect.oracle.tshark import OracleError, read_tshark
+from dissect.oracle.tshark import Child, OracleError, read_tshark
 from tests.oracle.traffic import conversation, interleaved, write_capture
 
 
@@ -58,3 +63,45 @@ def test_a_file_that_is_no_capture(tmp_path: Path) -> None:
 def test_a_line_that_is_no_json_is_told_with_its_place() -> None:
     with pytest.raises(OracleError, match=r"reading a.pcap: .*byte 5\), near b'\{\"a\":x\}'"):
         _decoded(b'{"a":x}', "a.pcap")
+
+
+#: A tshark that says everything, and leaves a little later.
+_LINGERS = """#!/bin/sh
+{tshark} "$@"
+exec >&- 2>&-
+sleep 0.2
+"""
+#: Reads with pyshark, whose signal for a tshark that has said everything comes when that has just left.
+_TOO_LATE = """
+import sys, time
+from asyncio.subprocess import Process
+kill = Process.kill
+def late(self):
+    time.sleep(0.5)
+    kill(self)
+Process.kill = late
+from dissect.oracle.pyshark_reader import main
+main(sys.argv[1], "0", "10102")
+"""
+
+
+def test_tshark_may_take_its_leave(capture: str, tmp_path: Path) -> None:
+    lingers = tmp_path / "tshark"
+    lingers.write_text(_LINGERS.format(tshark=shutil.which("tshark")))
+    lingers.chmod(0o755)
+    done = subprocess.run(
+        [sys.executable, "-c", _TOO_LATE, capture],
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.count(b"\n") == len(list(read_pyshark(capture, [10102])))
+
+
+def test_a_child_that_ends_within_a_line_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    dying = [sys.executable, "-c", "import sys; sys.stdout.write('{\"frame\":'); sys.exit('out of memory')"]
+    monkeypatch.setattr(pyshark_reader, "Child", lambda _command, what: Child(dying, what))
+    with pytest.raises(OracleError, match=r"pyshark, reading a.pcap: it failed with code 1: out of memory"):
+        list(read_pyshark("a.pcap"))
