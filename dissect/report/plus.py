@@ -19,11 +19,12 @@ from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PlusParameters, names_function
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
+from dissect.s7plus.value_showing import value_json
 from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
-from dissect.wire.text import JsonTexts, hex_number, json_text, shortened
+from dissect.wire.text import JsonTexts, hex_number, hexadecimal, json_text, shortened
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
@@ -41,6 +42,9 @@ _ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
 
 #: How `head_json` begins, by version and opcode, for PDUs in one frame.
 _BEGINNINGS: Final[dict[int, str]] = {}
+#: The same for requests up to the digest, by session, transport flags and version; and how many of them are kept.
+_REQUESTS: Final[dict[int, str]] = {}
+_MAX_REQUESTS: Final = 4096
 
 #: Texts of requests: they name the same sessions and addresses again and again.
 _KNOWN: Final = JsonTexts()
@@ -109,7 +113,7 @@ def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
 
 def plus_subject(transaction: Transaction) -> str:
     """Return what an S7comm-plus transaction is about: the session, or the subscription that tells it."""
-    asked, told = transaction.plus_halves()
+    asked, told = transaction.said_halves()
     half = asked if asked is not None else told
     if half is None:
         return ""
@@ -145,6 +149,17 @@ def _some(texts: list[str]) -> list[str]:
 
 def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
     """Return what only S7comm-plus has; keys that the PDU does not have are left out."""
+    asked: bool = pdu.opcode == REQUEST and pdu.session_id >= 0
+    said = _known_request(pdu) if asked else _beginning(pdu)
+    other = "" if asked else _other_head(pdu)
+    digest = f',"integrity":"{pdu.integrity.hex()}"' if pdu.integrity else ""
+    message = f',"message":{json_text(pdu.message.decode("latin-1"))}' if pdu.message else ""
+    id_ = f',"integrity_id":{integrity_id}' if integrity_id >= 0 else ""
+    return f"{said}{other}{digest}{message}{id_}}}"
+
+
+def _beginning(pdu: PlusPdu) -> str:
+    """Return how `head_json` begins, up to the opcode."""
     opcode = pdu.opcode
     key = pdu.version << 8 | opcode if pdu.frames == 1 and opcode >= 0 else -1
     said = _BEGINNINGS.get(key, "")
@@ -155,16 +170,24 @@ def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
             said += f',"opcode":{opcode}'
         if key >= 0:
             _BEGINNINGS[key] = said
-    if opcode == REQUEST and pdu.session_id >= 0:
+    return said
+
+
+def _known_request(pdu: PlusPdu) -> str:
+    """Return what `head_json` has before the digest of a request with a whole head: all of a session say the same."""
+    key = -1
+    if pdu.frames == 1 and 0 <= pdu.transport_flags <= 0xFF:
+        key = (pdu.session_id << 8 | pdu.transport_flags) << 8 | pdu.version
+    said = _REQUESTS.get(key, "")
+    if not said:
         wants = "true" if pdu.wants_response else "false"
-        said += f',"session_id":{pdu.session_id},"transport_flags":{pdu.transport_flags},"wants_response":{wants}'
-    else:
-        said += _other_head(pdu)
-    if pdu.integrity:
-        said += f',"integrity":"{pdu.integrity.hex()}"'
-    if pdu.message:
-        said += f',"message":{json_text(pdu.message.decode("latin-1"))}'
-    return f'{said},"integrity_id":{integrity_id}}}' if integrity_id >= 0 else f"{said}}}"
+        said = f'{_beginning(pdu)},"session_id":{pdu.session_id},"transport_flags":{pdu.transport_flags}'
+        said += f',"wants_response":{wants}'
+        if key >= 0:
+            if len(_REQUESTS) >= _MAX_REQUESTS:
+                _REQUESTS.clear()
+            _REQUESTS[key] = said
+    return said
 
 
 def _other_head(pdu: PlusPdu) -> str:
@@ -189,7 +212,7 @@ def _other_head(pdu: PlusPdu) -> str:
 
 def plus_json(transaction: Transaction) -> str:
     """Return the keys that only transactions of S7comm-plus have, behind a comma."""
-    asked, told = transaction.plus_halves()
+    asked, told = transaction.said_halves()
     items = [_item_json(item) for item in join_items(asked, told, transaction.connection.plus)]
     alarms = ""
     if told is not None and told.contents.objects:
@@ -233,24 +256,25 @@ def _item_json(item: PlusItem) -> str:
     """
     address = item.address
     value = item.value
-    label, where, path = "null", _NOWHERE, _NO_PATH
+    data = f'"{hexadecimal(item.data)}"' if item.data is not None else "null"
+    said = value_json(value) if value is not None and item.fits and item.is_plain else _value_json(item.json_value)
+    name = _TYPES[value.type] if value is not None else _NO_TYPE
+    note = f',"note":{json_text(item.note)}' if item.note else ""
+    begin, label, where, path = _NO_ADDRESS, "null", _NOWHERE, _NO_PATH
     if address is not None:
         if address.fragment is None:
             address.fragment = _address_json(address)
-        known, where, path = address.fragment
-        label = known if item.found is None else json_text(item.label)
-    code = _SUCCESS if item.return_code == 0 else str(item.return_code) if item.return_code >= 0 else "null"
-    data = f'"{item.data.hex()}"' if item.data is not None else "null"
-    name = _TYPES[value.type] if value is not None else _NO_TYPE
-    note = f',"note":{json_text(item.note)}' if item.note else ""
-    return (
-        f'{{"address":{label}{where}{code},"data":{data},"value":{_value_json(item.json_value)}'
-        f',"number":{item.number}{name}{path}{note}}}'
-    )
+        begin, label, where, path = address.fragment
+    if item.return_code or item.found is not None:
+        if item.found is not None:
+            label = json_text(item.label)
+        code = str(item.return_code) if item.return_code > 0 else "null" if item.return_code else _SUCCESS
+        begin = _item_begin(label, where, code)
+    return f'{begin}{data},"value":{said},"number":{item.number}{name}{path}{note}}}'
 
 
-def _address_json(address: Address) -> tuple[str, str, str]:
-    """Return what an item says of its address: its label, what stands behind that, and what stands behind the type."""
+def _address_json(address: Address) -> tuple[str, str, str, str]:
+    """Return what an item says of its address: how it begins if all is well, its label, what follows that, and the type."""
     start = str(address.start_bit) if address.start_bit >= 0 else "null"
     area = db = crc = "null"
     if address.area >> 16 == DATA_BLOCK:
@@ -260,16 +284,22 @@ def _address_json(address: Address) -> tuple[str, str, str]:
     if address.crc:
         crc = f'"{hex_number(address.crc, 8)}"'
     path = ",".join([str(id_) for id_ in (address.area, address.sub_area, *address.lids)])
-    return json_text(address.label), _where(area, db, start), f',"crc":{crc},"path":[{path}]'
+    label, where = json_text(address.label), _where(area, db, start)
+    return _item_begin(label, where, _SUCCESS), label, where, f',"crc":{crc},"path":[{path}]'
 
 
 def _where(area: str, db: str, start: str) -> str:
     return f',"syntax_id":null,"area":{area},"db":{db},"start_bit":{start},"transport_size":null,"count":null,"return_code":'
 
 
-_NOWHERE: Final = _where("null", "null", "null")
-_NO_PATH: Final = ',"crc":null,"path":null'
+def _item_begin(label: str, where: str, code: str) -> str:
+    return f'{{"address":{label}{where}{code},"data":'
+
+
 _SUCCESS: Final = str(SUCCESS)
+_NOWHERE: Final = _where("null", "null", "null")
+_NO_ADDRESS: Final = _item_begin("null", _NOWHERE, _SUCCESS)
+_NO_PATH: Final = ',"crc":null,"path":null'
 _TYPES: Final[list[str]] = [f',"type":{json_text(VALUE_TYPES.name(type_))}' for type_ in range(256)]
 _NO_TYPE: Final = ',"type":null'
 

@@ -21,6 +21,8 @@ _EVENT_STATES: Final = 3474
 _TIME: Final = 3475
 _VALUES: Final = 3476
 _ACKNOWLEDGED: Final = 3646
+#: The attributes that an alarm is made of.
+ATTRIBUTES: Final = frozenset((_CPU_ALARM_ID, _STATES, _DOMAIN, _TYPE, _COMING, _GOING, _TEXTS))
 #: Texts and associated values of an alarm that are shown in words.
 _SHOWN: Final = 3
 

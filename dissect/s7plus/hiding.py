@@ -6,29 +6,39 @@ others are hashes and keys that a download brings to the CPU. Every face reads c
 
 from __future__ import annotations
 
+from typing import Final
+
+from dissect.s7plus.alarms import ATTRIBUTES
+from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS, is_secret
 from dissect.s7plus.items import Half
 from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, VALUE
 from dissect.s7plus.message import PlusPdu
+from dissect.s7plus.session import NAME, REFERENCE_LIST
+from dissect.s7plus.skipping import table
 from dissect.s7plus.tables import REQUEST
 from dissect.s7plus.value_tables import BLOB, STRUCT, VARIANT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
-from dissect.s7plus.walk import MAX_PARTS
+from dissect.s7plus.walk import MAX_PARTS, Wanted
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
+
+#: What a line says of a PDU: all its items, but of the attributes of objects only names, what is subscribed to, and alarms.
+#: Those that may be compressed are read as well, as that finds what is wrong with them.
+_SAID: Final = Wanted(table(ATTRIBUTES | COMPRESSED | {NAME, REFERENCE_LIST}), written=True)
 
 #: Contents without secrets, and (offset, end) of each secret within the octets of their PDU.
 Shown = tuple[Contents, list[tuple[int, int]]]
 
 
-def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
+def shown_contents(pdu: PlusPdu, shown: bool = True, wanted: Wanted | None = None) -> Shown:
     """Return the contents of a PDU without secrets, and (offset, end) of each secret within ``pdu.octets``.
 
-    With ``shown`` false there are no parts and no offsets. Never raises.
+    With ``shown`` false there are no parts and no offsets. ``wanted`` is that of `parse_contents`. Never raises.
     """
-    found = parse_contents(pdu, shown)
+    found = parse_contents(pdu, shown, wanted=wanted)
     secret = _secret_items(found) if pdu.opcode == REQUEST and (shown or found.items) else set()
     named = pdu.opcode == REQUEST and bool(found.ids) and found.ids[-1] in SECRETS
     spans: list[tuple[int, int]] = []
@@ -59,6 +69,11 @@ def shown_contents(pdu: PlusPdu, shown: bool = True) -> Shown:
 def shown_half(pdu: PlusPdu) -> Half:
     """Return a PDU with its contents, without secrets and without parts."""
     return Half(pdu, shown_contents(pdu, shown=False)[0])
+
+
+def said_half(pdu: PlusPdu) -> Half:
+    """Return `shown_half`, whose objects have no more attributes than lines about transactions name."""
+    return Half(pdu, shown_contents(pdu, False, _SAID)[0])
 
 
 def _may_hold_any(found: Contents) -> bool:

@@ -81,7 +81,7 @@ class PlusItem:
             return ""
         if not self.fits:
             return octets_text(self.data) if self.data is not None else ""
-        if self._is_plain:
+        if self.is_plain:
             return value_said(self.value, self._last_id)
         text = self._program_value()
         if text is not None:
@@ -102,7 +102,7 @@ class PlusItem:
         """The value as JSON-ready data, None when there is none, or it contradicts its declaration."""
         if not self.fits:
             return None
-        if self.value is not None and self._is_plain:
+        if self.value is not None and self.is_plain:
             return as_json(self.value)
         text = self._program_value()
         if text is not None:
@@ -117,7 +117,7 @@ class PlusItem:
         return elements if elements is not None else as_json(self.value)
 
     @property
-    def _is_plain(self) -> bool:
+    def is_plain(self) -> bool:
         """True where the program says nothing of the value."""
         return self.found is None and self.value is not None and not isinstance(self.value.content, Packed)
 

@@ -259,8 +259,9 @@ def read_into(walk: Walk, elements: list[Element]) -> None:
         if wanted is not None:
             skipper = Skipper(walk.octets, walk.at, walk.end)
             skipper.attributes(wanted.attributes, walk.depth)
-            walk.at = skipper.at
-            walk.spend(skipper.spent, "value")
+            if skipper.spent <= walk.budget:  # else reading them finds where too much is too much
+                walk.at = skipper.at
+                walk.spend(skipper.spent, "value")
         tag = walk.peek()
         start = walk.at
         if tag == ATTRIBUTE_TAG:

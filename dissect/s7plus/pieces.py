@@ -209,7 +209,7 @@ def take_values(walk: Walk, found: Contents, count: int) -> None:
 
 def _is_asked_for(wanted: Wanted, found: Contents, number: int) -> bool:
     """Tell whether an item is a variable of the program, or an attribute that somebody will ask for."""
-    if not 0 < number <= len(found.addresses):
+    if wanted.written or not 0 < number <= len(found.addresses):
         return True
     address = found.addresses[number - 1]
     if address.area in AREAS or address.area >> 16 in BLOCK_KINDS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from librt.strings import read_f32_be, read_f64_be
 from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED, PLAIN_KEYS, check_blob, is_compressed, may_swell
@@ -28,7 +29,7 @@ from dissect.s7plus.value_tables import (
     VARIANT,
     WSTRING,
 )
-from dissect.s7plus.values import DOUBLE, FLOAT, Blob, Member, Packed, Rows, Struct, Value
+from dissect.s7plus.values import FLOAT, Blob, Member, Packed, Rows, Struct, Value
 from dissect.s7plus.walk import STEP, FormatError, Walk, big_endian
 from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ
@@ -39,6 +40,9 @@ _SIZES: Final = bytes([FIXED_SIZES.get(type_, 0) for type_ in range(256)])
 _KINDS: Final = [VARIABLE_SIZES.get(type_, 0) for type_ in range(256)]
 _SIGNED: Final = bytes([type_ in SIGNED_TYPES for type_ in range(256)])
 _NAMES: Final[list[str]] = list(TYPE_NAMES)
+#: The bits of the exponent of a single in its first octet and in the second.
+_EXPONENT: Final = 0x7F
+_LAST_OF_EXPONENT: Final = 0x80
 
 
 def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int = 0) -> Value:
@@ -97,13 +101,9 @@ def _read_one(walk: Walk, type_: int) -> object:
         walk.need(size, _NAMES[type_])
         walk.at = at + size
         if type_ == REAL:
-            octets = walk.octets[at : at + size]
-            single: float = FLOAT.unpack(octets)[0]
-            # A signalling NaN does not survive the way through a double, so its octets are kept.
-            return single if FLOAT.pack(single) == octets else octets
+            return _read_single(walk.octets, at)
         if type_ == LREAL:
-            double: float = DOUBLE.unpack(walk.octets[at : at + size])[0]
-            return double
+            return read_f64_be(walk.octets, at)
         number = big_endian(walk.octets, at, size)
         if _SIGNED[type_] and number >> 8 * size - 1:
             number -= 1 << 8 * size
@@ -124,6 +124,15 @@ def _read_one(walk: Walk, type_: int) -> object:
     if type_ == NULL:
         return None
     return _read_variant(walk)
+
+
+def _read_single(octets: bytes, at: i64) -> float | bytes:
+    if octets[at] & _EXPONENT != _EXPONENT or octets[at + 1] < _LAST_OF_EXPONENT:
+        return read_f32_be(octets, at)
+    # Neither a number nor an infinity perhaps. A signalling NaN does not survive the way through a double: its octets are kept.
+    kept = octets[at : at + 4]
+    single: float = FLOAT.unpack(kept)[0]
+    return single if FLOAT.pack(single) == kept else kept
 
 
 def _read_variant(walk: Walk) -> Value:

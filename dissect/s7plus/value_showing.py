@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from dissect.s7.singles import real_text
+from librt.strings import BytesWriter, write_f32_be
+
+from dissect.s7.singles import real_repr, real_text
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.program_tables import MEANINGS
 from dissect.s7plus.value_tables import AID, BIT_TYPES, FIXED_SIZES, NULL, REAL, RID, TIMESPAN, TIMESTAMP, WSTRING
-from dissect.s7plus.values import FLOAT, Blob, Member, Packed, Rows, Struct, Value
-from dissect.wire.text import Clock
+from dissect.s7plus.values import Blob, Member, Packed, Rows, Struct, Value
+from dissect.wire.text import Clock, hexadecimal, json_text
 
 #: Elements of an array, characters and octets that are shown.
 _SHOWN: Final = 8
@@ -69,7 +71,7 @@ def _content_text(type_: int, content: object) -> str:
     if isinstance(content, bytes):
         return octets_text(content)
     if isinstance(content, float):
-        return real_text(FLOAT.pack(content)) if type_ == REAL else repr(content)
+        return real_text(_single(content)) if type_ == REAL else repr(content)
     if isinstance(content, Blob):
         return octets_text(content.octets)
     if isinstance(content, Value):
@@ -77,6 +79,13 @@ def _content_text(type_: int, content: object) -> str:
     if isinstance(content, Struct | Packed | Rows):
         return id_name(content.id)
     return "-"
+
+
+def _single(number: float) -> bytes:
+    """Return the octets of a number that came as a single."""
+    out = BytesWriter()
+    write_f32_be(out, number)
+    return out.getvalue()
 
 
 def _number_text(type_: int, number: int) -> str:
@@ -126,7 +135,7 @@ def _json_one(type_: int, content: object) -> object:
     if isinstance(content, bytes):
         return content.hex()
     if isinstance(content, float):
-        number = float(real_text(FLOAT.pack(content))) if type_ == REAL else content
+        number = float(real_text(_single(content))) if type_ == REAL else content
         return number if math.isfinite(number) else repr(number)
     if isinstance(content, Blob):
         if content.root > 1 and content.kind == 0:
@@ -145,3 +154,54 @@ def _json_one(type_: int, content: object) -> object:
 
 def _json_members(members: list[Member]) -> dict[str, object]:
     return {str(id_): as_json(value) for id_, value in members}
+
+
+def value_json(value: Value) -> str:
+    """Return `as_json` as the text of JSON, without the objects in between: lines of transactions have a value each item."""
+    content = value.content
+    if not isinstance(content, list):
+        return _one_as_text(value.type, content)
+    if value.sparse:
+        return _by_number({key: _one_as_text(value.type, element) for key, element in content})
+    return f"[{','.join([_one_as_text(value.type, element) for element in content])}]"
+
+
+def _one_as_text(type_: int, content: object) -> str:
+    if content is None:
+        return "null"
+    if content is True:
+        return "true"
+    if content is False:
+        return "false"
+    if isinstance(content, int):
+        return str(content)
+    if isinstance(content, float):
+        text = real_repr(_single(content)) if type_ == REAL else repr(content)
+        return f'"{text}"' if "n" in text else text  # NaN and the infinities
+    if isinstance(content, str):
+        return json_text(content)
+    if isinstance(content, bytes):
+        return json_text(content.decode("utf-8", "replace")) if type_ == WSTRING else f'"{hexadecimal(content)}"'
+    if isinstance(content, Blob):
+        if content.root > 1 and content.kind == 0:
+            return f'{{"root":{content.root},"members":{_members_as_text(content.members)}}}'
+        return f'"{content.octets.hex()}"'
+    if isinstance(content, Value):
+        return value_json(content)
+    if isinstance(content, Struct):
+        return f'{{"id":{content.id},"members":{_members_as_text(content.members)}}}'
+    if isinstance(content, Rows):
+        return f'{{"id":{content.id},"rows":[{",".join([_members_as_text(row) for row in content.rows])}]}}'
+    if isinstance(content, Packed):
+        return f'{{"id":{content.id},"time":{content.time},"octets":"{content.octets.hex()}"}}'
+    raise TypeError(f"no value holds {type(content).__name__}")
+
+
+def _members_as_text(members: list[Member]) -> str:
+    return _by_number({id_: value_json(value) for id_, value in members})
+
+
+def _by_number(texts: dict[int, str]) -> str:
+    """Return an object of JSON; of what comes twice the last is there, in the place of the first."""
+    members = ",".join([f'"{number}":{text}' for number, text in texts.items()])
+    return f"{{{members}}}"

@@ -51,15 +51,16 @@ def big_endian(octets: bytes, at: int, size: int) -> int:
 class Wanted:
     """What somebody will ask for, so that the rest may be passed over.
 
-    ``attributes`` are those of objects (`dissect.s7plus.skipping.table`), and those whose written values are; ``items`` the
-    numbers of the values in an answer, None for all.
+    ``attributes`` are those of objects (`dissect.s7plus.skipping.table`), and those whose written values are; ``written`` says
+    that all of these are. ``items`` are the numbers of the values in an answer, None for all.
     """
 
-    __slots__ = ("attributes", "items")
+    __slots__ = ("attributes", "items", "written")
 
-    def __init__(self, attributes: bytes, items: frozenset[int] | None = None) -> None:
+    def __init__(self, attributes: bytes, items: frozenset[int] | None = None, written: bool = False) -> None:
         self.attributes = attributes
         self.items = items
+        self.written = written
 
 
 class Walk:

@@ -38,7 +38,7 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.s7plus.events import subscription_of
-from dissect.s7plus.hiding import shown_half
+from dissect.s7plus.hiding import said_half, shown_half
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
@@ -335,6 +335,11 @@ class Transaction:
         """Read request and response of S7comm-plus with their contents, without secrets; None for a half not there."""
         asked, told = self.plus_request, self.plus_response
         return (shown_half(asked) if asked is not None else None, shown_half(told) if told is not None else None)
+
+    def said_halves(self) -> tuple[Half | None, Half | None]:
+        """Return `plus_halves` for a line: objects have no more attributes than it names, which is read more quickly."""
+        asked, told = self.plus_request, self.plus_response
+        return (said_half(asked) if asked is not None else None, said_half(told) if told is not None else None)
 
     def plus_items(self) -> list[PlusItem]:
         """Return every item of an S7comm-plus read, write or notification joined with its answer, read again at each call.

@@ -4,13 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, known_address
-from dissect.s7plus.hiding import shown_contents, shown_half, without_secrets
+from dissect.s7plus.hiding import said_half, shown_contents, shown_half, without_secrets
 from dissect.s7plus.ids import HIDDEN
-from dissect.s7plus.items import PlusItem, join_items
+from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject
+from dissect.s7plus.objects import Attribute, PlusObject, build_elements
 from dissect.s7plus.program import Program
 from dissect.s7plus.refusals import answered, glimpse, notifies_refusal, refuses_items
 from dissect.s7plus.session import Identity, PlusSession
@@ -31,7 +32,7 @@ from dissect.s7plus.values import Blob, Struct, Value, build_value
 from tests.cases import each
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
-from tests.s7plus.strategies import VALUES
+from tests.s7plus.strategies import OBJECTS, VALUES
 from tests.s7plus.test_bodies import LEVEL, LOST, WORD
 from tests.s7plus.test_program import type_of, variable
 from tests.s7plus.test_session import LIST, subscribed
@@ -343,3 +344,38 @@ def test_a_password_that_is_read_back_is_not_shown() -> None:
         GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, Value(0, BLOB, Blob(0, PASSWORD)))], [])
     )
     assert (item.json_value, item.data) == (HIDDEN, None)
+
+
+def _said_of(half: Half) -> tuple[object, ...]:
+    found = half.contents
+    items = [
+        (item.label, item.text, item.json_value, item.data, item.return_code) for item in join_items(half, None, None)
+    ]
+    alarms = [Alarm(one).as_dict() for one in found.objects if one.class_id == ALARM]
+    faults = [fact.as_dict() for fact in found.malformed]
+    return summary(half.pdu, found), items, alarms, faults, found.integrity_id, found.whole
+
+
+@given(
+    st.lists(OBJECTS, max_size=3), st.sampled_from((CREATE_OBJECT, EXPLORE)), st.integers(0, 200), st.integers(0, 255)
+)
+def test_a_line_says_the_same_though_attributes_are_left_out(
+    objects: list[PlusObject], function: int, at: int, octet: int
+) -> None:
+    body = build_elements(list(objects))
+    if at < len(body):  # wrong somewhere, perhaps
+        body = body[:at] + bytes((octet,)) + body[at + 1 :]
+    answer = b"\0\0\0\1" + b"\1" + body + bytes(4)
+    for pdu in (
+        told(1, function, answer),
+        asked(1, function, body=bytes.fromhex("0000011f 000400 00000000 00") + body),
+    ):
+        whole = parse_plus(framed(pdu, 3))
+        assert _said_of(said_half(whole)) == _said_of(shown_half(whole))
+
+
+def test_written_values_are_all_said() -> None:
+    body = bodies.set_multi([(Address(0, 0x386, 48, []), FIVE), (WORD, FIVE)])
+    pdu = parse_plus(framed(asked(1, SET_MULTI_VARIABLES, body=body), 3))
+    assert _said_of(said_half(pdu)) == _said_of(shown_half(pdu))
+    assert len(said_half(pdu).contents.items) == 2

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dissect.s7plus.layouts import VALUE
 from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.value_showing import as_json, value_text
+from dissect.s7plus.value_showing import as_json, value_json, value_text
 from dissect.s7plus.value_tables import BLOB, DINT, LWORD, NULL, REAL, STRUCT, TIMESTAMP, UDINT, USINT, WSTRING
 from dissect.s7plus.values import Blob, Packed, Struct, Value, build_value
 from dissect.s7plus.walk import MAX_DEPTH, FormatError, Walk
@@ -18,6 +18,10 @@ from tests.s7plus.strategies import VALUES
 def read(octets: bytes, shown: bool = True) -> tuple[Value, Walk]:
     walk = Walk(octets, 0, len(octets), shown)
     return read_value(walk, VALUE, 0), walk
+
+
+def as_text(content: object) -> str:
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("\x7f", "\\u007f")
 
 
 @pytest.mark.parametrize(
@@ -48,10 +52,41 @@ def test_a_value(octets: str, type_: int, content: object, text: str) -> None:
     assert (value.type, value.content, value.offset, value.end) == (type_, content, 0, len(wire))
     assert walk.left == 0
     assert [part.note for part in walk.parts] == [text]
+    assert value_json(value) == as_text(as_json(value))
     assert build_value(value) == wire
     for size in range(len(wire)):
         with pytest.raises(FormatError):
             read(wire[:size])
+
+
+@pytest.mark.parametrize(
+    ("octets", "text"),
+    [
+        ("00 0e 42f6e979", "123.456"),
+        ("00 0e 80000000", "-0.0"),
+        ("00 0e 7f800000", '"inf"'),
+        ("00 0e 7fc00001", '"nan"'),
+        ("00 0e 7f800001", '"7f800001"'),
+        ("00 0e 7f7fffff", "3.4028235e+38"),
+        ("00 0f fff0000000000000", '"-inf"'),
+        ("00 0f 3fb999999999999a", "0.1"),
+        ("10 01 02 00 01", "[false,true]"),
+        ("00 15 04 61227f0a", '"a\\"\\u007f\\n"'),
+        ("00 15 01 e9", '"\\ufffd"'),
+        ("40 02 05 01 06 02 05 03 00", '{"5":3,"6":2}'),
+        ("00 17 0000013a 07 00 02 05 07 00 02 06 00", '{"id":314,"members":{"7":6}}'),
+        ("10 17 0000013a 02 07 00 02 05 00 00", '{"id":314,"rows":[{"7":5},{}]}'),
+        ("00 17 92000001 0000000000000007 8800 03 03 010203", '{"id":2449473537,"time":7,"octets":"010203"}'),
+        ("00 14 00 02 abcd", '"abcd"'),
+        ("00 14 05 0102030405060708 00 07 00 02 09 00", '{"root":5,"members":{"7":9}}'),
+        ("00 16 00 02 09", "9"),
+    ],
+)
+def test_a_value_as_json(octets: str, text: str) -> None:
+    wire = bytes.fromhex(octets)
+    value, walk = read(wire + b"\xffbehind")
+    assert walk.at == len(wire)
+    assert value_json(value) == text == as_text(as_json(value))
 
 
 def test_a_structure() -> None:
@@ -141,7 +176,7 @@ def test_what_was_built_reads_back(value: Value) -> None:
         assert found.end == walk.at == len(wire)
         assert found == value
         assert value_text(found) == value_text(value)
-        json.dumps(as_json(found), allow_nan=False)
+        assert value_json(found) == as_text(as_json(found))
         if shown:  # without gaps
             assert [part.offset for part in walk.parts] == [0, *[part.end for part in walk.parts[:-1]]]
             assert walk.parts[-1].end == len(wire)
