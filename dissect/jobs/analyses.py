@@ -37,9 +37,9 @@ class Analyses:
             }.values():
                 connection.naming = self._naming.of(connection)
         self.found.merge(later)
-        self.found.findings += [
-            finding for finding in later.findings if self._keeps(finding.slug, int(finding.connection))
-        ]
+        for finding in later.findings:
+            if self._keeps(finding.slug, int(finding.connection)):
+                self.found.finding(finding)
 
     def _keeps(self, slug: str, connection: int) -> bool:
         """Return whether a finding is one of those that a run keeps in detail (`dissect.findings.reporter`)."""

@@ -26,6 +26,7 @@ from librt.strings import BytesWriter
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
 from dissect.jobs.numbers import Offsets
+from dissect.report.kept import Findings
 from dissect.s7.parameters import UserdataHead
 from dissect.stations.facts import Fact, Stretch
 from dissect.tcp.stream import Endpoint, TcpConnection
@@ -61,7 +62,7 @@ _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 #: Attributes that are not sent, by class: they are what a new object has.
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
-    "Analysis": frozenset(("_shared", "pipeline")),
+    "Analysis": frozenset(("_findings", "_shared", "pipeline")),
     "CarvedBlock": frozenset(("activation", "operation")),
     "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),
@@ -112,6 +113,8 @@ class _Sender:
         name = kind.__name__
         if kind in _KINDS:
             return name, self._all_plain(list(value.items()) if kind is dict or kind is OrderedDict else list(value))
+        if kind is Findings:
+            return list.__name__, self._all_plain(list(value))
         if kind is BytesWriter:
             return name, value.getvalue()
         if isinstance(value, Rule):

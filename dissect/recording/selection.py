@@ -262,7 +262,7 @@ class Selection(Observer):
     def choice(self, from_ns: int, to_ns: int) -> Choice:
         """Return what recognises the wanted packets that passed within these times, both included."""
         frames = set(self._frames)
-        ordered = by_weight(self._findings)
+        ordered = list(by_weight(self._findings))
         for number, finding in enumerate(ordered, 1):
             if number in self._wanted.findings or finding.slug in self._wanted.slugs:
                 frames.update([int(frame) for frame in finding.frames])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from typing import Any, Final
 
 from mypy_extensions import i64
@@ -11,6 +12,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
+from dissect.report.kept import Findings
 from dissect.report.latencies import Latencies
 from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
@@ -58,14 +60,10 @@ class FunctionStatistics:
         self.latencies.merge(other.latencies)
 
 
-#: Words of findings that are compared with the next ones.
-_WORDINGS: Final = 512
-
-
 class Shared:
-    """What connections and findings that are kept have in common, each of it kept once: thousands of them are much alike."""
+    """What connections that are kept have in common, each of it kept once: a thousand of them are much alike."""
 
-    __slots__ = ("_asked", "_details", "_ends", "_macs", "_tsaps")
+    __slots__ = ("_asked", "_ends", "_macs", "_tsaps")
 
     def __init__(self) -> None:
         #: What connections asked last by its octets, for each ROSCTR.
@@ -73,12 +71,12 @@ class Shared:
         self._ends: dict[bytes, Endpoint] = {}  # by address
         self._macs: dict[bytes, bytes] = {}
         self._tsaps: dict[bytes, Tsap] = {}
-        self._details: dict[str, str] = {}
 
     def take(self, connection: Connection) -> None:
         """Take a connection that is over."""
         tcp = connection.tcp
-        tcp.ends = [self._end(end) for end in tcp.ends]
+        first, second = tcp.ends
+        tcp.ends = [self._end(first), self._end(second)]  # with no room for more, as a comprehension has
         tcp.macs = self._macs.setdefault(tcp.macs, tcp.macs)
         connection.tsap_calling = self._tsap(connection.tsap_calling)
         connection.tsap_called = self._tsap(connection.tsap_called)
@@ -87,16 +85,6 @@ class Shared:
             connection.last_request = ending.last_request = self._once(ending.last_request)
             connection.last_answer = ending.last_answer = self._once(ending.last_answer)
             connection.last_error = ending.last_error = self._once(ending.last_error)
-
-    def word(self, finding: Finding) -> None:
-        """Take a finding: what is polled is refused in the same words each time."""
-        known = self._details.get(finding.detail)
-        if known is not None:
-            finding.detail = known
-            return
-        if len(self._details) >= _WORDINGS:
-            self._details = {}
-        self._details[finding.detail] = finding.detail
 
     def _end(self, end: Endpoint) -> Endpoint:
         known = self._ends.get(end.address)
@@ -186,9 +174,10 @@ class Analysis(Observer):
         self._latest: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
-        self._shared: Shared = Shared()  # what these and the findings have in common
+        self._shared: Shared = Shared()  # what these have in common
         self.connections_not_listed: i64 = 0
-        self.findings: list[Finding] = []
+        self._findings: Findings = Findings()
+        self.findings: Sequence[Finding] = self._findings
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
         self.stations: Book = Book()  # what stations state of themselves
         self.own_book = self.stations
@@ -298,8 +287,7 @@ class Analysis(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
-        self._shared.word(finding)
-        self.findings.append(finding)
+        self._findings.append(finding)
 
     # ---- of several runs --------------------------------------------------------------------------------------------
 

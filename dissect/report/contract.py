@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
@@ -197,9 +197,12 @@ def connection_as_dict(connection: Connection, places: Places) -> dict[str, obje
     }
 
 
-def by_weight(findings: list[Finding]) -> list[Finding]:
-    """Return findings ordered by severity, the heaviest first, then as they came."""
-    return sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity))
+def by_weight(findings: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield findings ordered by severity, the heaviest first, then as they came."""
+    for severity in SEVERITIES:
+        for finding in findings:
+            if finding.severity == severity:
+                yield finding
 
 
 def finding_as_dict(finding: Finding, places: Places) -> dict[str, object]:

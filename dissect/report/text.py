@@ -5,7 +5,7 @@ Completeness is what became of the packets and bytes of a run: what was used, wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
@@ -434,12 +434,25 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
         return
     yield Line("")
     yield Line("Findings", HEADING)
-    details: dict[str, list[Finding]] = {}
-    for finding in analysis.findings:
-        details.setdefault(finding.slug, []).append(finding)
+    details = _shown(analysis.findings)
     rules = [CATALOGUE[slug] for slug in counts]
     for rule in sorted(rules, key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug)):
         yield from finding_lines(rule, counts[rule.slug], details.get(rule.slug, []), places)
+
+
+def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
+    """Return by slug those of which lines tell anything: they are thousands."""
+    shown: dict[str, list[Finding]] = {}
+    more: dict[str, set[int]] = {}
+    for finding in findings:
+        here = shown.setdefault(finding.slug, [])
+        if len(here) >= _DETAILS:
+            frames = more.setdefault(finding.slug, set())
+            if len(frames) > _MORE_FRAMES:
+                continue
+            frames.update(finding.frames[-1:])
+        here.append(finding)
+    return shown
 
 
 def finding_lines(

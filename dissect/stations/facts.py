@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import mypyc_attr
+
 from dissect.s7plus import session
 
 # Keys of facts. They are the names that JSON and CSV have (docs/devices.md).
@@ -103,6 +105,7 @@ class Fact:
         return f"Fact({self.host!r}, {self.module!r}, {self.key!r}, {self.value!r})"
 
 
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
 class Stretch:
     """A value and how long it was the same: by ``count`` facts, the first and the last with packet and time."""
 

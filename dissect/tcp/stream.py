@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.wire.octets import u16
 from dissect.wire.text import POINT, SHORT, decimal
@@ -374,6 +374,7 @@ def address_text(address: bytes) -> str:
     return ":".join(texts[:best_at]) + "::" + ":".join(texts[best_at + best_size :])
 
 
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
 class Endpoint:
     """An address and a TCP port."""
 
@@ -408,6 +409,7 @@ class Endpoint:
         return self._text
 
 
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
 class TcpConnection:
     """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
 

@@ -11,7 +11,6 @@ import pytest
 
 import dissect
 from dissect.engine.pipeline import Options
-from dissect.findings.reporter import Finding
 from dissect.recording.cutter import Cutter
 from dissect.recording.selection import Selection, Wanted
 from dissect.session import Run
@@ -181,7 +180,7 @@ def test_findings_are_comments_that_tshark_shows(tmp_path: Path) -> None:
         check=True,
     )
     shown = dict(line.split("\t", 1) for line in ran.stdout.splitlines())
-    findings: list[Finding] = dissect.analyze(str(source)).findings
+    findings = dissect.analyze(str(source)).findings
     assert len(shown) == cutter.commented == len({frame for finding in findings for frame in finding.frames})
     for finding in findings:
         for frame in finding.frames:
