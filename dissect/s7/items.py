@@ -39,12 +39,10 @@ WRITTEN_ELSEWHERE: Final = 2
 _IO_AREAS: Final = frozenset((0x80, 0x82))
 
 BITS: Final = 1
-_UNCLEAR: Final = 2
+UNCLEAR: Final = 2  # it depends on the octets that are left
 _DINTEGER: Final = 0x06
 #: What a length field counts, by index, because this is asked for every item.
-COUNTED: Final = bytes(
-    [BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)]
-)
+COUNTED: Final = bytes([BITS if code in LENGTH_IN_BITS else UNCLEAR if code == _DINTEGER else 0 for code in range(256)])
 
 
 class Item:
@@ -54,6 +52,8 @@ class Item:
     are filled; for every other syntax they are -1 and ``address`` names the syntax.
     ``size`` is the count of octets a good answer carries, -1 when it cannot be known (a data record may be shorter than asked
     for, and devices differ in how they pack several bits).
+    ``good_head`` is what a data item began with that was such an answer, return code, transport size and length as one number
+    of 32 bits, and above them the count of its octets; -1 before one was seen.
     ``areas`` are the areas of data blocks that one DBREAD item asks for, each as an item of octets of its own; None for others.
     """
 
@@ -65,6 +65,7 @@ class Item:
         "count",
         "db",
         "fragment",
+        "good_head",
         "head",
         "octets",
         "offset",
@@ -85,6 +86,7 @@ class Item:
         self.area: i64 = -1
         self.start_bit: i64 = -1
         self.size: i64 = -1
+        self.good_head: i64 = -1
         self.areas: list[Item] | None = None
         self.address: str = ""
         # Cached texts of reports, of the fields above; polling repeats the same items for hours.
