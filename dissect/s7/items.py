@@ -39,10 +39,12 @@ WRITTEN_ELSEWHERE: Final = 2
 _IO_AREAS: Final = frozenset((0x80, 0x82))
 
 BITS: Final = 1
-UNCLEAR: Final = 2  # it depends on the octets that are left
+_UNCLEAR: Final = 2
 _DINTEGER: Final = 0x06
 #: What a length field counts, by index, because this is asked for every item.
-COUNTED: Final = bytes([BITS if code in LENGTH_IN_BITS else UNCLEAR if code == _DINTEGER else 0 for code in range(256)])
+COUNTED: Final = bytes(
+    [BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)]
+)
 
 
 class Item:
@@ -236,6 +238,11 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
     if counted == BITS or length > room:
         return (length + 7) >> 3
     return length
+
+
+def needs_room(transport_size: i64) -> bool:
+    """Return whether the octets that are left decide what a length counts (`data_size_within`)."""
+    return COUNTED[transport_size] == _UNCLEAR
 
 
 class DataItem:

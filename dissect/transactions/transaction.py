@@ -15,12 +15,11 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.s7.body import Body
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import (
-    COUNTED,
-    UNCLEAR,
     DataItem,
     Item,
     ItemResult,
     data_size_within,
+    needs_room,
     odd_data_code,
     parse_data_items,
     read_results,
@@ -183,9 +182,7 @@ class Transaction:
         self.has_errors: bool = False
         self.flags: i64 = 0
         self.skimmed: i64 = -1  # what `dissect.s7plus.refusals.glimpse` said of the answer, -1 for none
-        self.superseded: Transaction | None = (
-            None  # a request before it with the same reference, its answer not seen yet
-        )
+        self.superseded: Transaction | None = None  # asked before it by the same reference, its answer not seen yet
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
         self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
@@ -513,9 +510,8 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
 def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
     """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
     items = transaction.parameters.items
-    asked: i64 = transaction.parameters.item_count
-    if count != asked and not transaction.parameters.malformed:  # what a broken request asks for nobody can say
-        transaction.flags |= COUNT_MISMATCH
+    if count != transaction.parameters.item_count and not transaction.parameters.malformed:
+        transaction.flags |= COUNT_MISMATCH  # what a broken request asks for nobody can say
     known: i64 = len(items)
     index: i64 = 0
     size: i64 = 0
@@ -556,7 +552,7 @@ def _check_size(transaction: Transaction, item: Item, head: i64, buf: bytes, at:
         _check_areas(transaction, item, buf, at, min(at + size, end))
     elif item.size != size:
         transaction.flags |= SIZE_MISMATCH
-    elif COUNTED[head >> 16 & 0xFF] != UNCLEAR:  # else the next one like it may be of another size
+    elif not needs_room(head >> 16 & 0xFF):  # else the next one like it may be of another size
         item.good_head = size << 32 | head
 
 
