@@ -197,7 +197,7 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(
         assert kinds[f"dissect/{name}.py"] == "busiest"
     assert setup.kind("/lib-rt/str_ops.c") == "busiest"
     assert setup.kind("build/__native_s7dissect.c") == "busiest"
-    assert kinds["dissect/engine/timers.py"] == "busy"
+    assert kinds["dissect/tcp/stream.py"] == "busy"
     assert kinds["dissect/s7plus/alarms.py"] == "plain"
     counts = Counter(kinds.values())
     assert counts["busiest"] < 0.2 * len(compiled)
