@@ -226,7 +226,6 @@ BUSY: Final = (
     "dissect/findings/plus_sessions.py",
     "dissect/findings/reporter.py",
     "dissect/findings/scan_rules.py",
-    "dissect/findings/session_rules.py",
     "dissect/findings/station_rules.py",
     "dissect/findings/transaction_rules.py",
     "dissect/findings/transport_rules.py",
