@@ -206,22 +206,19 @@ class Exchange:
     ) -> None:
         """Take what ``side`` sent without being asked."""
         size: i64 = len(octets)
-        self.done(self.dialogue.push(side, reference, parameters, octets, 0, size, frame, time_ns))
+        self.completed(self.dialogue.push(side, reference, parameters, octets, 0, size, frame, time_ns), frame, time_ns)
 
     # ---- transactions -----------------------------------------------------------------------------------------------
 
-    def completed(self, done: Transaction | None, frame: i64, time_ns: i64) -> None:
-        """A message was paired: report what ended beside it, and the transaction it completes, if it does."""
+    def completed(self, transaction: Transaction | None, frame: i64, time_ns: i64) -> None:
+        """A message was paired: report what ended beside it, then judge and report the transaction it completes, if it does."""
         if self.dialogue.also:
             self.beside(frame, time_ns)
-        if done is None:
+        if transaction is None:
             return
-        if done.parameters.function == SETUP_COMMUNICATION:
-            judge_grant(self.reporter, done)
-        self.done(done)
-
-    def done(self, transaction: Transaction) -> None:
-        """A transaction is complete: judge it when it is odd, and report it."""
+        function: i64 = transaction.parameters.function
+        if function == SETUP_COMMUNICATION:
+            judge_grant(self.reporter, transaction)
         if transaction.rosctr == USERDATA:
             follow(transaction)
         if transaction.has_errors:
@@ -235,7 +232,7 @@ class Exchange:
         if self.decoder is not None:
             self._look_inside(self.decoder, transaction)
         self.observer.transaction(transaction)
-        if transaction.has_errors or transaction.parameters.function != READ_VAR:
+        if transaction.has_errors or function != READ_VAR:
             self._watch(transaction)
 
     def beside(self, frame: i64, now_ns: i64) -> None:

@@ -215,7 +215,7 @@ class IsoOnTcp(Protocol):
         if buf[at + 1] != 0:
             self._note_reserved(side, buf[at + 1], frame, time_ns)
         if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
-            self.tpdus.add(DT)
+            self.tpdus.often_count += 1
             if length - 4 > side.connection.dt_limit:
                 judge_data(exchange.reporter, side, length - 4, frame, time_ns)
             if buf[at + 6] & 0x7F:
@@ -337,7 +337,7 @@ class IsoOnTcp(Protocol):
             self._tls.feed(side, buf, at, size, frame, time_ns)
             return
         if size >= 10 and buf[at] == 0x32 and 1 <= buf[at + 1] <= 7:
-            self.tsdus.add(S7COMM)
+            self.tsdus.often_count += 1
             self._s7.feed(side, buf, at, size, frame, time_ns)
             return
         upper: i64 = classify(buf, at, at + size)

@@ -6,7 +6,7 @@ no clock, file or thread in here, time comes in with each packet. In the order i
     Pipeline     frame → _packet → _segment           packets to octets in order, gaps reported as gaps
     IsoOnTcp     feed → _tpkt → _tsdu                  octets to messages (`dissect.engine.iso`)
     S7           take                                  messages to requests and responses (`dissect.engine.s7`)
-    Exchange     completed → done                      transactions and findings, to the `Observer` (`dissect.engine.exchange`)
+    Exchange     completed                             transactions and findings, to the `Observer` (`dissect.engine.exchange`)
 
 The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
 Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
@@ -208,6 +208,8 @@ class Pipeline(PacketSink):
             self.exchange.note_bug(bug, counters.frames, time_ns)
         if category == accounts.PAYLOAD:
             counters.packets.often_count += 1
+        elif category == accounts.NO_PAYLOAD:
+            counters.packets.also_count += 1
         else:
             counters.packets.add(category)
         dialogue = self.exchange.dialogue
@@ -395,7 +397,7 @@ class Pipeline(PacketSink):
             return accounts.NO_PAYLOAD
         half = side.stream
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
-            half.passed(octets)
+            half.passed(octets, size)
             side.end_seq = half.next_seq
             self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
             return accounts.PAYLOAD
@@ -438,7 +440,7 @@ class Pipeline(PacketSink):
             if peer is not None and peer.stream.octets:
                 half.heard = True
             if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
-                half.passed(octets)  # as `accept` and `chunks` would, with a chunk between them
+                half.passed(octets, len(octets))  # as `accept` and `chunks` would, with a chunk between them
                 side.end_seq = half.next_seq
                 side.protocol.feed(side, octets, 0, len(octets), self.counters.frames, self.counters.now_ns)
             else:

@@ -163,7 +163,8 @@ class S7Plus(Protocol):
             if head.wants_response:
                 exchange.request(side, sequence, parameters, octets, frame, time_ns)
             else:
-                exchange.done(exchange.dialogue.tell(side, sequence, parameters, octets, frame, time_ns))
+                told = exchange.dialogue.tell(side, sequence, parameters, octets, frame, time_ns)
+                exchange.completed(told, frame, time_ns)
             return
         connection.set_client(1 - side.index)
         if head.opcode == RESPONSE2 and not exchange.dialogue.waits(side, PLUS, sequence):

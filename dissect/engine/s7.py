@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from librt.strings import read_i16_be
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
@@ -78,6 +77,8 @@ class S7(Protocol):
         self.pdus += 1
         if rosctr == JOB:
             self.rosctrs.often_count += 1
+        elif rosctr == ACK_DATA:
+            self.rosctrs.also_count += 1
         else:
             self.rosctrs.add(rosctr)
         pdus: i64 = connection.pdus
@@ -109,7 +110,7 @@ class S7(Protocol):
         limit: i64 = connection.pdu_length
         if limit and (size > limit or parameters.answer_size > limit):
             judge_length(exchange.reporter, connection, parameters, size, frame, time_ns)
-        if (rosctr == ACK and size > head) or read_i16_be(buf, at + 2) != 0:
+        if buf[at + 2] or buf[at + 3] or (rosctr == ACK and size > head):
             judge_header(exchange.reporter, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
         if rosctr == JOB:
             self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
@@ -148,7 +149,8 @@ class S7(Protocol):
             # It waits for an answer, whatever it calls itself.
             self._request(side, USERDATA, pdu_ref, parameters, buf, at, size, frame, time_ns)
         else:
-            exchange.done(exchange.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns))
+            pushed = exchange.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns)
+            exchange.completed(pushed, frame, time_ns)
 
     def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
         """Return whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""

@@ -64,6 +64,7 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
     "Analysis": frozenset(("_findings", "_shared", "pipeline")),
     "CarvedBlock": frozenset(("activation", "operation")),
+    "Item": frozenset(("good_head",)),
     "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),

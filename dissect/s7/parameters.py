@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from librt.strings import read_i16_be, read_i64_be
+from librt.strings import read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.items import SPECIFICATION, Item, item_fill, parse_items, written_areas
@@ -379,14 +379,15 @@ class ParameterCache:
     def get(self, buf: bytes, at: i64, end: i64, rosctr: i64) -> Parameters:
         """Return the parsed block ``buf[at:end]`` of a PDU with ROSCTR 0 to 7."""
         if rosctr == ACK_DATA and end - at == 2:
-            place: i64 = i64(read_i16_be(buf, at)) - READ_VAR * 256
+            function: i64 = buf[at]
+            place: i64 = (function - READ_VAR) * 256 + buf[at + 1]
             if 0 <= place < _SHORT_BLOCKS:
                 short = self._short[place]
                 if short is None:
                     short = parse_parameters(buf[at:end], rosctr)
                     self._short[place] = short
                 return short
-        if rosctr == JOB and end - at >= _ONE_ITEM:
+        if COMPILED and rosctr == JOB and end - at >= _ONE_ITEM:  # interpreted, a dictionary takes less
             return self._asked(buf, at, end)
         return self._distinct(buf[at:end], rosctr)
 

@@ -134,9 +134,8 @@ class HalfStream:
         self.next_seq = seq & MASK
         self.start_seq = self.next_seq
 
-    def passed(self, octets: bytes) -> None:
-        """Account for octets the caller took straight from an in-order segment."""
-        size: i64 = len(octets)
+    def passed(self, octets: bytes, size: i64) -> None:
+        """Account for octets, ``size`` of them, that the caller took straight from an in-order segment."""
         self.before = self.last
         self.before_at = self.last_at
         self.last = octets
@@ -262,7 +261,7 @@ class HalfStream:
         self.before = b""
 
     def _pass(self, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> None:
-        self.passed(octets)
+        self.passed(octets, len(octets))
         self._append(Chunk(octets, 0, self.next_seq, ack, frame, time_ns))
 
     def _append(self, chunk: Chunk) -> None:

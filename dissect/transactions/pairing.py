@@ -425,7 +425,7 @@ class Dialogue:
             connection.note_request(side.index, parameters)
         if parameters.function == WRITE_VAR:
             transaction.flags |= check_written(parameters, buf, at, size)
-        key: i64 = key_of(rosctr, pdu_ref)
+        key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         requests = connection.open_requests[side.index]
         if requests.orphans is not None:
             orphan = requests.find_orphan(key, side.end_seq)
@@ -474,7 +474,7 @@ class Dialogue:
         """An answer: complete the oldest request it fits, or hold it for a moment. Returns the completed transaction."""
         connection = side.connection
         requests = connection.open_requests[1 - side.index]
-        key: i64 = key_of(rosctr, pdu_ref)
+        key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         waiting = requests.find(key)
         if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
             # The asking side had this answer before it asked: it belongs to the request before that one, or to none.

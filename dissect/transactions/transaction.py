@@ -19,6 +19,7 @@ from dissect.s7.items import (
     Item,
     ItemResult,
     data_size_within,
+    needs_room,
     odd_data_code,
     parse_data_items,
     read_results,
@@ -103,8 +104,8 @@ REASON_TEXTS: Final[dict[str, str]] = {
 }
 
 
-#: A data item of a read answer up to its octets, read at once when interpreted.
-_HEAD: Final = struct.Struct(">BBH")
+#: A data item of a read answer up to its octets, as one number: return code, transport size, length.
+_HEAD: Final = struct.Struct(">I")
 
 
 @mypyc_attr(free_list_len=1)  # the memory of one that is gone serves the next: most are over before another one begins
@@ -181,9 +182,7 @@ class Transaction:
         self.has_errors: bool = False
         self.flags: i64 = 0
         self.skimmed: i64 = -1  # what `dissect.s7plus.refusals.glimpse` said of the answer, -1 for none
-        self.superseded: Transaction | None = (
-            None  # a request before it with the same reference, its answer not seen yet
-        )
+        self.superseded: Transaction | None = None  # asked before it by the same reference, its answer not seen yet
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
         self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
@@ -493,8 +492,9 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
         elif transaction.response_rosctr > USERDATA:
             check_other_answer(transaction)
         return
-    code: i64 = u16(buf, at + 10)
-    if code:
+    code: i64 = 0
+    if buf[at + 10] or buf[at + 11]:
+        code = u16(buf, at + 10)
         transaction.error_code = code
         transaction.has_errors = True
     function: i64 = transaction.parameters.function
@@ -515,35 +515,31 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
 def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
     """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
     items = transaction.parameters.items
-    asked: i64 = transaction.parameters.item_count
-    if count != asked and not transaction.parameters.malformed:  # what a broken request asks for nobody can say
-        transaction.flags |= COUNT_MISMATCH
+    if count != transaction.parameters.item_count and not transaction.parameters.malformed:
+        transaction.flags |= COUNT_MISMATCH  # what a broken request asks for nobody can say
     known: i64 = len(items)
     index: i64 = 0
     size: i64 = 0
+    head: i64
     while index < count:
-        if at + 4 > end:
+        room: i64 = end - at - 4
+        if room < 0:
             transaction.flags |= BAD_DATA
             return
-        return_code: i64
-        transport_size: i64
-        length: i64
         if COMPILED:
-            head: i64 = i64(read_i32_be(buf, at))
-            return_code = head >> 24 & 0xFF
-            transport_size = head >> 16 & 0xFF
-            length = head & 0xFFFF
+            head = i64(read_i32_be(buf, at)) & 0xFFFFFFFF
         else:
-            return_code, transport_size, length = _HEAD.unpack_from(buf, at)
+            (head,) = _HEAD.unpack_from(buf, at)
         at += 4
-        if return_code == SUCCESS:
-            size = data_size_within(transport_size, length, end - at)
+        good: i64 = -1
+        if index < known:
+            good = items[index].good_head
+        if good >= 0 and good & 0xFFFFFFFF == head:
+            size = good >> 32  # it begins as one did that was what was asked for
+        elif head >> 24 == SUCCESS:
+            size = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, room)
             if index < known:
-                wanted: i64 = items[index].size
-                if wanted != size and wanted >= 0:
-                    transaction.flags |= SIZE_MISMATCH
-                elif wanted < 0:
-                    _check_areas(transaction, items[index], buf, at, min(at + size, end))
+                _check_size(transaction, items[index], head, buf, at, size, end)
         else:
             size = 0
             transaction.has_errors = True
@@ -553,6 +549,16 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
             at += 1
     if at != end and not (at + 1 == end and size & 1):
         transaction.flags |= BAD_DATA
+
+
+def _check_size(transaction: Transaction, item: Item, head: i64, buf: bytes, at: i64, size: i64, end: i64) -> None:
+    """Compare ``size``, the octets of a data item that begins with ``head``, with those that were asked for."""
+    if item.size < 0:
+        _check_areas(transaction, item, buf, at, min(at + size, end))
+    elif item.size != size:
+        transaction.flags |= SIZE_MISMATCH
+    elif not needs_room(head >> 16 & 0xFF):  # else the next one like it may be of another size
+        item.good_head = size << 32 | head
 
 
 def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end: i64) -> None:

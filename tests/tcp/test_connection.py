@@ -18,7 +18,7 @@ def opened(isn: int = 1000) -> TcpConnection:
     tcp.initiator = 0
     for stream, start in zip(tcp.streams, (isn, 5000), strict=True):
         stream.start(start + 1)
-        stream.passed(b"0123456789")
+        stream.passed(b"0123456789", 10)
     return tcp
 
 

@@ -121,6 +121,36 @@ def test_what_is_odd_about_an_answer(
     assert bool(one.errors) is errors
 
 
+def test_an_answer_like_the_one_before_is_taken_by_its_heads(talk: Talk) -> None:
+    """What a data item began with is remembered once it was as asked, and hides nothing of those that differ."""
+    sound = good(4, b"\0\1") * 2
+    told = [
+        (sound, 0, False),
+        (sound, 0, False),
+        (good(4, b"\0\1") + refused(5), 0, True),
+        (good(4, b"\0\1") + good(4, b"\0\1\2\3"), SIZE_MISMATCH, False),
+        (sound[:-1], BAD_DATA, False),
+        (sound + b"\0", BAD_DATA, False),
+        (sound[:-3], BAD_DATA, False),
+        (sound, 0, False),
+    ]
+    for number, (data, _, _) in enumerate(told, 1):
+        talk.ask(read(number, dbw(1, 0), dbw(1, 2)))
+        talk.tell(ack_data(number, b"\x04\x02", data))
+    assert [(one.flags, one.has_errors) for one in talk.transactions] == [(flags, errors) for _, flags, errors in told]
+    heads = [one.good_head for one in talk.transactions[0].parameters.items]
+    assert heads == [2 << 32 | 0xFF040010] * 2
+
+
+def test_a_length_that_needs_the_octets_left_is_never_taken_by_its_head(talk: Talk) -> None:
+    asked = dbw(1, 0)[:3] + b"\x07\x00\x01" + dbw(1, 0)[6:]
+    for number, octets in enumerate((b"\0\0\0\1", b"\0\0"), 1):
+        talk.ask(read(number, asked))
+        talk.tell(ack_data(number, b"\x04\x01", b"\xff\x06\x00\x04" + octets))
+    assert [one.flags for one in talk.transactions] == [ODD_DATA_CODE, SIZE_MISMATCH]
+    assert talk.transactions[0].parameters.items[0].good_head == -1
+
+
 def test_lengths_told_once_are_not_told_again(talk: Talk) -> None:
     """A PDU whose header lies is one malformed finding, not two."""
     whole = write(1, [dbw(1, 0)], written(4, b"\0\1"))
