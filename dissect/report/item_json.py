@@ -65,6 +65,11 @@ def octets_value(transport_size: i64, octets: bytes) -> str:
     return numbers_json(transport_size, octets) or value_text(decode_value(transport_size, octets))
 
 
+#: What follows the beginning of an item that is a single bit or byte, by its octet.
+_BITS: Final = [f"{octet:02x}{_VALUE}{octets_value(BIT, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
+_BYTES: Final = [f"{octet:02x}{_VALUE}{octets_value(BYTE, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
+
+
 def userdata_text(head: UserdataHead) -> str:
     """Return a userdata head as a JSON object."""
     text = (
@@ -117,13 +122,19 @@ def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: 
         head = _item_beginning(item).encode("ascii")
         item.head = head
     out.write(head)
+    kind: i64 = item.transport_size
+    fits: bool = item.size == size or item.fits(size)
+    if size == 1 and fits:
+        if kind == BYTE:
+            out.write(_BYTES[octets[at]])
+            return
+        if kind == BIT:
+            out.write(_BITS[octets[at]])
+            return
     write_hexadecimal(out, octets, at, at + size)
     out.write(_VALUE_OCTETS)
-    kind: i64 = item.transport_size
-    if item.size != size and not item.fits(size):
+    if not fits:
         out.write(b"null")
-    elif kind == BIT and size == 1:
-        out.write(b"true" if octets[at] & 1 else b"false")
     elif write_numbers(out, kind, octets, at, size):
         text = spelled(octets[at : at + size]) if kind == BYTE and size >= LEAST_TEXT else ""
         if text:

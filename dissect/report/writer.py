@@ -146,9 +146,10 @@ class TransactionFeed(Observer):
         fresh: i64 = len(lines) - len(packets)
         if packet >= self._latest:
             self._latest = packet
-            number: int = packet  # one object for all of them
-            for _ in range(fresh):
-                packets.append(number)
+            if fresh == 1:  # nearly always
+                packets.append(packet)
+            elif fresh:
+                packets.extend([int(packet)] * int(fresh))
             return
         at = bisect_right(packets, packet)
         late = lines[len(packets) :]

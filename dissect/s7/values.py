@@ -18,7 +18,7 @@ from dissect.s7.tables import BIT, BYTE, CHAR, DINT, DWORD, ELEMENT_OCTETS, INT,
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import MINUS, write_decimal, write_octets
 from dissect.wire.octets import u16, u32
-from dissect.wire.text import SHORT, civil, decimal
+from dissect.wire.text import SHORT, THREE, TWO, civil, decimal
 
 #: Decoded value of one item.
 Value = bool | int | float | str | list["bool | int | float | str | None"] | None
@@ -290,11 +290,20 @@ def bcd(*octets: int) -> int | None:
     """Return the number of BCD octets, most significant first; None when a digit is above 9."""
     number = 0
     for octet in octets:
-        high, low = octet >> 4, octet & 0x0F
-        if high > 9 or low > 9:
+        pair = _pair(octet)
+        if pair < 0:
             return None
-        number = number * 100 + high * 10 + low
+        number = number * 100 + int(pair)
     return number
+
+
+def _pair(octet: i64) -> i64:
+    """Return the number of two BCD digits, -1 when one of them is above 9."""
+    high: i64 = octet >> 4
+    low: i64 = octet & 0x0F
+    if high > 9 or low > 9:
+        return -1
+    return high * 10 + low
 
 
 def s5time(octets: bytes) -> str | None:
@@ -335,29 +344,28 @@ def date_text(days: int) -> str:
 
 def date_and_time(octets: bytes) -> str | None:
     """Return the 8-octet BCD form (year, month, day, hour, minute, second, ms, weekday) as ``DT#…``, None if no time."""
-    fields = [bcd(octet) for octet in octets[:7]]
-    year, month, day, hour, minute, second, centi = fields
-    if (
-        year is None
-        or month is None
-        or day is None
-        or hour is None
-        or minute is None
-        or second is None
-        or centi is None
-    ):
+    year = _pair(octets[0])
+    month = _pair(octets[1])
+    day = _pair(octets[2])
+    hour = _pair(octets[3])
+    minute = _pair(octets[4])
+    second = _pair(octets[5])
+    centi = _pair(octets[6])
+    units: i64 = octets[7] >> 4
+    if year < 0 or hour < 0 or minute < 0 or second < 0 or centi < 0:
         return None
-    units = octets[7] >> 4
-    full = year + (2000 if year < 90 else 1900)
+    full: i64 = year + 1900
+    if year < 90:
+        full = year + 2000
     if not (
         1 <= month <= 12 and 1 <= day <= _days(full, month) and hour < 24 and minute < 60 and second < 60 and units < 10
     ):
         return None
-    return f"DT#{full:04d}-{month:02d}-{day:02d}-{hour:02d}:{minute:02d}:{second:02d}.{centi * 10 + units:03d}"
+    return f"DT#{decimal(full)}-{TWO[month]}-{TWO[day]}-{TWO[hour]}:{TWO[minute]}:{TWO[second]}.{THREE[centi * 10 + units]}"
 
 
-def _days(year: int, month: int) -> int:
+def _days(year: i64, month: i64) -> i64:
     """Return the days of a month; the four-year rule holds from 1990 to 2089."""
     if month == 2:
         return 29 if year % 4 == 0 else 28
-    return 30 if month in (4, 6, 9, 11) else 31
+    return 30 if month == 4 or month == 6 or month == 9 or month == 11 else 31

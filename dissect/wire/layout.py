@@ -224,8 +224,18 @@ class Layout:
                 at = end if field.size == REST else at + field.size
             if at > end:
                 break
-            if field.means is None:
-                values.append(FieldValue(field, start, at, field.read(octets, start)))
-            else:
-                values.append(FieldValue(field, start, at, 0, octets[start:at]))
+            values.append(_value(field, octets, start, at))
         return values
+
+    def find(self, name: str, octets: bytes, offset: int, end: int) -> FieldValue | None:
+        """Return what `read` has first under a name, one of ``numbers``; None where it does not lie whole there."""
+        start, field = self.numbers[name]
+        start += offset
+        behind = start + field.size
+        return _value(field, octets, start, behind) if behind <= min(end, len(octets)) else None
+
+
+def _value(field: Field, octets: bytes, start: int, end: int) -> FieldValue:
+    if field.means is None:
+        return FieldValue(field, start, end, field.read(octets, start))
+    return FieldValue(field, start, end, 0, octets[start:end])

@@ -55,6 +55,8 @@ class Part:
 
     def find(self, name: str) -> FieldValue | None:
         """Return the field called ``name``, None when the part was cut before it or has none."""
+        if self._values is None and name in self.layout.numbers:
+            return self.layout.find(name, self._octets, self.offset, self.end)  # a note takes few fields of many
         for value in self.values:
             if value.field.name == name:
                 return value

@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.wire.layout import Field, Layout
+from dissect.wire.layout import Field, Layout, latin
 
 
 @st.composite
@@ -41,6 +41,22 @@ def test_fields_are_read_where_they_stand(
         number = sum(octet << 8 * power for power, octet in enumerate(reversed(octets[value.offset : value.end])))
         assert value.value == (number >> low) % (1 << bits)
         assert field.read(octets, value.offset) == value.value
+
+
+@given(layouts(), st.binary(max_size=40), st.integers(0, 20), st.integers(0, 45))
+def test_one_field_is_found_as_it_is_read(
+    drawn: tuple[Layout, list[tuple[int, int, int, int]]], octets: bytes, start: int, end: int
+) -> None:
+    layout, _ = drawn
+    layout.fields.append(Field("octets", 2, "", means=latin))
+    layout = Layout(layout.name, layout.source, layout.fields)
+    read = {value.field.name: value for value in layout.read(octets, start, end)}
+    for name in layout.numbers:
+        value, there = layout.find(name, octets, start, end), read.get(name)
+        assert (value is None) == (there is None)
+        if value is not None and there is not None:
+            assert (value.field, value.offset, value.end) == (there.field, there.offset, there.end)
+            assert (value.value, value.octets, value.meaning) == (there.value, there.octets, there.meaning)
 
 
 @given(layouts())
