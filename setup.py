@@ -155,7 +155,6 @@ BUSIEST: Final = (
     "dissect/transactions/transaction.py",
     "dissect/report/item_json.py",
     "dissect/report/latencies.py",
-    "dissect/report/plus.py",
     "dissect/report/writers/jsonl.py",
     "dissect/jobs/spots.py",
     "dissect/engine/plus.py",
@@ -238,6 +237,7 @@ BUSY: Final = (
     "dissect/export/transaction_rows.py",
     "dissect/report/analysis.py",
     "dissect/report/facets.py",
+    "dissect/report/plus.py",
     "dissect/report/tree.py",
     "dissect/report/tree_fields.py",
     "dissect/report/words.py",
@@ -250,7 +250,6 @@ BUSY: Final = (
     "dissect/variables/model.py",
     "dissect/variables/tracker.py",
     "dissect/stations/evidence.py",
-    "dissect/stations/facts.py",
 )
 
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).

@@ -113,7 +113,7 @@ def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
 
 def plus_subject(transaction: Transaction) -> str:
     """Return what an S7comm-plus transaction is about: the session, or the subscription that tells it."""
-    asked, told = transaction.said_halves()
+    asked, told = transaction.plus_halves(said=True)
     half = asked if asked is not None else told
     if half is None:
         return ""
@@ -212,7 +212,7 @@ def _other_head(pdu: PlusPdu) -> str:
 
 def plus_json(transaction: Transaction) -> str:
     """Return the keys that only transactions of S7comm-plus have, behind a comma."""
-    asked, told = transaction.said_halves()
+    asked, told = transaction.plus_halves(said=True)
     items = [_item_json(item) for item in join_items(asked, told, transaction.connection.plus)]
     alarms = ""
     if told is not None and told.contents.objects:

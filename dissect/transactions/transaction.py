@@ -330,15 +330,10 @@ class Transaction:
             self.response_octets, self.response_frame, self.response_ns, self.connection.number, 1 - self.asked_by
         )
 
-    def plus_halves(self) -> tuple[Half | None, Half | None]:
-        """Read request and response of S7comm-plus with their contents, without secrets; None for a half not there."""
-        asked, told = self.plus_request, self.plus_response
-        return (shown_half(asked) if asked is not None else None, shown_half(told) if told is not None else None)
-
-    def said_halves(self) -> tuple[Half | None, Half | None]:
-        """Return `plus_halves` for a line: objects have no more attributes than it names, which is read more quickly."""
-        asked, told = self.plus_request, self.plus_response
-        return (said_half(asked) if asked is not None else None, said_half(told) if told is not None else None)
+    def plus_halves(self, said: bool = False) -> tuple[Half | None, Half | None]:
+        """Read both PDUs of S7comm-plus without secrets, None for one not there; ``said``: no attributes but those of lines."""
+        asked, told, read = self.plus_request, self.plus_response, said_half if said else shown_half
+        return (read(asked) if asked is not None else None, read(told) if told is not None else None)
 
     def plus_items(self) -> list[PlusItem]:
         """Return every item of an S7comm-plus read, write or notification joined with its answer, read again at each call.
@@ -494,8 +489,7 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
         return
     code: i64 = 0
     if buf[at + 10] or buf[at + 11]:
-        code = u16(buf, at + 10)
-        transaction.error_code = code
+        transaction.error_code = code = u16(buf, at + 10)
         transaction.has_errors = True
     function: i64 = transaction.parameters.function
     if parameters.function != function or transaction.response_rosctr != ACK_DATA:
