@@ -10,7 +10,9 @@ from typing import Final, overload
 from dissect.findings.catalogue import Rule
 from dissect.findings.reporter import Finding
 
-#: So many are packed together.
+#: So many are kept as they are: packing takes time, which only a long capture repays.
+FIRST: Final = 1024
+#: So many of those behind them are packed together.
 BLOCK: Final = 64
 #: The memory of deflate while it packs: windows of 4 KB, some 40 KB in all, where its usual ones take 256 KB.
 _WINDOW_BITS: Final = 12
@@ -18,24 +20,32 @@ _MEMORY_LEVEL: Final = 5
 
 
 class Findings(Sequence[Finding]):
-    """Findings in the order they were appended in. Reading makes new objects of those that were packed, one block at a time."""
+    """Findings in the order they were appended in: the first as they are, then blocks, then what fills no block yet.
+
+    Reading makes new objects of those that were packed, one block at a time.
+    """
 
     def __init__(self) -> None:
+        self._first: list[Finding] = []
         self._packed: list[bytes] = []  # `BLOCK` findings each
         self._latest: list[Finding] = []
         self._rules: dict[str, Rule] = {}
 
     def append(self, finding: Finding) -> None:
         """Keep one more."""
+        if len(self._first) < FIRST:
+            self._first.append(finding)
+            return
         self._latest.append(finding)
         if len(self._latest) == BLOCK:
             self._packed.append(self._pack())
             self._latest = []
 
     def __len__(self) -> int:
-        return BLOCK * len(self._packed) + len(self._latest)
+        return len(self._first) + BLOCK * len(self._packed) + len(self._latest)
 
     def __iter__(self) -> Iterator[Finding]:
+        yield from self._first
         for packed in self._packed:
             yield from self._unpack(packed)
         yield from self._latest
@@ -47,7 +57,10 @@ class Findings(Sequence[Finding]):
     def __getitem__(self, index: int | slice) -> Finding | list[Finding]:
         if isinstance(index, slice):
             return list(self)[index]
-        block, place = divmod(range(len(self))[index], BLOCK)
+        number = range(len(self))[index]
+        if number < len(self._first):
+            return self._first[number]
+        block, place = divmod(number - FIRST, BLOCK)
         return self._unpack(self._packed[block])[place] if block < len(self._packed) else self._latest[place]
 
     def __repr__(self) -> str:

@@ -4,7 +4,7 @@ import pytest
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
-from dissect.report.kept import BLOCK, Findings
+from dissect.report.kept import BLOCK, FIRST, Findings
 
 SLUGS = ("transaction.refused", "security.write", "stream.hole")
 NOW_NS = 1_700_000_000_123_456_789
@@ -22,7 +22,13 @@ def said(finding: Finding) -> tuple[object, ...]:
     return finding.rule, finding.connection, finding.frames, finding.time_ns, finding.detail
 
 
-@pytest.mark.parametrize("count", [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 7])
+@pytest.mark.parametrize(
+    "count",
+    [
+        *(0, 1, FIRST - 1, FIRST, FIRST + 1),
+        *(FIRST + BLOCK - 1, FIRST + BLOCK, FIRST + BLOCK + 1, FIRST + 3 * BLOCK + 7),
+    ],
+)
 def test_findings_come_back_as_they_were(count: int) -> None:
     kept = Findings()
     for number in range(count):
@@ -42,15 +48,16 @@ def test_findings_come_back_as_they_were(count: int) -> None:
 
 def test_one_that_was_packed_is_of_the_same_rule() -> None:
     kept = Findings()
-    for number in range(BLOCK):
+    for number in range(FIRST + BLOCK):
         kept.append(made(number))
+    assert len(kept._packed) == 1
     assert all(finding.rule is CATALOGUE[finding.slug] for finding in kept)
 
 
 def test_many_that_are_alike_take_little() -> None:
     kept = Findings()
-    for number in range(8 * BLOCK):
+    for number in range(FIRST + 8 * BLOCK):
         detail = f"10.0.0.{number % 50}:4000 to 10.0.1.1:102: Write Var DB{number % 99}.DBD{number}"
         kept.append(Finding(CATALOGUE["security.write"], number, [number * 9, number * 9 + 2], NOW_NS + number, detail))
     packed = sum(len(block) for block in kept._packed)
-    assert packed < 50 * len(kept)
+    assert packed < 50 * 8 * BLOCK
