@@ -240,7 +240,6 @@ BUSY: Final = (
     "dissect/report/plus.py",
     "dissect/report/tree.py",
     "dissect/report/tree_fields.py",
-    "dissect/report/words.py",
     "dissect/report/writer.py",
     "dissect/report/writers/csv.py",
     "dissect/report/writers/text.py",
@@ -250,6 +249,7 @@ BUSY: Final = (
     "dissect/variables/model.py",
     "dissect/variables/tracker.py",
     "dissect/stations/evidence.py",
+    "dissect/stations/facts.py",
 )
 
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).
