@@ -161,7 +161,10 @@ def test_two_clients_at_once_hear_the_same() -> None:
 
 
 def test_what_goes_wrong_is_an_error_of_the_client_and_then_it_recovers() -> None:
-    """nodes7 reconnects after each of these, as it does with a PLC; a TPKT in pieces is one to it, too."""
+    """nodes7 reconnects after each of these, as it does with a PLC.
+
+    A TPKT in pieces is an error to it, too, if it sees the pieces: a busy machine hands it several of them as one.
+    """
     tags = ("DB2,INT4", "MW20")
     good = {"bad": False, "values": {"DB2,INT4": POLLED["int"], "MW20": POLLED["flag"]}}
     none = {"bad": True, "values": dict.fromkeys(tags, "BAD 255")}
@@ -172,9 +175,10 @@ def test_what_goes_wrong_is_an_error_of_the_client_and_then_it_recovers() -> Non
     try:
         clients = [start(server, "until", *PATIENT, *tags) for server in servers]
         for fault, server, told in zip(faults, servers, [heard(client) for client in clients], strict=True):
-            assert (fault, told[0], told[-1]) == (fault, none, good)
+            whole = fault.startswith("split") and told == [good]
+            assert (fault, told[0], told[-1]) == (fault, good if whole else none, good)
             assert [good] == [one for one in told if one != none]
-            assert (fault, server.connections >= 2, server.unmatched) == (fault, True, [])
+            assert (fault, server.connections >= (1 if whole else 2), server.unmatched) == (fault, True, [])
             assert [request.faults for request in server.requests if request.faults] == [(fault.split(":")[0],)]
     finally:
         for server in servers:
