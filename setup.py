@@ -278,9 +278,10 @@ RELEASED: Final = {"busiest": (), "busy": (), "plain": ("-O1",)}
 
 #: What a release does between its two builds, with the first one.
 TRAINING: Final = "scripts/train.py"
-#: How the two are compiled: each file counts what it runs, beside its object file, and is then compiled with these counts.
+#: How the two are compiled: each file counts what it runs, beside its object file, and is then compiled with these counts, all
+#: files as one, so that what is small and often called is inlined into another file, too.
 COUNTING: Final = ("-fprofile-generate",)
-COUNTED: Final = ("-fprofile-use",)
+COUNTED: Final = ("-fprofile-use", "-flto")
 
 
 def is_release() -> bool:
@@ -392,8 +393,8 @@ def extensions() -> list[Extension]:
         if new_compiler().compiler_type == "unix":
             # Without these the engine's functions could be replaced from outside, so that none of them may be inlined into
             # another, and each call from one C file to another would go through a table. What Python looks for is exported
-            # all the same.
-            hidden = ("-fno-semantic-interposition", "-fvisibility=hidden")
+            # all the same. What the interpreter has is called without a stub between.
+            hidden = ("-fno-semantic-interposition", "-fvisibility=hidden", "-fno-plt")
             # Nobody reads what a compiler would say of generated code, and to look for it is a sixth of its work.
             extension.extra_compile_args = [*extension.extra_compile_args, *hidden, "-w"]
     return compiled
@@ -435,7 +436,7 @@ class AllOrNothing(build_ext):
         for path in outputs.values():
             path.unlink(missing_ok=True)  # where the next build fails, one that counts must not be taken for it
         library.extra_compile_args = [*asked, *COUNTED]
-        library.extra_link_args = []
+        library.extra_link_args = list(COUNTED)
 
 
 def _copy_shim(shims: list[Extension], outputs: dict[str, Path]) -> None:
