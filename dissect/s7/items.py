@@ -54,8 +54,6 @@ class Item:
     are filled; for every other syntax they are -1 and ``address`` names the syntax.
     ``size`` is the count of octets a good answer carries, -1 when it cannot be known (a data record may be shorter than asked
     for, and devices differ in how they pack several bits).
-    ``good_head`` is what a data item began with that was such an answer, return code, transport size and length as one number
-    of 32 bits, and above them the count of its octets; -1 before one was seen.
     ``areas`` are the areas of data blocks that one DBREAD item asks for, each as an item of octets of its own; None for others.
     """
 
@@ -67,7 +65,6 @@ class Item:
         "count",
         "db",
         "fragment",
-        "good_head",
         "head",
         "octets",
         "offset",
@@ -88,7 +85,6 @@ class Item:
         self.area: i64 = -1
         self.start_bit: i64 = -1
         self.size: i64 = -1
-        self.good_head: i64 = -1
         self.areas: list[Item] | None = None
         self.address: str = ""
         # Cached texts of reports, of the fields above; polling repeats the same items for hours.
@@ -238,11 +234,6 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
     if counted == BITS or length > room:
         return (length + 7) >> 3
     return length
-
-
-def needs_room(transport_size: i64) -> bool:
-    """Return whether the octets that are left decide what a length counts (`data_size_within`)."""
-    return COUNTED[transport_size] == _UNCLEAR
 
 
 class DataItem:

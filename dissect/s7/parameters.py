@@ -169,6 +169,7 @@ class Parameters:
         "answer_unjudged",
         "fragment",
         "function",
+        "good_answer",
         "item_count",
         "items",
         "malformed",
@@ -194,6 +195,9 @@ class Parameters:
         self.answer_size: i64 = (
             0  # of a read: octets of the smallest PDU that answers all items, as far as that is known
         )
+        # Of a read: what the data items of a good answer began with, and where, for the next one to be compared with
+        # (`dissect.transactions.transaction`); in one place, as the items themselves are spread over the memory.
+        self.good_answer: bytes = b""
         self.unjudged: bool = True  # nobody looked at codes and addresses yet
         self.answer_unjudged: bool = False  # of a read: nobody looked at the transport sizes of a good answer yet
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Final
 
-from librt.strings import read_i32_be
+from librt.strings import read_i32_be, read_i64_be
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7.body import Body
@@ -19,7 +19,6 @@ from dissect.s7.items import (
     Item,
     ItemResult,
     data_size_within,
-    needs_room,
     odd_data_code,
     parse_data_items,
     read_results,
@@ -70,7 +69,7 @@ from dissect.transactions.results import (
     userdata_results,
 )
 from dissect.wire.build import COMPILED
-from dissect.wire.octets import u16
+from dissect.wire.octets import u16, u32
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -106,6 +105,9 @@ REASON_TEXTS: Final[dict[str, str]] = {
 
 #: A data item of a read answer up to its octets, as one number: return code, transport size, length.
 _HEAD: Final = struct.Struct(">I")
+#: Of a good answer that is remembered: its octets, then place and beginning of each item.
+_SIZE: Final = struct.Struct(">q")
+_PLACED: Final = struct.Struct(">II")
 
 
 @mypyc_attr(free_list_len=1)  # the memory of one that is gone serves the next: most are over before another one begins
@@ -508,51 +510,83 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
 
 def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
     """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
-    items = transaction.parameters.items
-    if count != transaction.parameters.item_count and not transaction.parameters.malformed:
+    parameters = transaction.parameters
+    expected = count == parameters.item_count
+    if expected and _as_before(parameters.good_answer, buf, at, end):
+        return
+    if not expected and not parameters.malformed:
         transaction.flags |= COUNT_MISMATCH  # what a broken request asks for nobody can say
+    items = parameters.items
     known: i64 = len(items)
+    good = expected and known == count
+    begin: i64 = at
     index: i64 = 0
     size: i64 = 0
-    head: i64
     while index < count:
         room: i64 = end - at - 4
         if room < 0:
             transaction.flags |= BAD_DATA
             return
-        if COMPILED:
-            head = i64(read_i32_be(buf, at)) & 0xFFFFFFFF
-        else:
-            (head,) = _HEAD.unpack_from(buf, at)
+        head = u32(buf, at)
         at += 4
-        good: i64 = -1
-        if index < known:
-            good = items[index].good_head
-        if good >= 0 and good & 0xFFFFFFFF == head:
-            size = good >> 32  # it begins as one did that was what was asked for
-        elif head >> 24 == SUCCESS:
+        if head >> 24 == SUCCESS:
             size = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, room)
-            if index < known:
-                _check_size(transaction, items[index], head, buf, at, size, end)
+            if index < known and not _check_size(transaction, items[index], buf, at, size, end):
+                good = False
         else:
             size = 0
             transaction.has_errors = True
+            good = False
         index += 1
         at += size
         if size & 1 and index < count:
             at += 1
     if at != end and not (at + 1 == end and size & 1):
         transaction.flags |= BAD_DATA
+    elif good:
+        parameters.good_answer = _heads(count, buf, begin, end)
 
 
-def _check_size(transaction: Transaction, item: Item, head: i64, buf: bytes, at: i64, size: i64, end: i64) -> None:
-    """Compare ``size``, the octets of a data item that begins with ``head``, with those that were asked for."""
+def _as_before(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
+    """Return whether an answer is as long as the good one that ``heads`` (`_heads`) is of, and its items begin as those did."""
+    if not COMPILED:
+        (size,) = _SIZE.unpack_from(heads) if heads else (-1,)
+        return size == end - at and all(
+            [_HEAD.unpack_from(buf, at + place)[0] == head for place, head in _PLACED.iter_unpack(heads[8:])]
+        )
+    stop: i64 = len(heads)
+    if stop == 0 or read_i64_be(heads, 0) != end - at:
+        return False
+    index: i64 = 8
+    while index < stop:
+        placed: i64 = read_i64_be(heads, index)
+        if i64(read_i32_be(buf, at + (placed >> 32))) & 0xFFFFFFFF != placed & 0xFFFFFFFF:
+            return False
+        index += 8
+    return True
+
+
+def _heads(count: i64, buf: bytes, at: i64, end: i64) -> bytes:
+    """Return the size of a good answer, and of each of its items the place and the four octets that it begins with."""
+    heads = [_SIZE.pack(end - at)]
+    place = at
+    for _ in range(count):
+        head = u32(buf, place)
+        heads.append(_PLACED.pack(place - at, head))
+        place += 4 + data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - place - 4)
+        place += place - at & 1
+    return b"".join(heads)
+
+
+def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size: i64, end: i64) -> bool:
+    """Compare ``size``, the octets of a data item, with those that were asked for; return whether that is all to be asked."""
     if item.size < 0:
         _check_areas(transaction, item, buf, at, min(at + size, end))
-    elif item.size != size:
+        return False
+    if item.size != size:
         transaction.flags |= SIZE_MISMATCH
-    elif not needs_room(head >> 16 & 0xFF):  # else the next one like it may be of another size
-        item.good_head = size << 32 | head
+        return False
+    return True
 
 
 def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end: i64) -> None:

@@ -13,46 +13,72 @@ from dissect.wire.text import json_text
 _CONSTANTS: Final[dict[object, str]] = {None: "null", True: "true", False: "false"}
 
 
+#: Names are few, and come again at the same depth: what stands before and behind each is put together once.
+_MAX_NAMES: Final = 4096
+
+
 def json_page(value: object, indent: int, before: str = "") -> str:
     r"""Return ``json.dumps(value, indent=indent)`` with ``before`` in front of each line but the first, DEL as ``\u007f``."""
-    parts: list[str] = []
-    _lay(parts, value, " " * indent, f"\n{before}")
-    return "".join(parts)
+    page = _Page(" " * indent)
+    page.lay(value, f"\n{before}")
+    return "".join(page.parts)
 
 
-def _lay(parts: list[str], value: object, indent: str, line: str) -> None:
-    """Add the pieces of a value whose lines begin with ``line``."""
-    if isinstance(value, str):
-        parts.append(json_text(value))
-    elif value is None or isinstance(value, bool):
-        parts.append(_CONSTANTS[value])
-    elif type(value) is int:
-        parts.append(str(value))
-    elif isinstance(value, dict):
-        _object(parts, value, indent, line)
-    elif isinstance(value, (list, tuple)):
-        _list(parts, value, indent, line)
-    else:
-        parts.append(json.dumps(value).replace("\x7f", "\\u007f"))
+class _Page:
+    """The pieces of a page, whose levels stand in by ``indent``."""
+
+    __slots__ = ("_indent", "_names", "parts")
+
+    def __init__(self, indent: str) -> None:
+        self.parts: list[str] = []
+        self._indent = indent
+        self._names: dict[str, dict[str, str]] = {}  # by the beginning of the line
+
+    def lay(self, value: object, line: str) -> None:
+        """Add the pieces of a value whose lines begin with ``line``."""
+        if isinstance(value, str):
+            self.parts.append(json_text(value))
+        elif value is None or isinstance(value, bool):
+            self.parts.append(_CONSTANTS[value])
+        elif type(value) is int:
+            self.parts.append(str(value))
+        elif isinstance(value, dict):
+            self._object(value, line)
+        elif isinstance(value, (list, tuple)):
+            self._list(value, line)
+        else:
+            self.parts.append(json.dumps(value).replace("\x7f", "\\u007f"))
+
+    def _object(self, value: dict[object, object], line: str) -> None:
+        inner = line + self._indent
+        names = self._names.get(inner)
+        if names is None:
+            names = self._names[inner] = {}
+        begin = "{"
+        for key, one in value.items():
+            self.parts.append(begin)
+            begin = ","
+            name = names.get(key) if isinstance(key, str) else None
+            self.parts.append(name if name is not None else _named(names, key, inner))
+            self.lay(one, inner)
+        self.parts.append(f"{line}}}" if value else "{}")
+
+    def _list(self, value: list[object] | tuple[object, ...], line: str) -> None:
+        inner = line + self._indent
+        begin = "[" + inner
+        for one in value:
+            self.parts.append(begin)
+            begin = "," + inner
+            self.lay(one, inner)
+        self.parts.append(f"{line}]" if value else "[]")
 
 
-def _object(parts: list[str], value: dict[object, object], indent: str, line: str) -> None:
-    inner = line + indent
-    begin = "{"
-    for key, one in value.items():
+def _named(names: dict[str, str], key: object, inner: str) -> str:
+    """Return how a line with this key begins, and keep it where the key is a text."""
+    if not isinstance(key, str):
         # What is no text as a key becomes one in ways of its own.
-        name = json_text(key) if isinstance(key, str) else json.dumps({key: 0})[1:-4]
-        parts.append(f"{begin}{inner}{name}: ")
-        begin = ","
-        _lay(parts, one, indent, inner)
-    parts.append(f"{line}}}" if value else "{}")
-
-
-def _list(parts: list[str], value: list[object] | tuple[object, ...], indent: str, line: str) -> None:
-    inner = line + indent
-    begin = "["
-    for one in value:
-        parts.append(begin + inner)
-        begin = ","
-        _lay(parts, one, indent, inner)
-    parts.append(f"{line}]" if value else "[]")
+        return f"{inner}{json.dumps({key: 0})[1:-4]}: "
+    name = f"{inner}{json_text(key)}: "
+    if len(names) < _MAX_NAMES:
+        names[key] = name
+    return name

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import struct
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -122,7 +124,7 @@ def test_what_is_odd_about_an_answer(
 
 
 def test_an_answer_like_the_one_before_is_taken_by_its_heads(talk: Talk) -> None:
-    """What a data item began with is remembered once it was as asked, and hides nothing of those that differ."""
+    """What the items of a good answer began with is remembered, and hides nothing of answers that differ."""
     sound = good(4, b"\0\1") * 2
     told = [
         (sound, 0, False),
@@ -138,17 +140,38 @@ def test_an_answer_like_the_one_before_is_taken_by_its_heads(talk: Talk) -> None
         talk.ask(read(number, dbw(1, 0), dbw(1, 2)))
         talk.tell(ack_data(number, b"\x04\x02", data))
     assert [(one.flags, one.has_errors) for one in talk.transactions] == [(flags, errors) for _, flags, errors in told]
-    heads = [one.good_head for one in talk.transactions[0].parameters.items]
-    assert heads == [2 << 32 | 0xFF040010] * 2
+    remembered = talk.transactions[0].parameters.good_answer
+    assert struct.unpack(">qIIII", remembered) == (len(sound), 0, 0xFF040010, 6, 0xFF040010)
 
 
-def test_a_length_that_needs_the_octets_left_is_never_taken_by_its_head(talk: Talk) -> None:
+def test_a_length_that_needs_the_octets_left_is_taken_by_them(talk: Talk) -> None:
     asked = dbw(1, 0)[:3] + b"\x07\x00\x01" + dbw(1, 0)[6:]
     for number, octets in enumerate((b"\0\0\0\1", b"\0\0"), 1):
         talk.ask(read(number, asked))
         talk.tell(ack_data(number, b"\x04\x01", b"\xff\x06\x00\x04" + octets))
     assert [one.flags for one in talk.transactions] == [ODD_DATA_CODE, SIZE_MISMATCH]
-    assert talk.transactions[0].parameters.items[0].good_head == -1
+
+
+@pytest.mark.parametrize("sizes", [(1, 2), (2, 1), (3, 1, 1), (1,), (1, 1, 1, 5)])
+def test_places_of_remembered_items_allow_for_fill(talk: Talk, sizes: tuple[int, ...]) -> None:
+    data = b"".join([good(4, bytes(size)) + bytes(size & 1) for size in sizes])
+    whole = data[:-1] if sizes[-1] & 1 else data
+    asked = [dbw(1, 0)[:3] + b"\x02" + size.to_bytes(2, "big") + dbw(1, 0)[6:] for size in sizes]
+    at, last = 0, b""
+    for size in sizes:
+        last += struct.pack(">II", at, 0xFF040000 | 8 * size)
+        at += 4 + size + (size & 1)
+    told = [(whole, False)] * 2
+    for number in range(len(sizes)):
+        start = struct.unpack_from(">I", last, 8 * number)[0]
+        told.append((whole[:start] + b"\x05" + whole[start + 1 :], True))
+    told += [(whole, False)]
+    for number, (answer, _) in enumerate(told, 1):
+        talk.ask(read(number, *asked))
+        talk.tell(ack_data(number, bytes((4, len(sizes))), answer))
+    assert talk.transactions[0].parameters.good_answer == struct.pack(">q", len(whole)) + last
+    assert [one.has_errors for one in talk.transactions] == [errors for _, errors in told]
+    assert [one.flags for one in talk.transactions if not one.has_errors] == [0, 0, 0]
 
 
 def test_lengths_told_once_are_not_told_again(talk: Talk) -> None:
