@@ -25,7 +25,6 @@ from dissect.cli.run import (
     files_argument,
     slow_option,
 )
-from dissect.cli.separate import add_separately, found_task, refuse
 from dissect.cli.task import current
 from dissect.report.formats import ANALYSIS, Format, formats_for
 
@@ -90,12 +89,15 @@ def command(
     options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     of = current()
     if of is not None:
+        from dissect.cli.separate import found_task
+
         return found_task(of, analysis, chosen.sieve(analysis), options, chosen)
     if separate:
-        refuse(chosen, [(decoder, "SCD is decoded over all files"), (per_file, "--per-file reads them in one run")])
-        files = may_match(files, chosen)
+        from dissect.cli.separate import add_separately, refuse
         from dissect.jobs.analyses import Analyses
 
+        refuse(chosen, [(decoder, "SCD is decoded over all files"), (per_file, "--per-file reads them in one run")])
+        files = may_match(files, chosen)
         sums = Analyses(options)
         code = add_separately(files, jobs, sums, Analysis)
         write_outcome(format_, ANALYSIS, Summary(sums.found, code == EXIT_INTERRUPTED, clock(), hosts(), brief))

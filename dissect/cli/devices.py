@@ -17,7 +17,6 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files_argument
-from dissect.cli.separate import add_separately, found_task, refuse
 from dissect.cli.task import current
 from dissect.report.formats import DEVICES, Format
 
@@ -67,8 +66,11 @@ def command(
     options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
     of = current()
     if of is not None:
+        from dissect.cli.separate import found_task
+
         return found_task(of, inventory, observer, options, chosen)
     if separate:
+        from dissect.cli.separate import add_separately, refuse
         from dissect.jobs.inventories import Inventories
 
         refuse(chosen)

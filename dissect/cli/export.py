@@ -21,7 +21,6 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import checksums_option, complain_of, drive, files_argument, slow_option
-from dissect.cli.separate import refuse
 from dissect.cli.task import current
 from dissect.source.remote import is_remote, shown
 from dissect.wire.saving import Saving, SavingFolder, is_special
@@ -122,6 +121,8 @@ def command(
     if of is not None:
         return export_task(of, target, only, chosen, options)
     if separate:
+        from dissect.cli.separate import refuse
+
         refuse(chosen, [(decoder, "SCD is decoded over all files")])
         files = may_match(files, chosen)
         refuse_form(target)

@@ -7,7 +7,6 @@ command: they are kept with the click context and asked for here.
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Final
@@ -82,8 +81,14 @@ def coloured(terminal: bool) -> bool:
 def write_lines(lines: Iterable[Line]) -> None:
     """Write lines that have a style: on a terminal in its width, in colours where they are wanted, else as they are."""
     terminal = sys.stdout.isatty()
-    width = shutil.get_terminal_size().columns if terminal else 0
+    width = _columns() if terminal else 0
     write(_dressed(lines, width, coloured(terminal)))
+
+
+def _columns() -> int:
+    import shutil  # which loads three libraries for archives
+
+    return shutil.get_terminal_size().columns
 
 
 def write_text(lines: Iterable[str], hang: int = 4) -> None:

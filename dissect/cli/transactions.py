@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import click
 
@@ -24,8 +25,6 @@ from dissect.cli.run import (
     nanoseconds,
     places_of,
 )
-from dissect.cli.separate import refuse
-from dissect.cli.separate_rows import Total, no_places, rows_separately, rows_task
 from dissect.cli.task import Task, current
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
@@ -36,6 +35,9 @@ from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import Transaction
+
+if TYPE_CHECKING:
+    from dissect.cli.separate_rows import Total
 
 
 @click.command("transactions", epilog=EXIT_CODES)
@@ -90,6 +92,9 @@ def command(
     if of is not None:
         return _task(of, writer, TransactionFeed(writer, choice), chosen, options, bool(fail_on))
     if separate:
+        from dissect.cli.separate import refuse
+        from dissect.cli.separate_rows import no_places, rows_separately
+
         refuse(chosen, [(decoder, "SCD is decoded over all files")])
         files = may_match(files, chosen)
         writer.begin(no_places(files))
@@ -109,6 +114,8 @@ def command(
 
 def _task(of: Task, writer: Writer, feed: TransactionFeed, chosen: Chosen, options: Options, findings: bool) -> int:
     """Read the file of a task; ``findings`` tells whether a selection of these counts."""
+    from dissect.cli.separate_rows import rows_task
+
     run = Run([of.file], chosen.sieve(feed) if findings else feed, chosen.narrow(options))
     writer.begin(places_of(run, of.files))
     return rows_task(

@@ -21,8 +21,6 @@ from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
 from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files_meant, places_of
-from dissect.cli.separate import refuse
-from dissect.cli.separate_rows import no_places, rows_separately, rows_task
 from dissect.cli.task import Task, current
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
@@ -120,6 +118,9 @@ def command(
     if of is not None:
         return _task(of, writer, collector, chosen, options, bool(fail_on))
     if separate:
+        from dissect.cli.separate import refuse
+        from dissect.cli.separate_rows import no_places, rows_separately
+
         refuse(chosen, [(decoder, "SCD is decoded over all files"), (summary, "--summary adds up one run")])
         captures = list(may_match(tuple(captures), chosen))
         writer.begin(no_places(captures))
@@ -154,6 +155,8 @@ def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, o
     def take() -> list[Written]:
         writer.values(collector.take())
         return writer.take()
+
+    from dissect.cli.separate_rows import rows_task
 
     return rows_task(of, run, chosen, writer, take, lambda: ({}, collector.found))
 

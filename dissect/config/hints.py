@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from itertools import islice
 from typing import Final
 
@@ -18,6 +17,8 @@ SURELY: Final = 0.7
 
 def close_names(written: str, names: Iterable[str], alike: float = _ALIKE) -> list[str]:
     """Return at most three of ``names`` that are much like ``written``, the closest first, also where only case differs."""
+    from difflib import get_close_matches  # where nothing is written wrong, it is not needed
+
     known = list(islice(names, _MOST_COMPARED))
     found = get_close_matches(written[:_LONGEST], known, _MOST_SHOWN, alike)
     if found:

@@ -5,8 +5,10 @@ Reference section 3.5.
 
 from __future__ import annotations
 
+import struct
 from typing import Final
 
+from librt.strings import read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.address import address_text
@@ -25,11 +27,14 @@ from dissect.s7.tables import (
 )
 from dissect.s7.values import Value, decode_value
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16, u24
+from dissect.wire.octets import u16, u24, u32
 
 SPECIFICATION: Final = 0x12
 DATA_HEAD: Final = 4
 _S7ANY_SIZE: Final = 12
+#: Of a data block: its octets, then the place of each item and the octets that it begins with (`item_heads`).
+_SIZE: Final = struct.Struct(">q")
+_PLACED: Final = struct.Struct(">II")
 #: Octets of a data item that its representation shows.
 _SHOWN: Final = 16
 
@@ -234,6 +239,35 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
     if counted == BITS or length > room:
         return (length + 7) >> 3
     return length
+
+
+def item_heads(count: i64, buf: bytes, at: i64, end: i64) -> bytes:
+    """Return the size of a sound data block, and of each of its items the place and the four octets that it begins with."""
+    heads = [_SIZE.pack(end - at)]
+    place = at
+    for _ in range(count):
+        head = u32(buf, place)
+        heads.append(_PLACED.pack(place - at, head))
+        place += 4 + data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - place - 4)
+        place += place - at & 1  # the octet that fills up an odd one
+    return b"".join(heads)
+
+
+def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
+    """Return whether a data block is as long as the one that ``heads`` (`item_heads`) is of, and its items begin as those did.
+
+    Then they are of the same sizes. False where ``heads`` is empty.
+    """
+    stop: i64 = len(heads)
+    if stop == 0 or read_i64_be(heads, 0) != end - at:
+        return False
+    index: i64 = 8
+    while index < stop:
+        placed: i64 = read_i64_be(heads, index)
+        if u32(buf, at + (placed >> 32)) != placed & 0xFFFFFFFF:
+            return False
+        index += 8
+    return True
 
 
 class DataItem:

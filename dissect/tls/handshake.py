@@ -5,7 +5,6 @@ Everything is read as far as it is there; whatever the octets are, nothing raise
 
 from __future__ import annotations
 
-import hashlib
 from typing import Final
 
 from dissect.tls.tables import CLIENT_HELLO, HANDSHAKE, HANDSHAKE_TYPES, TLS_1_2, TLS_1_3, TLS_VERSIONS
@@ -25,8 +24,8 @@ _RANDOM: Final = slice(2, 34)
 _SERVER_NAME: Final = 0
 _EARLY_DATA: Final = 42
 _SUPPORTED_VERSIONS: Final = 43
-#: A ServerHello with this random asks the client for another ClientHello (RFC 8446 section 4.1.3).
-RETRY_RANDOM: Final = hashlib.sha256(b"HelloRetryRequest").digest()
+#: A ServerHello with this random asks the client for another ClientHello: SHA-256 of its name (RFC 8446 section 4.1.3).
+RETRY_RANDOM: Final = bytes.fromhex("cf21ad74e59a6111be1d8c021e65b891c2a211167abb8c5e079e09e2c8a8339c")
 
 
 class HandshakeReader:

@@ -5,7 +5,6 @@ Which transaction is which is known to `dissect.s7plus.events`.
 
 from __future__ import annotations
 
-from hashlib import blake2b
 from typing import Final
 
 from mypy_extensions import i64
@@ -272,6 +271,8 @@ class PlusOperations:
             asked = addresses_in(octets, read >> PLACE)
             key = asked
             if len(asked) > _LARGEST:
+                from hashlib import blake2b  # rarely used, and it loads OpenSSL
+
                 key = blake2b(asked, digest_size=16).digest()
                 asked = b""
             poll = here.polls.get(key)

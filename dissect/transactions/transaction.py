@@ -6,10 +6,8 @@ an object when somebody asks for `Transaction.results`.
 
 from __future__ import annotations
 
-import struct
 from typing import TYPE_CHECKING, Final
 
-from librt.strings import read_i32_be, read_i64_be
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7.body import Body
@@ -18,7 +16,9 @@ from dissect.s7.items import (
     DataItem,
     Item,
     ItemResult,
+    begin_alike,
     data_size_within,
+    item_heads,
     odd_data_code,
     parse_data_items,
     read_results,
@@ -68,7 +68,6 @@ from dissect.transactions.results import (
     has_items,
     userdata_results,
 )
-from dissect.wire.build import COMPILED
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import printable
 
@@ -104,10 +103,6 @@ REASON_TEXTS: Final[dict[str, str]] = {
 
 
 #: A data item of a read answer up to its octets, as one number: return code, transport size, length.
-_HEAD: Final = struct.Struct(">I")
-#: Of a good answer that is remembered: its octets, then place and beginning of each item.
-_SIZE: Final = struct.Struct(">q")
-_PLACED: Final = struct.Struct(">II")
 
 
 @mypyc_attr(free_list_len=1)  # the memory of one that is gone serves the next: most are over before another one begins
@@ -512,7 +507,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
     parameters = transaction.parameters
     expected = count == parameters.item_count
-    if expected and _as_before(parameters.good_answer, buf, at, end):
+    if expected and begin_alike(parameters.good_answer, buf, at, end):
         return
     if not expected and not parameters.malformed:
         transaction.flags |= COUNT_MISMATCH  # what a broken request asks for nobody can say
@@ -544,38 +539,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     if at != end and not (at + 1 == end and size & 1):
         transaction.flags |= BAD_DATA
     elif good:
-        parameters.good_answer = _heads(count, buf, begin, end)
-
-
-def _as_before(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
-    """Return whether an answer is as long as the good one that ``heads`` (`_heads`) is of, and its items begin as those did."""
-    if not COMPILED:
-        (size,) = _SIZE.unpack_from(heads) if heads else (-1,)
-        return size == end - at and all(
-            [_HEAD.unpack_from(buf, at + place)[0] == head for place, head in _PLACED.iter_unpack(heads[8:])]
-        )
-    stop: i64 = len(heads)
-    if stop == 0 or read_i64_be(heads, 0) != end - at:
-        return False
-    index: i64 = 8
-    while index < stop:
-        placed: i64 = read_i64_be(heads, index)
-        if i64(read_i32_be(buf, at + (placed >> 32))) & 0xFFFFFFFF != placed & 0xFFFFFFFF:
-            return False
-        index += 8
-    return True
-
-
-def _heads(count: i64, buf: bytes, at: i64, end: i64) -> bytes:
-    """Return the size of a good answer, and of each of its items the place and the four octets that it begins with."""
-    heads = [_SIZE.pack(end - at)]
-    place = at
-    for _ in range(count):
-        head = u32(buf, place)
-        heads.append(_PLACED.pack(place - at, head))
-        place += 4 + data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - place - 4)
-        place += place - at & 1
-    return b"".join(heads)
+        parameters.good_answer = item_heads(count, buf, begin, end)
 
 
 def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size: i64, end: i64) -> bool:

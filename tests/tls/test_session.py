@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import ssl
 from collections.abc import Iterable
 
@@ -334,6 +335,7 @@ def test_early_data_that_was_refused() -> None:
     """The server asks for another ClientHello; the client goes on without early data."""
     client, server = Sealer(0, stage=0), Sealer(1)
     flights = [(0, sealing.client_hello(early=True) + client.seal(b"early"))]
+    assert hashlib.sha256(b"HelloRetryRequest").digest() == RETRY_RANDOM
     flights += [(1, sealing.server_hello(random=RETRY_RANDOM))]
     flights += [(0, sealing.client_hello()), (1, sealing.server_hello() + server.seal(FINISHED, HANDSHAKE))]
     client.enter(1)
