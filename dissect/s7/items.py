@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from librt.strings import read_i64_be
+from librt.strings import read_i32_be, read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.address import address_text
@@ -264,7 +264,7 @@ def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
     index: i64 = 8
     while index < stop:
         placed: i64 = read_i64_be(heads, index)
-        if u32(buf, at + (placed >> 32)) != placed & 0xFFFFFFFF:
+        if i64(read_i32_be(buf, at + (placed >> 32))) & 0xFFFFFFFF != placed & 0xFFFFFFFF:
             return False
         index += 8
     return True
