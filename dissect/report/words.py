@@ -31,6 +31,8 @@ class Places:
 
     def __init__(self, files: Sequence[SourceFile], several: bool, hosts: Mapping[str, str] | None = None) -> None:
         self._files = files
+        self._latest: int = -1  # the file that was asked for last, and its name as text
+        self._name: str = ""
         self.several = several
         self._hosts: dict[str, str] = {address: printable(name) for address, name in (hosts or {}).items()}
 
@@ -52,9 +54,15 @@ class Places:
 
     def locate(self, frame: int) -> tuple[str, int]:
         """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""
-        index = bisect_right(self._files, frame, key=lambda file: int(file.first_frame)) - 1
-        file = self._files[max(index, 0)]
-        return encodable(file.name), frame - int(file.first_frame) + 1
+        files = self._files
+        index = self._latest
+        behind = index + 1
+        # Most are asked for in the order of the run; the file after this one may have come since.
+        is_behind = behind < len(files) and frame >= files[behind].first_frame
+        if index < 0 or is_behind or frame < files[index].first_frame:
+            self._latest = index = max(bisect_right(files, frame, key=lambda file: int(file.first_frame)) - 1, 0)
+            self._name = encodable(files[index].name)
+        return self._name, frame - int(files[index].first_frame) + 1
 
     def number(self, frame: int) -> int:
         """Return the number of a packet within its file."""

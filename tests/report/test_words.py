@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 from dissect.iso.tsap import Tsap
 from dissect.report import facets, words
 from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value
+from dissect.source.packet import SourceFile
 from tests import build
 from tests.cases import each
 from tests.properties import messages
@@ -260,3 +263,13 @@ def test_types_of_which_there_are_no_blocks_are_left_out(counts: dict[str, int],
     answer = build.userdata_head(2, 3, 1, 1, 0), build.payload(listed)
     pdu = parse_pdu(build.pdu(build.USERDATA, 1, *answer))
     assert facets.body_notes(pdu) == text
+
+
+def test_packets_are_found_in_any_order_while_files_are_added() -> None:
+    files = [SourceFile("a.pcap", 1)]
+    places = words.Places(files, several=True)
+    assert [places.locate(frame) for frame in (1, 7, 12)] == [("a.pcap", 1), ("a.pcap", 7), ("a.pcap", 12)]
+    files += [SourceFile("b\udcff.pcap", 8), SourceFile("empty.pcap", 10), SourceFile("c.pcap", 10)]
+    named = {7: ("a.pcap", 7), 8: ("b\\xff.pcap", 1), 9: ("b\\xff.pcap", 2), 10: ("c.pcap", 1), 99: ("c.pcap", 90)}
+    for (first, found), (second, also) in product(named.items(), repeat=2):
+        assert [places.locate(frame) for frame in (first, second)] == [found, also]

@@ -144,8 +144,7 @@ class TransactionLines(Observer):
 
     def take(self) -> list[str]:
         """Return the lines collected since the last call."""
-        lines = self.lines
-        self.lines = []
+        lines, self.lines = self.lines, []
         return lines
 
     def line(self, transaction: Transaction) -> str:
@@ -167,7 +166,6 @@ class TransactionLines(Observer):
             and transaction.rosctr == JOB
             and not transaction.reason
             and transaction.carried is None
-            and self.locate is None
             and transaction.parameters.function >= 0
             and transaction.request_frame != 0
             and transaction.response_frame != 0
@@ -182,9 +180,12 @@ class TransactionLines(Observer):
         out.write(self._start(transaction.connection, transaction.asked_by))
         write_decimal(out, transaction.pdu_ref)
         out.write(self._poll(transaction.parameters))
-        write_decimal(out, transaction.request_frame)
-        out.write(b',"response_frame":')
-        write_decimal(out, transaction.response_frame)
+        if self.locate is not None:
+            out.write(self._places(transaction.request_frame, transaction.response_frame, self.locate).encode("ascii"))
+        else:
+            write_decimal(out, transaction.request_frame)
+            out.write(b',"response_frame":')
+            write_decimal(out, transaction.response_frame)
         out.write(b',"request_time":"')
         time_ns: i64 = transaction.request_ns
         second = self._clock.iso_second(time_ns)
@@ -292,16 +293,17 @@ class TransactionLines(Observer):
             f',"errors":[{self._errors(transaction)}]{tail}}}'
         )
 
-    def _places(self, asked: int, told: int, locate: Locate) -> str:
+    def _places(self, asked: i64, told: i64, locate: Locate) -> str:
         """Return the packets of request and answer (0 for none) by number and file."""
-        numbers = ["null", "null"]
-        names = ["null", "null"]
-        for index, frame in enumerate((asked, told)):
-            if frame:
-                name, number = locate(frame)
-                numbers[index] = str(number)
-                names[index] = json_text(name)
-        return f'{numbers[0]},"response_frame":{numbers[1]},"request_file":{names[0]},"response_file":{names[1]}'
+        asked_at, asked_in = self._place(asked, locate)
+        told_at, told_in = self._place(told, locate)
+        return f'{asked_at},"response_frame":{told_at},"request_file":{asked_in},"response_file":{told_in}'
+
+    def _place(self, frame: i64, locate: Locate) -> tuple[str, str]:
+        if frame == 0:
+            return "null", "null"
+        name, number = locate(frame)
+        return decimal(number), self._texts.of(name)
 
     def _connection(self, connection: Connection, asked_by: i64) -> str:
         """Return what a connection has between the number of a transaction and its reference."""
