@@ -105,7 +105,7 @@ class Watch:
     def opened(self, connection: Connection) -> None:
         """A connection was recognised."""
         if connection.tcp.macs:
-            self._facts(self.stations.opened(connection))
+            self._facts(self.stations.opened(connection, self._observer.wants_facts))
 
     def take(self, transaction: Transaction) -> None:
         """Take a transaction that is neither a read nor a write."""
@@ -155,8 +155,9 @@ class Watch:
                 self._facts(self.stations.joined(operation))
 
     def _facts(self, facts: list[Fact]) -> None:
-        for fact in facts:
-            self._observer.fact(fact)
+        if facts and self._observer.wants_facts:
+            for fact in facts:
+                self._observer.fact(fact)
 
     def _look_at_block(self, operation: Operation) -> None:
         if operation.connection.plus is not None:

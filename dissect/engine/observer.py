@@ -18,11 +18,12 @@ class Observer:
     """Gets every event; override the methods you need. The ``wants_`` flags must be set before the first packet.
 
     ``own_book`` is for who keeps what stations say: a book that is given here before the pipeline is made has noted each fact
-    before `fact` is told of it, and two need not be kept.
+    before `fact` is told of it, and two need not be kept. Who looks at nothing else of facts clears ``wants_facts``.
     """
 
     def __init__(self) -> None:
         self.own_book: Book | None = None
+        self.wants_facts: bool = True
         self.wants_pdus: bool = False
         self.wants_tpdus: bool = False
 
@@ -57,7 +58,7 @@ class Observer:
         """Something deserves attention."""
 
     def fact(self, fact: Fact) -> None:
-        """A station said something of itself, new or not; behind the transaction or connection that it was said in."""
+        """A station said something of itself, new or not, behind what it was said in (unless ``wants_facts`` is cleared)."""
 
     def comment(self, frame: i64, text: str) -> None:
         """The capture holds a comment about a packet."""

@@ -7,7 +7,18 @@ from typing import Final
 from dissect.findings.reporter import Reporter
 from dissect.s7plus.session import Identity
 from dissect.stations.evidence import Evidence, module_asked
-from dissect.stations.facts import FIRMWARE, KEYS, LASTING, MAC, MAX_STATIONS, ORDER_NUMBER, SERIAL_NUMBER, Book, Fact
+from dissect.stations.facts import (
+    FIRMWARE,
+    KEYS,
+    LASTING,
+    MAC,
+    MAC_KEY,
+    MAX_STATIONS,
+    ORDER_NUMBER,
+    SERIAL_NUMBER,
+    Book,
+    Fact,
+)
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -20,6 +31,9 @@ _SLUGS: Final[dict[str, str]] = {
     SERIAL_NUMBER: "device.serial_changed",
     MAC: "device.mac_changed",
 }
+
+#: The source of what packets say without saying it.
+_ETHERNET: Final = "Ethernet"
 
 
 class StationWatch:
@@ -35,22 +49,26 @@ class StationWatch:
         self._evidence = Evidence()
         self._macs: dict[bytes, str] = {}  # as text: each connection has two, most of them were there before
 
-    def opened(self, connection: Connection) -> list[Fact]:
+    def opened(self, connection: Connection, wanted: bool = True) -> list[Fact]:
         """Take the Ethernet addresses that the ends of a connection sent with, when it is recognised.
 
-        One that was only sent to says nothing: a redundant router is sent to by a shared address and sends by its own.
+        One that was only sent to says nothing: a redundant router is sent to by a shared address and sends by its own. Unless
+        facts are ``wanted``, only those are returned that contradict what was known.
         """
         tcp = connection.tcp
         found: list[Fact] = []
-        if tcp.ends[0].address == tcp.ends[1].address:
+        ends = tcp.ends
+        if ends[0].address == ends[1].address:
             return found  # a machine that talks to itself has no card; who captured it may have given each side one
         for side in range(2):
             if tcp.heard >> side & 1 and (mac := tcp.mac(side)):
-                host = tcp.ends[side].host
+                host = ends[side].host
+                text = self._mac_text(mac)
                 # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
-                found.append(Fact(host, "", MAC, self._mac_text(mac), "Ethernet", number, [frame], time_ns))
-        return self._noted(found)
+                if wanted or not self.book.again(host, MAC_KEY, text, _ETHERNET, frame, time_ns):
+                    found.append(Fact(host, "", MAC, text, _ETHERNET, number, [frame], time_ns))
+        return self._noted(found) if found else found
 
     def _mac_text(self, mac: bytes) -> str:
         text = self._macs.get(mac)

@@ -32,6 +32,7 @@ from dissect.s7.tables import (
     NUMBERED_AREAS,
     READ_SZL,
     RECORD_AREA,
+    RETURN_CODES,
     S7ANY,
     SUCCESS,
     SYNTAX_IDS,
@@ -344,7 +345,7 @@ def _judge_items(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 transaction.frames,
                 transaction.response_ns,
-                f"{transaction.function_name} {_about(transaction, error)}: {coded(f'0x{error.code:02x}', error.name)}",
+                f"{transaction.function_name} {_about(transaction, error)}: {coded(RETURN_CODES.hex(error.code), error.name)}",
             )
 
 

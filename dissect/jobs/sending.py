@@ -62,14 +62,14 @@ _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 #: Attributes that are not sent, by class: they are what a new object has.
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
-    "Analysis": frozenset(("_findings", "_shared", "pipeline")),
+    "Analysis": frozenset(("_findings", "_first_findings", "_shared", "pipeline")),
     "CarvedBlock": frozenset(("activation", "operation")),
     "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),
     "Parameters": frozenset(("good_answer",)),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),
     "Direction": frozenset(("_keys", "messages")),
-    "Transaction": frozenset(("_request_body", "earlier", "superseded")),
+    "Transaction": frozenset(("earlier", "known_body", "superseded")),
 }
 
 

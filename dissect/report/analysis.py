@@ -12,7 +12,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
-from dissect.report.kept import Findings
+from dissect.report.kept import FIRST, Findings
 from dissect.report.latencies import Latencies
 from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
@@ -177,10 +177,12 @@ class Analysis(Observer):
         self._shared: Shared = Shared()  # what these have in common
         self.connections_not_listed: i64 = 0
         self._findings: Findings = Findings()
+        self._first_findings: list[Finding] = self._findings.first
         self.findings: Sequence[Finding] = self._findings
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
         self.stations: Book = Book()  # what stations state of themselves
         self.own_book = self.stations
+        self.wants_facts = type(self) is not Analysis  # who derives from it may look at them
         self.failed: list[Transaction] = []
         self._slowest: list[tuple[int, int, Transaction]] = []
         self._slow_floor: i64 = -1
@@ -287,7 +289,11 @@ class Analysis(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
-        self._findings.append(finding)
+        first = self._first_findings
+        if len(first) < FIRST:
+            first.append(finding)  # here, as the others are kept by code that is not compiled
+        else:
+            self._findings.append(finding)
 
     # ---- of several runs --------------------------------------------------------------------------------------------
 

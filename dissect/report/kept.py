@@ -22,19 +22,19 @@ _MEMORY_LEVEL: Final = 5
 class Findings(Sequence[Finding]):
     """Findings in the order they were appended in: the first as they are, then blocks, then what fills no block yet.
 
-    Reading makes new objects of those that were packed, one block at a time.
+    Reading makes new objects of those that were packed, one block at a time. ``first`` are the first, at most `FIRST`.
     """
 
     def __init__(self) -> None:
-        self._first: list[Finding] = []
+        self.first: list[Finding] = []
         self._packed: list[bytes] = []  # `BLOCK` findings each
         self._latest: list[Finding] = []
         self._rules: dict[str, Rule] = {}
 
     def append(self, finding: Finding) -> None:
         """Keep one more."""
-        if len(self._first) < FIRST:
-            self._first.append(finding)
+        if len(self.first) < FIRST:
+            self.first.append(finding)
             return
         self._latest.append(finding)
         if len(self._latest) == BLOCK:
@@ -42,10 +42,10 @@ class Findings(Sequence[Finding]):
             self._latest = []
 
     def __len__(self) -> int:
-        return len(self._first) + BLOCK * len(self._packed) + len(self._latest)
+        return len(self.first) + BLOCK * len(self._packed) + len(self._latest)
 
     def __iter__(self) -> Iterator[Finding]:
-        yield from self._first
+        yield from self.first
         for packed in self._packed:
             yield from self._unpack(packed)
         yield from self._latest
@@ -58,8 +58,8 @@ class Findings(Sequence[Finding]):
         if isinstance(index, slice):
             return list(self)[index]
         number = range(len(self))[index]
-        if number < len(self._first):
-            return self._first[number]
+        if number < len(self.first):
+            return self.first[number]
         block, place = divmod(number - FIRST, BLOCK)
         return self._unpack(self._packed[block])[place] if block < len(self._packed) else self._latest[place]
 

@@ -60,6 +60,9 @@ KEYS: Final[dict[str, str]] = {
 #: What a device keeps as long as it is the same device with the same firmware: a change is a finding.
 LASTING: Final = frozenset((ORDER_NUMBER, FIRMWARE, SERIAL_NUMBER, MAC))
 
+#: Where `Station.facts` has the Ethernet address, which is of no module.
+MAC_KEY: Final = ("", MAC)
+
 MAX_STATIONS: Final = 4096
 MAX_KEYS: Final = 64
 MAX_STRETCHES: Final = 32
@@ -166,10 +169,7 @@ class Station:
         stretches = self.facts.get(key) if self.facts else None
         if stretches is None:
             fact.fresh = True
-            if len(self.facts) >= MAX_KEYS:
-                self.not_kept += 1
-                return
-            self.facts[key] = [Stretch(fact.value, fact.source, frame, fact.time_ns)]
+            self._begin(key, fact.value, fact.source, frame, fact.time_ns)
             return
         last = stretches[-1]
         if fact.key == CLOCK:  # runs on: the latest counts
@@ -189,6 +189,24 @@ class Station:
             if len(stretches) > MAX_STRETCHES:
                 del stretches[1]  # the first says what it was in the beginning
                 self.not_kept += 1
+
+    def again(self, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int) -> bool:
+        """Take a value if it is the first of its kind or the latest one once more; False for another, which is to be noted."""
+        stretches = self.facts.get(key) if self.facts else None
+        if stretches is None:
+            self._begin(key, value, source, frame, time_ns)
+            return True
+        last = stretches[-1]
+        if last.value != value:
+            return False
+        last.again(frame, time_ns)
+        return True
+
+    def _begin(self, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int) -> None:
+        if len(self.facts) >= MAX_KEYS:
+            self.not_kept += 1
+        else:
+            self.facts[key] = [Stretch(value, source, frame, time_ns)]
 
     def merge(self, later: Station) -> None:
         """Take what was noted of the same address in packets behind those of this one; ``later`` is used up."""
@@ -257,14 +275,25 @@ class Book:
 
     def note(self, fact: Fact) -> None:
         """Take a fact (`Station.note`)."""
-        station = self.stations.get(fact.host)
+        station = self._of(fact.host)
+        if station is not None:
+            station.note(fact)
+
+    def again(self, host: str, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int) -> bool:
+        """Take a value of ``host`` without a fact (`Station.again`), if it need not be noted as one."""
+        station = self._of(host)
+        return station is None or station.again(key, value, source, frame, time_ns)
+
+    def _of(self, host: str) -> Station | None:
+        """Return the station with this address, None where there is no room for another one, which is counted."""
+        station = self.stations.get(host)
         if station is None:
             if len(self.stations) >= MAX_STATIONS:
                 self.not_kept += 1
-                return
-            station = Station(fact.host)
-            self.stations[fact.host] = station
-        station.note(fact)
+                return None
+            station = Station(host)
+            self.stations[host] = station
+        return station
 
     def stating(self, keys: frozenset[str]) -> list[Station]:
         """Return the stations that state any of these kinds, in the order in which they first said something."""

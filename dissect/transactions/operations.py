@@ -59,6 +59,9 @@ from dissect.s7.tables import (
     VARIABLE_STATUS,
 )
 from dissect.s7.tables import (
+    JOB as JOB_PDU,
+)
+from dissect.s7.tables import (
     UPLOAD as UPLOAD_PIECE,
 )
 from dissect.s7.transfer import FILE_NAME, PIECE, PLAIN_FILE_NAME, SHORT_FILE_NAME
@@ -96,6 +99,9 @@ from dissect.wire.part import Part
 
 _NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)
 _MAX_NAME: Final = 200
+#: Bodies of requests that are kept for the next one that says the same, and octets of their parameters.
+_MAX_BODIES: Final = 32
+_MAX_OCTETS: Final = 128
 #: Jobs whose answers say something of a transfer; those of the others need not be read.
 _TELLING_ANSWERS: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD_PIECE))
 #: What a message that ends a transfer says when all went well.
@@ -107,11 +113,12 @@ class Transfers:
 
     def __init__(self, book: OperationBook) -> None:
         self._book = book
+        self._bodies: dict[bytes, Body] = {}  # of jobs without data, by their parameters: each piece is asked for alike
 
     def take(self, transaction: Transaction) -> None:
         """Take a job that is over: a step of a transfer, or none."""
         function = transaction.function
-        body = transaction.request_body
+        body = self._asked(transaction)
         if body is None:
             return
         answer = Body()
@@ -136,6 +143,22 @@ class Transfers:
             self._book.settle(operation, transaction, DONE, REFUSED)
         elif function == PI_SERVICE:
             _follow_blocks(transaction, body)
+
+    def _asked(self, transaction: Transaction) -> Body | None:
+        """Return the body of the request; of one that was asked before with the same octets it is the same one."""
+        octets = transaction.parameters.octets
+        if transaction.rosctr != JOB_PDU or transaction.request_size != HEADER_SIZE + len(octets):
+            return transaction.request_body
+        body = self._bodies.get(octets)
+        if body is not None:
+            transaction.known_body = body
+            return body
+        body = transaction.request_body
+        if body is not None and len(octets) <= _MAX_OCTETS:
+            if len(self._bodies) >= _MAX_BODIES:
+                self._bodies.clear()
+            self._bodies[octets] = body
+        return body
 
     # ---- to the PLC -------------------------------------------------------------------------------------------------
 

@@ -376,7 +376,7 @@ class ConnectionTable:
     def _take_syn(self, key: bytes) -> _Syn | None:
         """Forget a connection attempt and return it, None where there was none; `pop` takes three times as long."""
         half_open = self._half_open
-        if key not in half_open:
+        if not half_open or key not in half_open:
             return None
         syn = half_open[key]
         del half_open[key]

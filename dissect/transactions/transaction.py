@@ -118,7 +118,6 @@ class Transaction:
     """
 
     __slots__ = (
-        "_request_body",
         "_results",
         "asked_by",
         "carried",
@@ -127,6 +126,7 @@ class Transaction:
         "error_code",
         "flags",
         "has_errors",
+        "known_body",
         "number",
         "outcome",
         "parameters",
@@ -184,7 +184,7 @@ class Transaction:
         self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
         self._results: list[ItemResult] | None = None
-        self._request_body: Body | None = None
+        self.known_body: Body | None = None  # of the request, once it was cut
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
@@ -292,12 +292,12 @@ class Transaction:
     @property
     def request_body(self) -> Body | None:
         """The parts of the S7comm request (`Pdu.body`), None when there is none; kept, as several rules and outputs ask."""
-        body = self._request_body
+        body = self.known_body
         if body is None:
             request = self.request
             if request is not None:
                 body = request.body
-                self._request_body = body
+                self.known_body = body
         return body
 
     @property
@@ -425,8 +425,9 @@ class Transaction:
         if self.is_plus:
             return errors + self._plus_item_errors()
         written = self.flags & UNCONFIRMED != 0
-        for number, result in enumerate(self.results(), 1):
-            code = result.return_code
+        results = self.results()
+        for number in range(1, len(results) + 1):  # `enumerate` from 1 is a call for each answer
+            result, code = results[number - 1], results[number - 1].return_code
             address = result.item.address if result.item is not None else ""
             if result.refused:
                 errors.append(

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 
 from mypy_extensions import mypyc_attr
 
+from dissect.wire.text import hex_number
+
 
 class Code:
     """One row: the number on the wire, its short name, one sentence that says what it means.
@@ -87,7 +89,7 @@ class CodeTable:
 
     def hex(self, number: int) -> str:
         """Return ``number`` as the field is written, for example ``0x04``."""
-        return f"0x{number:0{self.digits}x}"
+        return hex_number(number, self.digits)
 
     def names(self) -> dict[int, str]:
         """Return {number: name} for every row, in table order (Scapy's enumeration fields take this form)."""

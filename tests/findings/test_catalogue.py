@@ -1120,6 +1120,15 @@ def test_rule_keeps_silent(slug: str) -> None:
     assert slug not in talk.pipeline.finding_counts
 
 
+def test_who_wants_no_facts_gets_the_same_findings() -> None:
+    """Ethernet addresses are not made facts for an observer that does not look at facts, unless they contradict."""
+    for found, wanted in ((SPEAKS, True), (SPEAKS, False), (SILENT, False)):
+        talk = Talk()
+        talk.wants_facts = wanted
+        found["device.mac_changed"](talk)
+        assert ("device.mac_changed" in {finding.slug for finding in talk.findings}) is (found is SPEAKS)
+
+
 def test_every_rule_has_both() -> None:
     assert {
         block_scenarios.__name__,

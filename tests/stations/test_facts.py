@@ -22,6 +22,35 @@ def test_the_same_again_is_one_value() -> None:
     assert (stretch.count, stretch.first_frame, stretch.last_frame, stretch.last_ns) == (2, 2, 8, 8000)
 
 
+def test_a_value_again_without_a_fact_is_kept_like_one_that_is_noted() -> None:
+    """Who wants no facts gets a book that says the same: the first of a kind, the latest once more, and any other as a fact."""
+    short, whole = Book(), Book()
+    changes = 0
+    for frame, value in enumerate(("a", "a", "b", "b", "a"), 1):
+        if not short.again("10.0.0.2", facts.MAC_KEY, value, "SZL 0x0011", frame, frame * 1000):
+            changes += 1
+            said(short, facts.MAC, value, frame)
+        said(whole, facts.MAC, value, frame)
+    assert changes == 2
+    assert spans(short) == spans(whole) == [("a", 2, 1, 2), ("b", 2, 3, 4), ("a", 1, 5, 5)]
+
+
+def spans(book: Book) -> list[tuple[str, int, int, int]]:
+    stretches = book.stations["10.0.0.2"].facts[facts.MAC_KEY]
+    return [(one.value, one.count, one.first_frame, one.last_frame) for one in stretches]
+
+
+def test_a_value_without_a_fact_has_the_same_bounds() -> None:
+    book = Book()
+    for number in range(facts.MAX_KEYS):
+        said(book, f"{facts.BLOCKS} {number}", "1")
+    assert book.again("10.0.0.2", facts.MAC_KEY, "m", "Ethernet", 1, 1)
+    assert (len(book.stations["10.0.0.2"].facts), book.stations["10.0.0.2"].not_kept) == (facts.MAX_KEYS, 1)
+    for number in range(facts.MAX_STATIONS):
+        assert book.again(f"10.1.{number >> 8}.{number & 0xFF}", facts.MAC_KEY, "m", "Ethernet", 1, 1)
+    assert (len(book.stations), book.not_kept) == (facts.MAX_STATIONS, 1)
+
+
 def test_a_change_begins_a_new_value_and_going_back_another() -> None:
     book = Book()
     for frame, mode in enumerate(("RUN", "STOP", "STOP"), 1):

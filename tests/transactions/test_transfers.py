@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.s7.tables import DOWNLOAD_BLOCK, UPLOAD
 from dissect.transactions.connection import MAX_REMEMBERED
 from dissect.transactions.operation import Operation
 from tests.findings import events
@@ -70,6 +71,22 @@ def test_loaded_blocks_are_remembered_up_to_a_bound(talk: Talk) -> None:
     assert [one.result for one in talk.operations] == ["done"] * 257
     (connection,) = {one.connection for one in talk.operations}
     assert len(connection.traits.loaded) == MAX_REMEMBERED == 256
+
+
+def test_requests_with_the_same_parameters_share_what_they_were_cut_into(talk: Talk) -> None:
+    """Each piece of a block is asked for with the same bytes; a job with data of its own is never taken for another."""
+    read_out(talk)
+    pieces = [one for one in talk.transactions if one.function == UPLOAD]
+    assert len(pieces) == 2
+    bodies = {id(one.request_body) for one in pieces}
+    assert len(bodies) == 1
+    for number in (1, 2):
+        parameters = b"\x1b\0\0\0\0\0\0\0\x08" + b"0A00001P"
+        talk.ask(job(number, parameters, b"\0\x0a\0\xfb" + bytes(10)))
+        talk.tell(events.answered(number, 0x1B))
+    one, other = [one for one in talk.transactions if one.function == DOWNLOAD_BLOCK]
+    assert one.request_body is not None
+    assert one.request_body is not other.request_body
 
 
 @pytest.mark.parametrize(
