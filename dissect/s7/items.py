@@ -95,7 +95,7 @@ class Item:
         # Cached texts of reports, of the fields above; polling repeats the same items for hours.
         self.fragment: str = ""  # of JSON
         self.head: bytes = b""  # the same, where lines are made of octets
-        self.cell: str = ""  # of CSV
+        self.cell: bytes = b""  # of CSV: what a good row has from the address to the value
         self.shown: str = ""  # for a person
 
     def fits(self, size: i64) -> bool:

@@ -138,6 +138,18 @@ def write_real_json(out: BytesWriter, octets: bytes, at: i64) -> None:
         out.write(real_json(octets, at).encode("ascii"))
 
 
+def write_real_repr(out: BytesWriter, octets: bytes, at: i64) -> None:
+    """Write `real_repr` of the octets at ``at``."""
+    word: i64 = u32(octets, at)
+    found: i64 = _UNDECIDED
+    if word & 0x7FFFFFFF:
+        found = _shortest(word)
+    if found != _UNDECIDED:
+        _write(out, word, found, _REPR)
+    else:
+        out.write(real_repr(octets[at : at + 4]).encode("ascii"))
+
+
 def real_repr(octets: bytes) -> str:
     """Return ``repr(real(octets))``."""
     if COMPILED:

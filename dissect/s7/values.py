@@ -146,18 +146,23 @@ def numbers_json(transport_size: i64, octets: bytes) -> str:
     return f"[{told}]" if size > step else told
 
 
+def number_size(transport_size: i64) -> i64:
+    """Return the octets of an element that `write_number` writes: 1, 2 or 4, 0 where it is no number."""
+    if 0 <= transport_size < 256:  # as one expression it would make int objects (mypyc)
+        return _TEXT_SIZES[transport_size]
+    return 0
+
+
 def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, size: i64) -> bool:
     """Write ``size`` octets from ``at`` as JSON: an array of their elements, an only one without brackets.
 
     False, and nothing is written, where they are no numbers or the size does not fit.
     """
-    step: i64 = 0  # as one expression it would make int objects (mypyc)
-    if 0 <= transport_size < 256:
-        step = _TEXT_SIZES[transport_size]
+    step = number_size(transport_size)
     if step == 0 or size == 0 or size & (step - 1):  # 1, 2 or 4
         return False
     if size == step:
-        _write_number(out, transport_size, octets, at)
+        write_number(out, transport_size, octets, at)
         return True
     out.append(_BEGIN)
     end: i64 = at + size
@@ -165,7 +170,7 @@ def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64,
         write_octets(out, octets, at, end)
     else:
         while at < end:
-            _write_number(out, transport_size, octets, at)
+            write_number(out, transport_size, octets, at)
             out.append(_COMMA)
             at += step
     out.truncate(len(out) - 1)  # the last comma
@@ -173,8 +178,8 @@ def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64,
     return True
 
 
-def _write_number(out: BytesWriter, transport_size: i64, octets: bytes, at: i64) -> None:
-    """Write a number of one, two or four octets."""
+def write_number(out: BytesWriter, transport_size: i64, octets: bytes, at: i64) -> None:
+    """Write a number of one, two or four octets as JSON."""
     if transport_size == REAL:
         write_real_json(out, octets, at)
     elif transport_size == BYTE:

@@ -88,7 +88,7 @@ def holds(packets: list[Packet]) -> None:
     rows = CsvWriter()
     rows.begin(PLACES)
     observed(TransactionFeed(rows), packets)
-    table = [str(line) for line in rows.take()]
+    table = [line.decode() for line in rows.take() if isinstance(line, bytes)]
     assert {int(line.partition(",")[0]) for line in table[1:]} == set(range(1, int(analysis.total) + 1))
     shown += told + table
     pdus = JsonlWriter()

@@ -147,7 +147,7 @@ def _transactions(octets: bytes, way: Way) -> None:
     rows = CsvWriter()
     rows.begin(places)
     drive(octets, TransactionFeed(rows), way.carrier(), way.other)
-    table = [str(line) for line in rows.take()]
+    table = [line.decode() for line in rows.take() if isinstance(line, bytes)]
     assert len(table) > len(lines)
     check_lines(table)
     for cells in csv.reader(io.StringIO("\n".join(table))):

@@ -28,7 +28,9 @@ SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
 
 def rows(transaction: Transaction, places: Places = ONE) -> list[dict[str, str]]:
     made = CsvRows(places)
-    return [dict(zip(made.columns(), row, strict=True)) for row in csv.reader(made.lines(transaction))]
+    lines = made.lines(transaction)
+    assert [octets.decode() for octets in made.octets(transaction)] == lines
+    return [dict(zip(made.columns(), row, strict=True)) for row in csv.reader(lines)]
 
 
 def test_a_read_of_one_item() -> None:
@@ -161,7 +163,9 @@ def test_lines_are_rfc_4180() -> None:
     observed(
         TransactionFeed(collected, lambda transaction: transaction.number > 1), read(read(begun(), 1), 2).packets()
     )
-    table = list(csv.reader(io.StringIO("\n".join([str(line) for line in collected.take()]))))
+    table = list(
+        csv.reader(io.StringIO("\n".join([line.decode() for line in collected.take() if isinstance(line, bytes)])))
+    )
     assert table[0] == CSV_COLUMNS
     assert [row[0] for row in table[1:]] == ["2", "3"]
     assert collected.take() == []

@@ -6,19 +6,23 @@ import json
 import math
 from typing import Final
 
+from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.report.facets import error_text, facet_of
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import Item, ItemResult
-from dissect.s7.tables import BYTE, REAL, RETURN_CODES, SUCCESS, USERDATA
-from dissect.s7.values import Value, decode_value, number_texts, spelled
+from dissect.s7.singles import write_real_repr
+from dissect.s7.tables import BIT, BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
+from dissect.s7.values import LEAST_TEXT, Value, decode_value, number_size, number_texts, spelled, write_number
 from dissect.transactions.connection import Connection
-from dissect.transactions.good_items import good_octets
+from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import TransactionError
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
+from dissect.wire.build import COMPILED
+from dissect.wire.digits import write_decimal, write_digits, write_hexadecimal
 from dissect.wire.text import SHORT, Clock, cell, decimal, hexadecimal
 
 #: Of the transaction, the same in all of its rows; with several files `FILE_COLUMNS` stand behind ``response_frame``.
@@ -67,6 +71,14 @@ _JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)
 _NO_NUMBERS: Final[dict[str, str]] = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
 #: A row's end where a transaction has no items: the cells between its own and those of errors and subject.
 _NO_ITEM: Final = "," * 9
+#: What a transaction that was answered has behind its latency, no reason among it.
+_ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,".encode("ascii")
+#: What becomes of what UTF-8 has no form for, as in all outputs.
+_ERRORS: Final = "backslashreplace"
+_COMMA: Final = 0x2C
+_BLANK: Final = 0x20
+_SECOND_NS: Final = 1_000_000_000
+_SECOND_DIGITS: Final = 9
 
 
 def quoted(text: str) -> str:
@@ -89,12 +101,121 @@ class CsvRows:
         self._ends: dict[int, str] = {}
         self._cells: dict[str, str] = {}
         self._good: str = self._code(SUCCESS)
+        self._polled: bytes = b""  # what a read has between its reference and its packets
+        self._begun: dict[int, bytes] = {}  # `_ends` in octets
+        self._second: str = ""
+        self._second_octets: bytes = b""
+        self._out: BytesWriter = BytesWriter()
+        self._step: GoodItems = GoodItems()
 
     def columns(self) -> list[str]:
         """Return the names of the columns."""
         if not self._places.several:
             return list(CSV_COLUMNS)
         return CSV_COLUMNS[:_FILES_AT] + FILE_COLUMNS + CSV_COLUMNS[_FILES_AT:]
+
+    def octets(self, transaction: Transaction) -> list[bytes]:
+        """Return `lines` in UTF-8."""
+        if COMPILED and self._step.begin(transaction) and self._is_usual(transaction):
+            rows = self._usual(transaction)
+            if self._step.whole:
+                return rows
+        return [line.encode("utf-8", _ERRORS) for line in self.lines(transaction)]
+
+    def _is_usual(self, transaction: Transaction) -> bool:
+        """Tell whether a read of which all is well has nothing that most do not have."""
+        return (
+            transaction.carried is None
+            and not transaction.reason
+            and transaction.request_frame != 0
+            and transaction.response_frame != 0
+            and not self._places.several
+            and len(transaction.parameters.items) > 0
+        )
+
+    def _usual(self, transaction: Transaction) -> list[bytes]:
+        """Return the rows of a read that is stepped over, put together as octets."""
+        out = self._out
+        out.truncate(0)
+        if len(self._polled) == 0:
+            facet = facet_of(transaction)
+            name = self._cell(transaction.function_name)
+            self._polled = f",{JOB},{facet.function_number(transaction)},{name},".encode("utf-8", _ERRORS)
+        write_decimal(out, transaction.number)
+        out.append(_COMMA)
+        out.write(self._both_octets(transaction.connection, transaction.asked_by))
+        out.append(_COMMA)
+        write_decimal(out, transaction.pdu_ref)
+        out.write(self._polled)
+        write_decimal(out, transaction.request_frame)
+        out.append(_COMMA)
+        write_decimal(out, transaction.response_frame)
+        out.append(_COMMA)
+        self._write_time(out, transaction.request_ns)
+        self._write_time(out, transaction.response_ns)
+        write_decimal(out, transaction.response_ns - transaction.request_ns)
+        out.write(_ANSWERED)
+        begin = len(out)
+        rows: list[bytes] = []
+        items = transaction.parameters.items
+        step = self._step
+        while step.step():
+            if step.index:
+                out.truncate(begin)
+            write_decimal(out, step.index + 1)
+            out.append(_COMMA)
+            item = items[step.index]
+            row = len(out)
+            if not self._write_item(out, item, step.buf, step.at, step.size):
+                out.truncate(row)
+                data = step.buf[step.at : step.at + step.size]
+                out.write(self._item(item, self._good, data).encode("utf-8", _ERRORS))
+            out.write(b",,")
+            rows.append(out.getvalue())
+        return rows
+
+    def _write_time(self, out: BytesWriter, time_ns: i64) -> None:
+        """Write a time and a comma."""
+        second = self._clock.iso_second(time_ns)
+        if second is not self._second:
+            self._second = second
+            self._second_octets = second.encode("ascii")
+        out.write(self._second_octets)
+        write_digits(out, time_ns % _SECOND_NS, _SECOND_DIGITS)
+        out.write(b"Z,")
+
+    def _write_item(self, out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
+        """Write `_item` of numbers of which all is well; False, and too much may be written, where it is anything else."""
+        kind: i64 = item.transport_size
+        step = 1 if kind == BIT else number_size(kind)
+        if step == 0 or size == 0 or size & (step - 1) or (item.size != size and not item.fits(size)):
+            return False
+        if step == 1 and size > 1 and (kind == BIT or (size >= LEAST_TEXT and spelled(octets[at : at + size]))):
+            return False
+        if len(item.cell) == 0:  # for bytes that is quicker to ask (mypyc)
+            item.cell = f"{self._cell(item.label)},,{self._good},".encode("utf-8", _ERRORS)
+        out.write(item.cell)
+        end: i64 = at + size
+        if kind == BIT:
+            out.write(b"true" if octets[at] & 1 else b"false")
+        elif step == 1 and size > 1:
+            _write_apart(out, octets, at, end)
+        elif not _write_numbers(out, kind, step, octets, at, end):
+            return False
+        out.write(b",,,")
+        write_hexadecimal(out, octets, at, end)
+        return True
+
+    def _both_octets(self, connection: Connection, asked_by: i64) -> bytes:
+        """Return `_both` as octets."""
+        key: i64 = connection.number * 2 + asked_by
+        found = self._begun.get(key)
+        if found is None:
+            if len(self._begun) >= _MAX_CACHED:
+                self._begun.clear()
+            found = self._both(connection, asked_by).encode("utf-8", _ERRORS)
+            self._begun[key] = found
+        return found
 
     def lines(self, transaction: Transaction) -> list[str]:
         """Return the rows of a transaction, one at least: of the items of a read or write, then of the values of SCD.
@@ -190,12 +311,12 @@ class CsvRows:
         data = result.data
         code = self._code(result.return_code)
         if data is None:
-            return f"{_label(item) if item is not None else ''},,{code},,,,"
+            return f"{self._cell(item.label) if item is not None else ''},,{code},,,,"
         return self._item(item, code, data) if item is not None else f",,{code},,,,{data.hex()}"
 
     def _item(self, item: Item, code: str, data: bytes) -> str:
         """Return the cells of an item with octets, from its address to these; ``code`` are those of its return code."""
-        label = item.cell or _label(item)
+        label = self._cell(item.label)
         size: i64 = len(data)
         if item.size != size and not item.fits(size):
             return f"{label},,{code},,,,{data.hex()}"
@@ -220,6 +341,35 @@ class CsvRows:
         )
 
 
+def _write_apart(out: BytesWriter, octets: bytes, at: i64, end: i64) -> None:
+    """Write ``octets[at:end].hex(" ")`` of one octet or more."""
+    while at < end:
+        write_hexadecimal(out, octets, at, at + 1)
+        out.append(_BLANK)
+        at += 1
+    out.truncate(len(out) - 1)
+
+
+def _write_numbers(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i64, end: i64) -> bool:
+    """Write numbers of ``step`` octets, several as a list in quotes; False where JSON has no such REAL."""
+    if end - at > step:
+        out.write(b'"[')
+    begin: i64 = at
+    while at < end:
+        if at > begin:
+            out.write(b", ")
+        if kind != REAL:
+            write_number(out, kind, octets, at)
+        elif octets[at] & 0x7F == 0x7F and octets[at + 1] & 0x80:
+            return False
+        else:
+            write_real_repr(out, octets, at)
+        at += step
+    if end - begin > step:
+        out.write(b']"')
+    return True
+
+
 def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
     """Return the cell of the errors of an item: its own, then those of the whole transaction."""
     where = f"{_ITEM} {number}"
@@ -229,13 +379,6 @@ def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
 
 def _error(error: TransactionError) -> str:
     return f"{error.where}: {error_text(error)}"
-
-
-def _label(item: Item) -> str:
-    """Return the cell of an item's address."""
-    if not item.cell:
-        item.cell = quoted(cell(item.label))
-    return item.cell
 
 
 def plain_cell(value: Value) -> str:
@@ -279,8 +422,8 @@ class CsvWriter(Writer):
         """Name packets with ``places``, and begin with the names of the columns."""
         super().begin(places)
         self._rows = CsvRows(places)
-        self.lines.append(",".join(self._rows.columns()))
+        self.lines.append(",".join(self._rows.columns()).encode("ascii"))
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the rows of a transaction."""
-        self.lines += self._rows.lines(transaction)
+        self.lines += self._rows.octets(transaction)
