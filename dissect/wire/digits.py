@@ -11,6 +11,8 @@ from typing import Final
 from librt.strings import BytesWriter, read_i16_le, read_i32_be, read_i32_le, write_i16_le, write_i32_le, write_i64_be
 from mypy_extensions import i32, i64, u8
 
+from dissect.wire.text import Clock
+
 _TWO: Final = "".join([f"{number:02d}" for number in range(100)]).encode("ascii")
 _TWO_HEX: Final = bytes(range(256)).hex().encode("ascii")
 #: Of each octet four characters, of which the first are its decimal number and a comma.
@@ -25,6 +27,9 @@ _BY_100_BITS: Final = 19
 _BY_10_000: Final = 3_518_437_209
 _BY_10_000_BITS: Final = 45
 _QUICK: Final = 0x80000000
+_NS_PER_S: Final = 1_000_000_000
+_NS_DIGITS: Final = 9
+_Z: Final = 0x5A
 
 
 def write_decimal(out: BytesWriter, number: i64) -> None:
@@ -110,3 +115,24 @@ def write_escape(out: BytesWriter, unit: i64) -> None:
     out.write(b"\\u")
     write_i16_le(out, read_i16_le(_TWO_HEX, unit >> 8 << 1))
     write_i16_le(out, read_i16_le(_TWO_HEX, (unit & 0xFF) << 1))
+
+
+class Times:
+    """Writes times as `Clock.iso` does; remembers the octets of the second before, because packets come many to a second."""
+
+    __slots__ = ("_clock", "_octets", "_second")
+
+    def __init__(self) -> None:
+        self._clock: Clock = Clock()
+        self._second: str = ""
+        self._octets: bytes = b""
+
+    def write(self, out: BytesWriter, time_ns: i64) -> None:
+        """Write a time."""
+        second = self._clock.iso_second(time_ns)
+        if second is not self._second:
+            self._second = second
+            self._octets = second.encode("ascii")
+        out.write(self._octets)
+        write_digits(out, time_ns % _NS_PER_S, _NS_DIGITS)
+        out.append(_Z)

@@ -12,15 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.engine.observer import Observer
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter, quoted
 from dissect.s7.singles import real
+from dissect.session import Run
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
 from tests.properties import messages
 from tests.properties.messages import Item, dt
-from tests.report.support import WORD, begun, observed, read, transactions
+from tests.report.support import ROOT, WORD, begun, observed, read, transactions
 
 ONE = Places([SourceFile("one.pcap", 1)], False)
 SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
@@ -31,6 +33,31 @@ def rows(transaction: Transaction, places: Places = ONE) -> list[dict[str, str]]
     lines = made.lines(transaction)
     assert [octets.decode() for octets in made.octets(transaction)] == lines
     return [dict(zip(made.columns(), row, strict=True)) for row in csv.reader(lines)]
+
+
+class BothWays(Observer):
+    """Has each transaction written both ways by one `CsvRows`, as a run does."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.made = CsvRows(ONE)
+        self.several = 0
+
+    def transaction(self, transaction: Transaction) -> None:
+        lines = CsvRows(ONE).lines(transaction)
+        assert self.made.octets(transaction) == [line.encode() for line in lines]
+        self.several += len(lines) > 1
+
+
+def test_octets_are_lines_with_all_that_is_kept_from_transactions_before() -> None:
+    several = 0
+    for path in sorted((ROOT / "captures").rglob("*.pcapng")):
+        both = BothWays()
+        run = Run([path], both)
+        while run.step():
+            pass
+        several += both.several
+    assert several > 50
 
 
 def test_a_read_of_one_item() -> None:

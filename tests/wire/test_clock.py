@@ -8,7 +8,9 @@ from zoneinfo import ZoneInfo
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from librt.strings import BytesWriter
 
+from dissect.wire.digits import Times
 from dissect.wire.text import Clock, civil
 
 NS = 10**9
@@ -23,22 +25,30 @@ def expected(time_ns: int) -> str:
     return f"{moment.strftime('%Y-%m-%dT%H:%M:%S')}.{ns:09d}Z"
 
 
+def written(times: Times, time_ns: int) -> str:
+    out = BytesWriter()
+    times.write(out, time_ns)
+    return out.getvalue().decode()
+
+
 @given(ANY_TIME)
 @example(0)
 @example(-1)  # the first second asked for is the one before 1970
 @example(2**63 - 1)
 @example(-(2**63))
 def test_iso_is_what_datetime_says(time_ns: int) -> None:
-    assert Clock().iso(time_ns) == expected(time_ns)
+    assert Clock().iso(time_ns) == written(Times(), time_ns) == expected(time_ns)
 
 
 @given(st.lists(st.tuples(ANY_TIME, st.integers(0, NS - 1)), min_size=1, max_size=8))
 def test_one_clock_writes_many_times(times: list[tuple[int, int]]) -> None:
     clock = Clock()
+    octets = Times()
     for time_ns, fraction in times:
         # The same second twice: the text kept from the first must fit the other.
         again = max(-(2**63), min(time_ns - time_ns % NS + fraction, 2**63 - 1))
         assert [clock.iso(time_ns), clock.iso(again)] == [expected(time_ns), expected(again)]
+        assert [written(octets, time_ns), written(octets, again)] == [expected(time_ns), expected(again)]
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import TransactionError
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
-from dissect.wire.digits import write_decimal, write_digits, write_hexadecimal
+from dissect.wire.digits import Times, write_decimal, write_hexadecimal
 from dissect.wire.text import SHORT, Clock, cell, decimal, hexadecimal
 
 #: Of the transaction, the same in all of its rows; with several files `FILE_COLUMNS` stand behind ``response_frame``.
@@ -77,8 +77,6 @@ _ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,".encode("ascii")
 _ERRORS: Final = "backslashreplace"
 _COMMA: Final = 0x2C
 _BLANK: Final = 0x20
-_SECOND_NS: Final = 1_000_000_000
-_SECOND_DIGITS: Final = 9
 
 
 def quoted(text: str) -> str:
@@ -98,13 +96,12 @@ class CsvRows:
     def __init__(self, places: Places) -> None:
         self._places: Places = places
         self._clock: Clock = Clock()
+        self._times: Times = Times()
         self._ends: dict[int, str] = {}
         self._cells: dict[str, str] = {}
         self._good: str = self._code(SUCCESS)
         self._polled: bytes = b""  # what a read has between its reference and its packets
         self._begun: dict[int, bytes] = {}  # `_ends` in octets
-        self._second: str = ""
-        self._second_octets: bytes = b""
         self._out: BytesWriter = BytesWriter()
         self._step: GoodItems = GoodItems()
 
@@ -151,8 +148,10 @@ class CsvRows:
         out.append(_COMMA)
         write_decimal(out, transaction.response_frame)
         out.append(_COMMA)
-        self._write_time(out, transaction.request_ns)
-        self._write_time(out, transaction.response_ns)
+        self._times.write(out, transaction.request_ns)
+        out.append(_COMMA)
+        self._times.write(out, transaction.response_ns)
+        out.append(_COMMA)
         write_decimal(out, transaction.response_ns - transaction.request_ns)
         out.write(_ANSWERED)
         begin = len(out)
@@ -173,16 +172,6 @@ class CsvRows:
             out.write(b",,")
             rows.append(out.getvalue())
         return rows
-
-    def _write_time(self, out: BytesWriter, time_ns: i64) -> None:
-        """Write a time and a comma."""
-        second = self._clock.iso_second(time_ns)
-        if second is not self._second:
-            self._second = second
-            self._second_octets = second.encode("ascii")
-        out.write(self._second_octets)
-        write_digits(out, time_ns % _SECOND_NS, _SECOND_DIGITS)
-        out.write(b"Z,")
 
     def _write_item(self, out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
         """Write `_item` of numbers of which all is well; False, and too much may be written, where it is anything else."""

@@ -56,7 +56,7 @@ from dissect.transactions.results import FUNCTION_MISMATCH
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
-from dissect.wire.digits import write_decimal, write_digits
+from dissect.wire.digits import Times, write_decimal
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
@@ -81,7 +81,6 @@ _NO_ERRORS: Final = b'],"errors":[]}'
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
 _SECOND_NS: Final = 1_000_000_000
-_SECOND_DIGITS: Final = 9
 #: Cached pieces are forgotten together when there are this many.
 _MAX_CACHED: Final = 8192
 #: Beginnings of lines that are found without a dictionary, a power of two.
@@ -128,12 +127,11 @@ class TransactionLines(Observer):
         self.locate: Locate | None = None
         self.lines: list[str] = []
         self._clock: Clock = Clock()
+        self._times: Times = Times()
         self._ends: dict[int, str] = {}
         self._out: BytesWriter = BytesWriter()
         self._good: GoodItems = GoodItems()
         self._starts: list[_Start | None] = [None] * _PLACES
-        self._second: str = ""
-        self._second_octets: bytes = b""
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
         self._texts: JsonTexts = JsonTexts()
@@ -187,15 +185,9 @@ class TransactionLines(Observer):
             out.write(b',"response_frame":')
             write_decimal(out, transaction.response_frame)
         out.write(b',"request_time":"')
-        time_ns: i64 = transaction.request_ns
-        second = self._clock.iso_second(time_ns)
-        if second is not self._second:
-            self._second = second
-            self._second_octets = second.encode("ascii")
-        out.write(self._second_octets)
-        write_digits(out, time_ns % _SECOND_NS, _SECOND_DIGITS)
-        out.write(b'Z","latency_ns":')
-        write_decimal(out, transaction.response_ns - time_ns)
+        self._times.write(out, transaction.request_ns)
+        out.write(b'","latency_ns":')
+        write_decimal(out, transaction.response_ns - transaction.request_ns)
         function: i64 = transaction.parameters.function
         plain: bool = not transaction.has_errors and transaction.flags & FUNCTION_MISMATCH == 0
         if plain and (function == READ_VAR or function == WRITE_VAR):
