@@ -78,6 +78,12 @@ def coloured(terminal: bool) -> bool:
     return bool(when == ALWAYS)
 
 
+def plain() -> bool:
+    """Return whether lines with a style are written as they are, neither wrapped nor coloured."""
+    terminal = sys.stdout.isatty()
+    return not terminal and not coloured(terminal)
+
+
 def write_lines(lines: Iterable[Line]) -> None:
     """Write lines that have a style: on a terminal in its width, in colours where they are wanted, else as they are."""
     terminal = sys.stdout.isatty()

@@ -117,7 +117,7 @@ class _Spooler:
         if not lines:
             return
         if isinstance(lines[0], bytes):
-            rows = cast("Sequence[bytes]", lines)
+            rows = [row for octets in cast("Sequence[bytes]", lines) for row in octets.split(b"\n")]
             for at in range(0, len(rows), PIECE):
                 piece = rows[at : at + PIECE]
                 self._keep(b"\n".join([*piece, b""]), [len(row) for row in piece])

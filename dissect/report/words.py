@@ -121,7 +121,7 @@ PROTOCOLS: Final = {
 #: Elements of an array, characters of a text and octets that are shown on a line.
 SHOWN: Final = 8
 _SHOWN_TEXT: Final = 32
-_SHOWN_OCTETS: Final = 16
+SHOWN_OCTETS: Final = 16
 #: Items or notes that a summary names, and characters of a note.
 NAMED: Final = 3
 NOTE: Final = 100
@@ -193,9 +193,9 @@ def octets(data: bytes) -> str:
     """Return octets as hexadecimal on one line, cut after 16 with a note of how many there are, and the text in them if any."""
     text = spelled(data)
     said = f" '{_cut(text)}'" if text else ""
-    if len(data) <= _SHOWN_OCTETS:
+    if len(data) <= SHOWN_OCTETS:
         return (data.hex(" ") or "(empty)") + said
-    return f"{data[:_SHOWN_OCTETS].hex(' ')} … {len(data)} bytes{said}"
+    return f"{data[:SHOWN_OCTETS].hex(' ')} … {len(data)} bytes{said}"
 
 
 def _cut(text: str) -> str:

@@ -53,8 +53,9 @@ class Writer(Observer):
     """Writes results in one format: override the methods for what it takes, and name that in `dissect.report.formats`.
 
     ``lines`` are all text as it is to be written (`str`), or all the octets of such text in UTF-8 (`bytes`), for what is put
-    together as octets, or all lines with a style (`Line`), which a terminal wraps and colours. ``clock`` writes times as the
-    user wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC), ``verbose`` asks for everything there is
+    together as octets, or all lines with a style (`Line`), which a terminal wraps and colours; each of them may be several
+    lines. ``plain`` tells that no terminal wraps and colours them, so that octets will do. ``clock`` writes times as the user
+    wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC), ``verbose`` asks for everything there is
     (option -V of `show`). ``number_width`` is how many characters the number of a transaction takes at least. ``joint`` is what
     stands between the numbers of transaction and connection, where each line names both in this way and nowhere else; it is
     empty where lines name a connection alone, None where numbers may stand anywhere. Names and values come from the wire: what
@@ -73,6 +74,7 @@ class Writer(Observer):
         self.lines: list[Written] = []
         self.number_width: int = 0
         self.joint: bytes | None = None
+        self.plain: bool = False
 
     def begin(self, places: Places) -> None:
         """Name packets with ``places``; called once, before the first result."""

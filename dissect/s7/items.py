@@ -71,6 +71,7 @@ class Item:
         "db",
         "fragment",
         "head",
+        "line",
         "octets",
         "offset",
         "shown",
@@ -97,6 +98,7 @@ class Item:
         self.head: bytes = b""  # the same, where lines are made of octets
         self.cell: bytes = b""  # of CSV: what a good row has from the address to the value
         self.shown: str = ""  # for a person
+        self.line: bytes = b""  # the same in a line of octets, up to the value
 
     def fits(self, size: i64) -> bool:
         """Tell whether ``size`` octets are as many as the item asks for, so that their value can be told.

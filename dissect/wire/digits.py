@@ -29,6 +29,8 @@ _BY_10_000_BITS: Final = 45
 _QUICK: Final = 0x80000000
 _NS_PER_S: Final = 1_000_000_000
 _NS_DIGITS: Final = 9
+_NS_PER_US: Final = 1000
+_US_DIGITS: Final = 6
 _Z: Final = 0x5A
 
 
@@ -136,3 +138,27 @@ class Times:
         out.write(self._octets)
         write_digits(out, time_ns % _NS_PER_S, _NS_DIGITS)
         out.append(_Z)
+
+
+class Moments:
+    """Writes times as `Clock.moment` of ``clock`` does, with the second before as `Times` has it."""
+
+    __slots__ = ("_clock", "_octets", "_second")
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock: Clock = clock
+        self._second: str = ""
+        self._octets: bytes = b""
+
+    def write(self, out: BytesWriter, time_ns: i64) -> None:
+        """Write a time."""
+        if self._clock.local:
+            out.write(self._clock.moment(time_ns).encode("ascii"))
+            return
+        second = self._clock.iso_second(time_ns)
+        if second is not self._second:
+            self._second = second
+            self._octets = second.replace("T", " ").encode("ascii")
+        out.write(self._octets)
+        write_digits(out, time_ns % _NS_PER_S // _NS_PER_US, _US_DIGITS)
+        out.write(b" UTC")

@@ -165,14 +165,20 @@ def cell(text: str) -> str:
 
 
 _NS_PER_S: Final = 1_000_000_000
+#: What `short_duration` adds to hundredths of a millisecond, and the durations that it is for.
+HUNDREDTHS: Final = 1000
+_SHORT_LEAST: Final = 10_000
+_SHORT_END: Final = 99_995_000
 
 
 def duration_text(ns: int) -> str:
     """Return nanoseconds in the unit that suits them, for example ``412 µs``, ``3.21 ms``, ``1.54 s``, ``2 h 5 min 0 s``."""
-    if 10_000 <= ns < 99_995_000:
-        short = _short_duration(ns)
-        if short:
-            return short
+    short: i64 = short_duration(ns) if _SHORT_LEAST <= ns < _SHORT_END else 0
+    if short >= HUNDREDTHS:
+        short -= HUNDREDTHS
+        return f"{SHORT[short // 100]}.{TWO[short % 100]} ms"
+    if short:
+        return f"{SHORT[short]} µs"
     size = abs(ns)
     if 0 < size < 10_000:
         return f"{ns / 1e3:.1f} µs"
@@ -193,19 +199,16 @@ def duration_text(ns: int) -> str:
     return sign + " ".join([f"{number} {unit}" for number, unit in units[first:]])
 
 
-def _short_duration(ns: i64) -> str:
-    """Return what `duration_text` says of most answer times, from 10 µs to 99.99 ms; empty where rounding meets a tie."""
-    rest: i64
+def short_duration(ns: i64) -> i64:
+    """Return what stands for most answer times, from 10 µs to 99.99 ms: microseconds, or hundredths of a millisecond.
+
+    The former are below `HUNDREDTHS`, which is added to the latter. 0 for other durations, and where rounding meets a tie.
+    """
+    if ns < _SHORT_LEAST or ns >= _SHORT_END:
+        return 0
     if ns < 999_500:
-        rest = ns % 1000
-        if rest == 500:
-            return ""
-        return f"{SHORT[(ns + 500) // 1000]} µs"
-    rest = ns % 10_000
-    if rest == 5000:
-        return ""
-    hundredths: i64 = (ns + 5000) // 10_000
-    return f"{SHORT[hundredths // 100]}.{THREE[hundredths % 100][1:]} ms"
+        return (ns + 500) // 1000 if ns % 1000 != 500 else 0
+    return HUNDREDTHS + (ns + 5000) // 10_000 if ns % 10_000 != 5000 else 0
 
 
 def distance_text(ns: int) -> str:

@@ -1,19 +1,26 @@
 from __future__ import annotations
 
+import math
+import struct
+from collections.abc import Iterable
+
 import pytest
 from mypy_extensions import i64
 
+from dissect.engine.observer import Observer
 from dissect.iso.cotp import parse_tpdu
 from dissect.report.words import Places, carried
-from dissect.report.writers.text import comment_line, pdu_line, tpdu_line, transaction_line
+from dissect.report.writers.text import TextWriter, comment_line, pdu_line, tpdu_line, transaction_line
 from dissect.s7.message import parse_pdu
+from dissect.session import Run
 from dissect.source.packet import SourceFile
 from dissect.transactions.table import Side
+from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import EPOCH_NS, Flow, Talk, cut_to
-from tests.report.support import UNSAFE, WORD, Kept, begun, observed, read, transactions
+from tests.report.support import OWN, UNSAFE, WORD, Kept, begun, observed, read, transactions
 
 ONE = Places([SourceFile("one.pcap", 1)], False)
 SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
@@ -58,6 +65,82 @@ def test_a_transaction_on_one_line() -> None:
         "2024-03-04 05:06:07.007000 UTC  #2     8→9          10.0.0.1:49152 → 10.0.0.2:102   1.00 ms  Read Var"
         "  DB10.DBW4 = 1234"
     )
+
+
+def plain_lines(transactions: Iterable[Transaction], places: Places = ONE) -> list[str]:
+    """Return the lines that a writer of plain lines makes, all with what it keeps from those before."""
+    writer = TextWriter()
+    writer.plain = True
+    writer.begin(places)
+    for transaction in transactions:
+        writer.transaction(transaction)
+    lines = [line for line in writer.take() if isinstance(line, bytes)]
+    return [line.decode() for line in lines]
+
+
+class BothWays(Observer):
+    """Holds the plain line of each transaction to the other."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.writer = TextWriter()
+        self.writer.plain = True
+        self.writer.begin(ONE)
+        self.count = 0
+
+    def transaction(self, transaction: Transaction) -> None:
+        self.writer.transaction(transaction)
+        line = transaction_line(transaction, Clock(), ONE)
+        assert self.writer.take() == [line.encode("utf-8", "backslashreplace")]
+        self.count += 1
+
+
+def test_plain_lines_say_the_same() -> None:
+    count = 0
+    for path in OWN:
+        both = BothWays()
+        run = Run([path], both)
+        while run.step():
+            pass
+        count += both.count
+    assert count > 500
+
+
+SINGLES = struct.pack(">9f", 0.0, -0.0, 1.0, 123.456, 1e20, 1.5e-5, math.inf, -math.inf, math.nan)
+
+
+@pytest.mark.parametrize(
+    ("item", "octets", "text"),
+    [
+        (Item(0x01, 1, 1, 0x84, 3), b"\x01", "DB1.DBX0.3 = true"),
+        (Item(0x02, 1, 1, 0x84, 0), b"\xff", "DB1.DBB0 = 255"),
+        (Item(0x02, 3, 1, 0x84, 0), b"\x00\x7f\xff", "DB1.DBB0 x3 = 00 7f ff"),
+        (Item(0x02, 16, 1, 0x84, 0), bytes(16), f"DB1.DBB0 x16 = {bytes(16).hex(' ')}"),
+        (Item(0x02, 17, 1, 0x84, 0), bytes(17), f"DB1.DBB0 x17 = {bytes(16).hex(' ')} … 17 bytes"),
+        (Item(0x02, 4, 1, 0x84, 0), b"Pump", "DB1.DBB0 x4 = 50 75 6d 70 'Pump'"),
+        (Item(0x05, 1, 1, 0x84, 0), b"\x80\x00", "DB1.DBW0 = -32768"),
+        (Item(0x04, 8, 1, 0x84, 0), b"\x00\x01" * 8, "DB1.DBW0 x8 = [1, 1, 1, 1, 1, 1, 1, 1]"),
+        (Item(0x04, 9, 1, 0x84, 0), b"\x00\x01" * 9, "DB1.DBW0 x9 = [1, 1, 1, 1, 1, 1, 1, 1, … 9 in all]"),
+        (Item(0x08, 7, 1, 0x84, 0), SINGLES[:28], "DB1.DBD0 x7 = [0.0, -0.0, 1.0, 123.456, 1e+20, 1.5e-05, inf]"),
+        (Item(0x08, 3, 1, 0x84, 0), SINGLES[24:], "DB1.DBD0 x3 = [inf, -inf, nan]"),
+    ],
+)
+@pytest.mark.parametrize("latency_us", [1, 10, 999, 1000, 12_345, 99_994, 99_995, 123_456, 61_000_000])
+def test_plain_lines_of_all_values(item: Item, octets: bytes, text: str, latency_us: int) -> None:
+    talk = begun().send(0, dt(messages.read_job(1, [item])))
+    talk.send(1, dt(messages.read_answer(1, [item], [octets])))
+    told = transactions(talk.packets(step_ns=latency_us * 1000))
+    lines = [transaction_line(each, Clock(), ONE) for each in told]
+    assert plain_lines(told) == lines
+    assert lines[1].endswith(f"  Read Var  {text}")
+
+
+def test_plain_lines_name_files_and_hosts() -> None:
+    told = transactions(read(begun(), 1).packets())
+    assert plain_lines(told, SEVERAL) == [transaction_line(each, Clock(), SEVERAL) for each in told]
+    named = Places([SourceFile("one.pcap", 1)], False, {"10.0.0.2": "Küche"})
+    assert plain_lines(told, named) == [transaction_line(each, Clock(), named) for each in told]
+    assert " → Küche:102 " in plain_lines(told, named)[1]
 
 
 def test_an_unanswered_request_says_so_and_why() -> None:

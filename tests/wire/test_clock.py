@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from librt.strings import BytesWriter
 
-from dissect.wire.digits import Times
+from dissect.wire.digits import Moments, Times
 from dissect.wire.text import Clock, civil
 
 NS = 10**9
@@ -25,7 +25,7 @@ def expected(time_ns: int) -> str:
     return f"{moment.strftime('%Y-%m-%dT%H:%M:%S')}.{ns:09d}Z"
 
 
-def written(times: Times, time_ns: int) -> str:
+def written(times: Times | Moments, time_ns: int) -> str:
     out = BytesWriter()
     times.write(out, time_ns)
     return out.getvalue().decode()
@@ -44,11 +44,13 @@ def test_iso_is_what_datetime_says(time_ns: int) -> None:
 def test_one_clock_writes_many_times(times: list[tuple[int, int]]) -> None:
     clock = Clock()
     octets = Times()
+    moments = Moments(clock)
     for time_ns, fraction in times:
         # The same second twice: the text kept from the first must fit the other.
         again = max(-(2**63), min(time_ns - time_ns % NS + fraction, 2**63 - 1))
         assert [clock.iso(time_ns), clock.iso(again)] == [expected(time_ns), expected(again)]
         assert [written(octets, time_ns), written(octets, again)] == [expected(time_ns), expected(again)]
+        assert [written(moments, time_ns), written(moments, again)] == [Clock().moment(time_ns), Clock().moment(again)]
 
 
 @pytest.mark.parametrize(
@@ -92,7 +94,7 @@ def zone(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
 @given(ANY_TIME)
 def test_a_moment_names_utc(time_ns: int) -> None:
     day, _, of_day = expected(time_ns).partition("T")
-    assert Clock().moment(time_ns) == f"{day} {of_day[:15]} UTC"
+    assert Clock().moment(time_ns) == written(Moments(Clock()), time_ns) == f"{day} {of_day[:15]} UTC"
     assert Clock().time_of_day(time_ns) == of_day[:15]
     assert Clock().zone(time_ns) == "UTC"
 
@@ -100,11 +102,12 @@ def test_a_moment_names_utc(time_ns: int) -> None:
 @pytest.mark.parametrize("zone", ["Europe/Berlin", "America/St_Johns", "Asia/Kolkata", "UTC"], indirect=True)
 def test_a_local_moment_names_its_offset(zone: str) -> None:
     clock = Clock(local=True)
+    moments = Moments(clock)
     for second in (0, 1, 1454943097, 1711846799, 1711846800, 1729990799, 1729990800, 4107542400, -1_000_000_000):
         there = datetime.fromtimestamp(second, ZoneInfo(zone))
         offset = there.strftime("%z")
         shown = f"{there:%Y-%m-%d %H:%M:%S}.000123 {offset[:3]}:{offset[3:5]}"
-        assert clock.moment(second * NS + 123456) == shown
+        assert clock.moment(second * NS + 123456) == written(moments, second * NS + 123456) == shown
         assert (clock.time_of_day(second * NS + 123456), clock.zone(second * NS)) == (shown[11:26], shown[27:])
         assert clock.iso(second * NS) == Clock().iso(second * NS)  # what programs read stays UTC
 

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.shell_completion import CompletionItem
 
+from dissect.cli.look import plain
+from dissect.cli.task import current
+
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Options
@@ -137,6 +140,9 @@ class Chosen:
             given = f"-T {FIELDS_FORMAT}" if not self.columns else "-e"
             raise click.UsageError(f"{given} needs {missing}.")
         writer = format_.writer(kind, clock, verbose)
+        of = current()
+        if of is None or of.direct is not None:  # else another process writes the lines
+            writer.plain = plain()
         if self.columns:
             from dissect.select.columns import FieldsWriter
 

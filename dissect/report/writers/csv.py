@@ -10,12 +10,12 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.report.facets import error_text, facet_of
+from dissect.report.item_octets import is_usual, step_of, write_elements
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import Item, ItemResult
-from dissect.s7.singles import write_real_repr
-from dissect.s7.tables import BIT, BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
-from dissect.s7.values import LEAST_TEXT, Value, decode_value, number_size, number_texts, spelled, write_number
+from dissect.s7.tables import BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
+from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.naming import NamedValue
@@ -76,7 +76,7 @@ _ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,".encode("ascii")
 #: What becomes of what UTF-8 has no form for, as in all outputs.
 _ERRORS: Final = "backslashreplace"
 _COMMA: Final = 0x2C
-_BLANK: Final = 0x20
+_LINE_FEED: Final = 0x0A
 
 
 def quoted(text: str) -> str:
@@ -111,26 +111,15 @@ class CsvRows:
             return list(CSV_COLUMNS)
         return CSV_COLUMNS[:_FILES_AT] + FILE_COLUMNS + CSV_COLUMNS[_FILES_AT:]
 
-    def octets(self, transaction: Transaction) -> list[bytes]:
-        """Return `lines` in UTF-8."""
-        if COMPILED and self._step.begin(transaction) and self._is_usual(transaction):
+    def octets(self, transaction: Transaction) -> bytes:
+        """Return `lines` in UTF-8, line feeds between them."""
+        if COMPILED and self._step.begin(transaction) and is_usual(transaction, self._places):
             rows = self._usual(transaction)
             if self._step.whole:
                 return rows
-        return [line.encode("utf-8", _ERRORS) for line in self.lines(transaction)]
+        return "\n".join(self.lines(transaction)).encode("utf-8", _ERRORS)
 
-    def _is_usual(self, transaction: Transaction) -> bool:
-        """Tell whether a read of which all is well has nothing that most do not have."""
-        return (
-            transaction.carried is None
-            and not transaction.reason
-            and transaction.request_frame != 0
-            and transaction.response_frame != 0
-            and not self._places.several
-            and len(transaction.parameters.items) > 0
-        )
-
-    def _usual(self, transaction: Transaction) -> list[bytes]:
+    def _usual(self, transaction: Transaction) -> bytes:
         """Return the rows of a read that is stepped over, put together as octets."""
         out = self._out
         out.truncate(0)
@@ -154,13 +143,13 @@ class CsvRows:
         out.append(_COMMA)
         write_decimal(out, transaction.response_ns - transaction.request_ns)
         out.write(_ANSWERED)
-        begin = len(out)
-        rows: list[bytes] = []
         items = transaction.parameters.items
+        own = out.getvalue() if len(items) > 1 else b""
         step = self._step
         while step.step():
             if step.index:
-                out.truncate(begin)
+                out.append(_LINE_FEED)
+                out.write(own)
             write_decimal(out, step.index + 1)
             out.append(_COMMA)
             item = items[step.index]
@@ -170,29 +159,25 @@ class CsvRows:
                 data = step.buf[step.at : step.at + step.size]
                 out.write(self._item(item, self._good, data).encode("utf-8", _ERRORS))
             out.write(b",,")
-            rows.append(out.getvalue())
-        return rows
+        return out.getvalue()
 
     def _write_item(self, out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
         """Write `_item` of numbers of which all is well; False, and too much may be written, where it is anything else."""
-        kind: i64 = item.transport_size
-        step = 1 if kind == BIT else number_size(kind)
-        if step == 0 or size == 0 or size & (step - 1) or (item.size != size and not item.fits(size)):
-            return False
-        if step == 1 and size > 1 and (kind == BIT or (size >= LEAST_TEXT and spelled(octets[at : at + size]))):
+        step = step_of(item, octets, at, size)
+        if step == 0:
             return False
         if len(item.cell) == 0:  # for bytes that is quicker to ask (mypyc)
             item.cell = f"{self._cell(item.label)},,{self._good},".encode("utf-8", _ERRORS)
         out.write(item.cell)
-        end: i64 = at + size
-        if kind == BIT:
-            out.write(b"true" if octets[at] & 1 else b"false")
-        elif step == 1 and size > 1:
-            _write_apart(out, octets, at, end)
-        elif not _write_numbers(out, kind, step, octets, at, end):
+        several = size > step > 1
+        if several:
+            out.write(b'"[')
+        if not write_elements(out, item.transport_size, step, octets, at, at + size, True):
             return False
+        if several:
+            out.write(b']"')
         out.write(b",,,")
-        write_hexadecimal(out, octets, at, end)
+        write_hexadecimal(out, octets, at, at + size)
         return True
 
     def _both_octets(self, connection: Connection, asked_by: i64) -> bytes:
@@ -330,35 +315,6 @@ class CsvRows:
         )
 
 
-def _write_apart(out: BytesWriter, octets: bytes, at: i64, end: i64) -> None:
-    """Write ``octets[at:end].hex(" ")`` of one octet or more."""
-    while at < end:
-        write_hexadecimal(out, octets, at, at + 1)
-        out.append(_BLANK)
-        at += 1
-    out.truncate(len(out) - 1)
-
-
-def _write_numbers(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i64, end: i64) -> bool:
-    """Write numbers of ``step`` octets, several as a list in quotes; False where JSON has no such REAL."""
-    if end - at > step:
-        out.write(b'"[')
-    begin: i64 = at
-    while at < end:
-        if at > begin:
-            out.write(b", ")
-        if kind != REAL:
-            write_number(out, kind, octets, at)
-        elif octets[at] & 0x7F == 0x7F and octets[at + 1] & 0x80:
-            return False
-        else:
-            write_real_repr(out, octets, at)
-        at += step
-    if end - begin > step:
-        out.write(b']"')
-    return True
-
-
 def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
     """Return the cell of the errors of an item: its own, then those of the whole transaction."""
     where = f"{_ITEM} {number}"
@@ -415,4 +371,4 @@ class CsvWriter(Writer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the rows of a transaction."""
-        self.lines += self._rows.octets(transaction)
+        self.lines.append(self._rows.octets(transaction))

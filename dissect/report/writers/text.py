@@ -14,6 +14,7 @@ from dissect.iso.tables import CC, CR, DR, DT, ED, ER
 from dissect.iso.upper import classify, is_rdp_connect
 from dissect.report import facets, words
 from dissect.report.facets import facet_of
+from dissect.report.line_octets import ERRORS, FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, LineOctets
 from dissect.report.operations import styled_operation
 from dissect.report.plus import plus_notes, plus_summary
 from dissect.report.scd import scd_summary
@@ -36,8 +37,6 @@ from dissect.wire.text import Clock, decimal, hex_number, shortened
 
 #: Characters of a packet comment that are shown.
 _COMMENT: Final = 1000
-#: Characters that the number of a transaction takes at least.
-NUMBER_WIDTH: Final = 5
 _BLANKS: Final[list[str]] = [" " * count for count in range(13)]
 _KINDS: Final = ("push", "request", "response", "type 3")
 
@@ -59,21 +58,15 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     number = decimal(transaction.number)
     latency = words.duration(transaction.latency_ns)
     return (
-        f"{clock.moment(begun)}  #{number}{_blanks(NUMBER_WIDTH - len(number))} {frames}{_blanks(12 - len(frames))}"
+        f"{clock.moment(begun)}  #{number}{_blanks(NUMBER_WIDTH - len(number))} {frames}{_blanks(FRAMES_WIDTH - len(frames))}"
         f" {places.end(asked)} → {places.end(answered)}"
-        f"  {_blanks(8 - len(latency))}{latency}  {transaction.function_name}{said}"
+        f"  {_blanks(LATENCY_WIDTH - len(latency))}{latency}  {transaction.function_name}{said}"
     )
 
 
 def _blanks(count: i64) -> str:
     """Return what fills a column that has room for so many characters more, which may be less than none."""
     return _BLANKS[count] if count > 0 else ""
-
-
-def styled_transaction(transaction: Transaction, clock: Clock, places: Places) -> Line:
-    """Return `transaction_line` with its style: what failed stands out."""
-    style = FAILED if transaction.failed else PLAIN
-    return Line(transaction_line(transaction, clock, places), style, HANG)
 
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
@@ -219,14 +212,26 @@ class TextWriter(Writer):
         super().__init__(clock, verbose)
         self.number_width = NUMBER_WIDTH
         self._packet: bytes = b""  # the TPKT or IBH-NetLink packet at hand
+        self._octets: LineOctets = LineOctets(self.clock, self.places)
+
+    def begin(self, places: Places) -> None:
+        """Name packets with ``places``."""
+        super().begin(places)
+        self._octets = LineOctets(self.clock, places)
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
-        self.lines.append(styled_transaction(transaction, self.clock, self.places))
+        line = self._octets.of(transaction) if self.plain else b""
+        if line:
+            self.lines.append(line)
+        else:
+            text = transaction_line(transaction, self.clock, self.places)
+            self._put(text, FAILED if transaction.failed else PLAIN, HANG)
 
     def operation(self, operation: Operation) -> None:
         """Add the line of an operation."""
-        self.lines.append(styled_operation(operation, self.clock, self.places))
+        line = styled_operation(operation, self.clock, self.places)
+        self._put(line.text, line.style, line.hang)
 
     def comment(self, frame: i64, text: str) -> None:
         """Add the line of a comment."""
@@ -293,10 +298,13 @@ class TextWriter(Writer):
         return self._packet if self._packet.endswith(octets) and not cut else b""
 
     def _add(self, text: str, failed: bool = False) -> None:
-        self.lines.append(Line(text, FAILED if failed else PLAIN, HANG))
+        self._put(text, FAILED if failed else PLAIN, HANG)
 
     def _tree(self, text: str) -> None:
-        self.lines.append(Line(text, PLAIN, TREE_HANG))
+        self._put(text, PLAIN, TREE_HANG)
+
+    def _put(self, text: str, style: str, hang: int) -> None:
+        self.lines.append(text.encode("utf-8", ERRORS) if self.plain else Line(text, style, hang))
 
 
 def _says_no(pdu: Pdu) -> bool:

@@ -1,0 +1,73 @@
+"""Values of items as CSV and lines for a person have them, written into the buffer that a row is put together in.
+
+What is left to others: dates, times, characters, octets that spell a text, and whatever does not fit its item.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from librt.strings import BytesWriter
+from mypy_extensions import i64
+
+from dissect.report.words import Places
+from dissect.s7.items import Item
+from dissect.s7.singles import write_real_repr
+from dissect.s7.tables import BIT, REAL
+from dissect.s7.values import LEAST_TEXT, number_size, spelled, write_number
+from dissect.transactions.transaction import Transaction
+from dissect.wire.digits import write_hexadecimal
+
+_BLANK: Final = 0x20
+
+
+def is_usual(transaction: Transaction, places: Places) -> bool:
+    """Tell whether a read of which all is well has nothing that most do not have."""
+    return (
+        transaction.carried is None
+        and not transaction.reason
+        and transaction.request_frame != 0
+        and transaction.response_frame != 0
+        and not places.several
+        and len(transaction.parameters.items) > 0
+    )
+
+
+def step_of(item: Item, octets: bytes, at: i64, size: i64) -> i64:
+    """Return the octets of an element of ``octets[at:at + size]`` that `write_elements` can write; 0 where it cannot."""
+    kind: i64 = item.transport_size
+    step: i64 = 1 if kind == BIT else number_size(kind)
+    if step == 0 or size == 0 or size & (step - 1) or (item.size != size and not item.fits(size)):
+        return 0
+    if step == 1 and size > 1 and (kind == BIT or (size >= LEAST_TEXT and spelled(octets[at : at + size]))):
+        return 0
+    return step
+
+
+def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i64, end: i64, finite: bool) -> bool:
+    """Write elements of ``step`` octets: a bit as a word, several bytes as `bytes.hex`, numbers as `repr` does.
+
+    False, and too much may be written, where a REAL is ``finite`` only and this one is not.
+    """
+    if kind == BIT:
+        out.write(b"true" if octets[at] & 1 else b"false")
+        return True
+    if step == 1 and end - at > 1:
+        while at < end:
+            write_hexadecimal(out, octets, at, at + 1)
+            out.append(_BLANK)
+            at += 1
+        out.truncate(len(out) - 1)
+        return True
+    begin: i64 = at
+    while at < end:
+        if at > begin:
+            out.write(b", ")
+        if kind != REAL:
+            write_number(out, kind, octets, at)
+        elif finite and octets[at] & 0x7F == 0x7F and octets[at + 1] & 0x80:
+            return False
+        else:
+            write_real_repr(out, octets, at)
+        at += step
+    return True

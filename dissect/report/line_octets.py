@@ -1,0 +1,137 @@
+"""Lines of transactions for a person as octets: what reads of which all is well have, without a text in between."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from librt.strings import BytesWriter
+from mypy_extensions import i64
+
+from dissect.report import facets, words
+from dissect.report.item_octets import is_usual, step_of, write_elements
+from dissect.report.words import Places
+from dissect.s7.items import Item
+from dissect.transactions.connection import Connection
+from dissect.transactions.good_items import GoodItems
+from dissect.transactions.transaction import Transaction
+from dissect.wire.build import COMPILED
+from dissect.wire.digits import Moments, write_decimal, write_digits
+from dissect.wire.text import HUNDREDTHS, Clock, short_duration
+
+#: What becomes of what UTF-8 has no form for, as in all outputs.
+ERRORS: Final = "backslashreplace"
+#: Characters that the number of a transaction, its packets and its answer time take at least.
+NUMBER_WIDTH: Final = 5
+FRAMES_WIDTH: Final = 12
+LATENCY_WIDTH: Final = 8
+_ARROW: Final = "→".encode()
+_GREATER_BY: Final = len(_ARROW) - 1  # octets than characters
+_MICROSECONDS: Final = " µs".encode()
+_BLANK: Final = 0x20
+_POINT: Final = 0x2E
+_OPEN: Final = 0x5B
+_CLOSE: Final = 0x5D
+#: Cached ends of connections are forgotten together when there are this many.
+_MAX_CACHED: Final = 8192
+
+
+class LineOctets:
+    """Puts lines together."""
+
+    def __init__(self, clock: Clock, places: Places) -> None:
+        self._places: Places = places
+        self._moments: Moments = Moments(clock)
+        self._ends: dict[int, bytes] = {}
+        self._said: bytes = b""  # the function of a read, and what surrounds it
+        self._out: BytesWriter = BytesWriter()
+        self._step: GoodItems = GoodItems()
+
+    def of(self, transaction: Transaction) -> bytes:
+        """Return the line of a read of which all is well; empty where it is anything else."""
+        if not COMPILED or not self._step.begin(transaction) or not is_usual(transaction, self._places):
+            return b""
+        out = self._out
+        out.truncate(0)
+        self._moments.write(out, transaction.request_ns)
+        out.write(b"  #")
+        begin = len(out)
+        write_decimal(out, transaction.number)
+        _fill(out, begin, NUMBER_WIDTH)
+        out.append(_BLANK)
+        begin = len(out)
+        write_decimal(out, transaction.request_frame)
+        out.write(_ARROW)
+        write_decimal(out, transaction.response_frame)
+        _fill(out, begin, FRAMES_WIDTH + _GREATER_BY)
+        out.append(_BLANK)
+        out.write(self._both(transaction.connection, transaction.asked_by))
+        _write_latency(out, transaction.response_ns - transaction.request_ns)
+        if len(self._said) == 0:
+            self._said = f"  {transaction.function_name}  ".encode()
+        out.write(self._said)
+        items = transaction.parameters.items
+        step = self._step
+        while step.step():
+            if step.index:
+                out.write(b", ")
+            item = items[step.index]
+            if len(item.line) == 0:  # for bytes that is quicker to ask (mypyc)
+                item.line = f"{facets.address(item)} = ".encode("utf-8", ERRORS)
+            out.write(item.line)
+            if not _write_content(out, item, step.buf, step.at, step.size):
+                out.write(facets.content(item, step.buf[step.at : step.at + step.size]).encode("utf-8", ERRORS))
+        return out.getvalue() if step.whole else b""
+
+    def _both(self, connection: Connection, asked_by: i64) -> bytes:
+        """Return who asked and who answered."""
+        key: i64 = connection.number * 2 + asked_by
+        found = self._ends.get(key)
+        if found is None:
+            if len(self._ends) >= _MAX_CACHED:
+                self._ends.clear()
+            ends = connection.tcp.ends
+            asked, answered = self._places.end(ends[asked_by]), self._places.end(ends[1 - asked_by])
+            found = f"{asked} → {answered}  ".encode("utf-8", ERRORS)
+            self._ends[key] = found
+        return found
+
+
+def _write_latency(out: BytesWriter, ns: i64) -> None:
+    """Write `words.duration`, blanks in front, in a column of `LATENCY_WIDTH`."""
+    short: i64 = short_duration(ns)
+    if short >= HUNDREDTHS:
+        short -= HUNDREDTHS
+        if short < 1000:
+            out.append(_BLANK)
+        write_decimal(out, short // 100)
+        out.append(_POINT)
+        write_digits(out, short % 100, 2)
+        out.write(b" ms")
+    elif short:
+        out.write(b"   " if short < 100 else b"  ")
+        write_decimal(out, short)
+        out.write(_MICROSECONDS)
+    else:
+        out.write(words.duration(int(ns)).rjust(LATENCY_WIDTH).encode())
+
+
+def _fill(out: BytesWriter, begin: i64, width: i64) -> None:
+    """Write blanks behind what was written from ``begin`` on, until it has ``width`` octets."""
+    missing: i64 = width - (len(out) - begin)
+    while missing > 0:
+        out.append(_BLANK)
+        missing -= 1
+
+
+def _write_content(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
+    """Write `facets.content` of octets that are few and no text; False, and nothing is written, where they are others."""
+    step = step_of(item, octets, at, size)
+    if step == 0 or size > (words.SHOWN_OCTETS if step == 1 else words.SHOWN * step):
+        return False
+    several = size > step > 1
+    if several:
+        out.append(_OPEN)
+    write_elements(out, item.transport_size, step, octets, at, at + size, False)
+    if several:
+        out.append(_CLOSE)
+    return True
