@@ -1,6 +1,6 @@
 """Values of items as CSV and lines for a person have them, written into the buffer that a row is put together in.
 
-What is left to others: dates, times, characters, octets that spell a text, and whatever does not fit its item.
+What is left to others: dates, most texts, several times, octets that spell a text, and whatever does not fit its item.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from mypy_extensions import i64
 from dissect.report.words import Places
 from dissect.s7.items import Item
 from dissect.s7.singles import write_real_repr
-from dissect.s7.tables import BIT, REAL
-from dissect.s7.values import LEAST_TEXT, number_size, spelled, write_number
+from dissect.s7.tables import BIT, CHAR, REAL
+from dissect.s7.values import LEAST_TEXT, number_size, spelled, time_size, write_number, write_time
 from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import write_hexadecimal
 
 _BLANK: Final = 0x20
+#: 1 for characters that no output has to escape or to quote, wherever they stand.
+_HARMLESS: Final = bytes([code < 128 and (chr(code).isalnum() or chr(code) in " _") for code in range(256)])
 
 
 def is_usual(transaction: Transaction, places: Places) -> bool:
@@ -70,4 +72,34 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
         else:
             write_real_repr(out, octets, at)
         at += step
+    return True
+
+
+def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, quote: bytes, most: i64) -> bool:
+    """Write a time, or at most so many characters, all of them harmless, between quotes.
+
+    False, and nothing is written, where it is anything else.
+    """
+    if size == 0 or (item.size != size and not item.fits(size)):
+        return False
+    begin = len(out)
+    if item.transport_size == CHAR:
+        if size > most:
+            return False
+        end: i64 = at + size
+        place: i64 = at
+        while place < end:
+            if not _HARMLESS[octets[place]]:
+                return False
+            place += 1
+        out.write(quote)
+        out.write(octets[at:end])
+    else:
+        if time_size(item.transport_size) != size:
+            return False
+        out.write(quote)
+        if not write_time(out, size, octets, at):
+            out.truncate(begin)
+            return False
+    out.write(quote)
     return True

@@ -8,7 +8,7 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.report import facets, words
-from dissect.report.item_octets import is_usual, step_of, write_elements
+from dissect.report.item_octets import is_usual, step_of, write_elements, write_word
 from dissect.report.words import Places
 from dissect.s7.items import Item
 from dissect.transactions.connection import Connection
@@ -26,6 +26,8 @@ FRAMES_WIDTH: Final = 12
 LATENCY_WIDTH: Final = 8
 _ARROW: Final = "→".encode()
 _GREATER_BY: Final = len(_ARROW) - 1  # octets than characters
+_MORE: Final = ", … ".encode()
+_LONG: Final = " … ".encode()
 _MICROSECONDS: Final = " µs".encode()
 _BLANK: Final = 0x20
 _POINT: Final = 0x2E
@@ -124,14 +126,19 @@ def _fill(out: BytesWriter, begin: i64, width: i64) -> None:
 
 
 def _write_content(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-    """Write `facets.content` of octets that are few and no text; False, and nothing is written, where they are others."""
+    """Write `facets.content` without a text in between; False, and nothing is written, where that cannot be."""
     step = step_of(item, octets, at, size)
-    if step == 0 or size > (words.SHOWN_OCTETS if step == 1 else words.SHOWN * step):
-        return False
+    if step == 0:
+        return write_word(out, item, octets, at, size, b"'", words.SHOWN_TEXT)
+    most: i64 = words.SHOWN_OCTETS if step == 1 else words.SHOWN * step
     several = size > step > 1
     if several:
         out.append(_OPEN)
-    write_elements(out, item.transport_size, step, octets, at, at + size, False)
+    write_elements(out, item.transport_size, step, octets, at, at + (min(size, most)), False)
+    if size > most:
+        out.write(_MORE if several else _LONG)
+        write_decimal(out, size // step)
+        out.write(b" in all" if several else b" bytes")
     if several:
         out.append(_CLOSE)
     return True

@@ -120,7 +120,7 @@ PROTOCOLS: Final = {
 
 #: Elements of an array, characters of a text and octets that are shown on a line.
 SHOWN: Final = 8
-_SHOWN_TEXT: Final = 32
+SHOWN_TEXT: Final = 32
 SHOWN_OCTETS: Final = 16
 #: Items or notes that a summary names, and characters of a note.
 NAMED: Final = 3
@@ -180,8 +180,8 @@ def value(shown: Value) -> str:
     if isinstance(shown, bool):
         return "true" if shown else "false"
     if isinstance(shown, str):
-        if len(shown) > _SHOWN_TEXT:
-            return f"'{printable(shown[:_SHOWN_TEXT])}'… ({len(shown)} characters)"
+        if len(shown) > SHOWN_TEXT:
+            return f"'{printable(shown[:SHOWN_TEXT])}'… ({len(shown)} characters)"
         return f"'{printable(shown)}'"
     if isinstance(shown, list):
         body = ", ".join([value(element) for element in shown[:SHOWN]])
@@ -200,7 +200,7 @@ def octets(data: bytes) -> str:
 
 def _cut(text: str) -> str:
     """Return a text cut to a line."""
-    return printable(text if len(text) <= _SHOWN_TEXT else f"{text[:_SHOWN_TEXT]}…")
+    return printable(text if len(text) <= SHOWN_TEXT else f"{text[:SHOWN_TEXT]}…")
 
 
 def some_notes(found: list[str]) -> str:

@@ -193,23 +193,20 @@ def write_times(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, s
 
     False, and nothing is written, where it is neither or the size does not fit.
     """
-    step: i64 = 0
-    if transport_size == _TIME:
-        step = 4
-    elif transport_size == _S5TIME or transport_size == _S5TIME_TIMER:
-        step = 2
+    step = time_size(transport_size)
     if step == 0 or size == 0 or size & (step - 1):
         return False
     if size > step:
         out.append(_BEGIN)
     end: i64 = at + size
     while True:
-        if step == 4:
-            out.append(_QUOTE)
-            _write_duration(out, i64(read_i32_be(octets, at)))
+        begin = len(out)
+        out.append(_QUOTE)
+        if write_time(out, step, octets, at):
             out.append(_QUOTE)
         else:
-            _write_s5time(out, u16(octets, at))
+            out.truncate(begin)
+            out.write(b"null")
         at += step
         if at >= end:
             break
@@ -219,17 +216,27 @@ def write_times(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, s
     return True
 
 
-def _write_s5time(out: BytesWriter, word: i64) -> None:
-    """Write `s5time` of two octets as JSON."""
+def time_size(transport_size: i64) -> i64:
+    """Return the octets of a time that `write_time` writes: 4 of a TIME, 2 of an S5TIME, 0 where it is neither."""
+    if transport_size == _TIME:
+        return 4
+    return 2 if transport_size == _S5TIME or transport_size == _S5TIME_TIMER else 0
+
+
+def write_time(out: BytesWriter, step: i64, octets: bytes, at: i64) -> bool:
+    """Write `duration` or `s5time` of ``step`` octets, which tell them apart; False, and nothing is written, for neither."""
+    if step == 4:
+        _write_duration(out, i64(read_i32_be(octets, at)))
+        return True
+    word: i64 = u16(octets, at)
     tens: i64 = word >> 4 & 0xF
     ones: i64 = word & 0xF
     if word >> 8 & 0xF > 9 or tens > 9 or ones > 9:
-        out.write(b"null")
-        return
-    out.write(b'"S5')
+        return False
+    out.write(b"S5")
     base: i64 = read_i64_le(_S5_BASES, 8 * (word >> 12 & 3))
     _write_duration(out, ((word >> 8 & 0xF) * 100 + tens * 10 + ones) * base)
-    out.append(_QUOTE)
+    return True
 
 
 def _write_duration(out: BytesWriter, ms: i64) -> None:

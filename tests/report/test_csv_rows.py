@@ -157,6 +157,27 @@ def test_singles_are_written_as_json_writes_their_values() -> None:
     assert [row["value"] for row in told] == [*said, f"[{', '.join(said)}]"]
 
 
+@pytest.mark.parametrize(
+    ("item", "octets", "value"),
+    [
+        (Item(0x03, 6, 1, 0x84, 0), b"Pump_1", "Pump_1"),
+        (Item(0x03, 6, 1, 0x84, 0), b"=Pump1", "'=Pump1"),
+        (Item(0x03, 6, 1, 0x84, 0), b'Pu"mp,', 'Pu"mp,'),
+        (Item(0x03, 3, 1, 0x84, 0), b"-12", "-12"),
+        (Item(0x03, 60, 1, 0x84, 0), b"p" * 60, "p" * 60),
+        (Item(0x0C, 1, 1, 0x84, 0), b"\x21\x23", "S5T#2m3s"),
+        (Item(0x0C, 1, 1, 0x84, 0), b"\x2f\xff", ""),
+        (Item(0x0C, 2, 1, 0x84, 0), b"\x21\x23\x2f\xff", '["S5T#2m3s", null]'),
+        (Item(0x0B, 1, 1, 0x84, 0), b"\xff\xff\xff\xff", "T#-1ms"),
+    ],
+)
+def test_texts_and_times(item: Item, octets: bytes, value: str) -> None:
+    talk = begun().send(0, dt(messages.read_job(1, [item])))
+    talk.send(1, dt(messages.read_answer(1, [Item(0x02, len(octets))], [octets])))
+    (told,) = rows(transactions(talk.packets())[1])
+    assert (told["value"], told["octets"]) == (value, octets.hex())
+
+
 def test_a_transaction_without_items_says_what_it_is_about() -> None:
     (told,) = rows(transactions(begun().packets())[0])
     assert (told["item"], told["subject"]) == ("", "granted PDU 480, AmQ 1/1")

@@ -117,18 +117,32 @@ SINGLES = struct.pack(">9f", 0.0, -0.0, 1.0, 123.456, 1e20, 1.5e-5, math.inf, -m
         (Item(0x02, 3, 1, 0x84, 0), b"\x00\x7f\xff", "DB1.DBB0 x3 = 00 7f ff"),
         (Item(0x02, 16, 1, 0x84, 0), bytes(16), f"DB1.DBB0 x16 = {bytes(16).hex(' ')}"),
         (Item(0x02, 17, 1, 0x84, 0), bytes(17), f"DB1.DBB0 x17 = {bytes(16).hex(' ')} … 17 bytes"),
+        (
+            Item(0x02, 20, 1, 0x84, 0),
+            b"Pump".ljust(20, b"\0"),
+            "DB1.DBB0 x20 = 50 75 6d 70 00 00 00 00 00 00 00 00 00 00 00 00 … 20 bytes 'Pump'",
+        ),
         (Item(0x02, 4, 1, 0x84, 0), b"Pump", "DB1.DBB0 x4 = 50 75 6d 70 'Pump'"),
         (Item(0x05, 1, 1, 0x84, 0), b"\x80\x00", "DB1.DBW0 = -32768"),
         (Item(0x04, 8, 1, 0x84, 0), b"\x00\x01" * 8, "DB1.DBW0 x8 = [1, 1, 1, 1, 1, 1, 1, 1]"),
         (Item(0x04, 9, 1, 0x84, 0), b"\x00\x01" * 9, "DB1.DBW0 x9 = [1, 1, 1, 1, 1, 1, 1, 1, … 9 in all]"),
         (Item(0x08, 7, 1, 0x84, 0), SINGLES[:28], "DB1.DBD0 x7 = [0.0, -0.0, 1.0, 123.456, 1e+20, 1.5e-05, inf]"),
+        (Item(0x03, 5, 1, 0x84, 0), b"Pump1", "DB1.DBB0 x5 = 'Pump1'"),
+        (Item(0x03, 5, 1, 0x84, 0), b"P\x1b\xe4'\\", "DB1.DBB0 x5 = 'P\\x1bä'\\'"),
+        (Item(0x03, 32, 1, 0x84, 0), b"p" * 32, f"DB1.DBB0 x32 = '{'p' * 32}'"),
+        (Item(0x03, 33, 1, 0x84, 0), b"p" * 33, f"DB1.DBB0 x33 = '{'p' * 32}'… (33 characters)"),
+        (Item(0x0C, 1, 1, 0x84, 0), b"\x21\x23", "DB1.DBW0 = 'S5T#2m3s'"),
+        (Item(0x0C, 1, 1, 0x84, 0), b"\x2f\xff", "DB1.DBW0 = 2f ff"),
+        (Item(0x0C, 2, 1, 0x84, 0), b"\x21\x23\x2f\xff", "DB1.DBW0 x2 = ['S5T#2m3s', -]"),
+        (Item(0x0B, 1, 1, 0x84, 0), b"\xff\xff\xff\xff", "DB1.DBD0 = 'T#-1ms'"),
         (Item(0x08, 3, 1, 0x84, 0), SINGLES[24:], "DB1.DBD0 x3 = [inf, -inf, nan]"),
     ],
 )
 @pytest.mark.parametrize("latency_us", [1, 10, 999, 1000, 12_345, 99_994, 99_995, 123_456, 61_000_000])
 def test_plain_lines_of_all_values(item: Item, octets: bytes, text: str, latency_us: int) -> None:
     talk = begun().send(0, dt(messages.read_job(1, [item])))
-    talk.send(1, dt(messages.read_answer(1, [item], [octets])))
+    answered = item if item.size == 0x01 else Item(0x02, len(octets))  # whose item tells the count of bits or of octets
+    talk.send(1, dt(messages.read_answer(1, [answered], [octets])))
     told = transactions(talk.packets(step_ns=latency_us * 1000))
     lines = [transaction_line(each, Clock(), ONE) for each in told]
     assert plain_lines(told) == lines

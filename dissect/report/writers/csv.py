@@ -10,7 +10,7 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.report.facets import error_text, facet_of
-from dissect.report.item_octets import is_usual, step_of, write_elements
+from dissect.report.item_octets import is_usual, step_of, write_elements, write_word
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import Item, ItemResult
@@ -162,20 +162,22 @@ class CsvRows:
         return out.getvalue()
 
     def _write_item(self, out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-        """Write `_item` of numbers of which all is well; False, and too much may be written, where it is anything else."""
-        step = step_of(item, octets, at, size)
-        if step == 0:
-            return False
+        """Write `_item` of octets without a text in between; False, and too much may be written, where that cannot be."""
         if len(item.cell) == 0:  # for bytes that is quicker to ask (mypyc)
             item.cell = f"{self._cell(item.label)},,{self._good},".encode("utf-8", _ERRORS)
         out.write(item.cell)
-        several = size > step > 1
-        if several:
-            out.write(b'"[')
-        if not write_elements(out, item.transport_size, step, octets, at, at + size, True):
-            return False
-        if several:
-            out.write(b']"')
+        step = step_of(item, octets, at, size)
+        if step == 0:
+            if not write_word(out, item, octets, at, size, b"", size):
+                return False
+        else:
+            several = size > step > 1
+            if several:
+                out.write(b'"[')
+            if not write_elements(out, item.transport_size, step, octets, at, at + size, True):
+                return False
+            if several:
+                out.write(b']"')
         out.write(b",,,")
         write_hexadecimal(out, octets, at, at + size)
         return True
