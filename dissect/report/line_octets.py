@@ -14,7 +14,6 @@ from dissect.s7.items import Item
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems
 from dissect.transactions.transaction import Transaction
-from dissect.wire.build import COMPILED
 from dissect.wire.digits import Moments, write_decimal, write_digits
 from dissect.wire.text import HUNDREDTHS, Clock, short_duration
 
@@ -50,7 +49,7 @@ class LineOctets:
 
     def of(self, transaction: Transaction) -> bytes:
         """Return the line of a read of which all is well; empty where it is anything else."""
-        if not COMPILED or not self._step.begin(transaction) or not is_usual(transaction, self._places):
+        if not self._step.begin(transaction) or not is_usual(transaction, self._places):
             return b""
         out = self._out
         out.truncate(0)

@@ -33,6 +33,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.build import COMPILED
 from dissect.wire.text import Clock, decimal, hex_number, shortened
 
 #: Characters of a packet comment that are shown.
@@ -221,7 +222,7 @@ class TextWriter(Writer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
-        line = self._octets.of(transaction) if self.plain else b""
+        line = self._octets.of(transaction) if COMPILED and self.plain else b""
         if line:
             self.lines.append(line)
         else:
