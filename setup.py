@@ -75,6 +75,7 @@ HOT: Final = (
     "dissect/export/item_columns.py",
     "dissect/export/transaction_rows.py",
     "dissect/report/analysis.py",
+    "dissect/report/contract.py",
     "dissect/report/facet.py",
     "dissect/report/facets.py",
     "dissect/report/item_json.py",

@@ -199,10 +199,11 @@ def connection_as_dict(connection: Connection, places: Places) -> dict[str, obje
 
 def by_weight(findings: Sequence[Finding]) -> Iterator[Finding]:
     """Yield findings ordered by severity, the heaviest first, then as they came."""
-    for severity in SEVERITIES:
-        for finding in findings:
-            if finding.severity == severity:
-                yield finding
+    sorted_out: dict[str, list[Finding]] = {severity: [] for severity in SEVERITIES}
+    for finding in findings:
+        sorted_out[finding.severity].append(finding)
+    for found in sorted_out.values():
+        yield from found
 
 
 def finding_as_dict(finding: Finding, places: Places) -> dict[str, object]:

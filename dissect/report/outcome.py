@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 from dissect.report.styled import PLAIN, Line
-from dissect.wire.json_page import json_page
+from dissect.wire.json_page import JsonPage
 from dissect.wire.text import json_text
 
 #: Arguments of `json.dumps`. The layout is part of what users compare, so each command keeps its own.
@@ -95,6 +95,7 @@ def json_outcome(outcome: Outcome) -> Iterator[str | Line]:
         yield json.dumps(outcome.as_dict(), **layout).replace("\x7f", "\\u007f")
         return
     indent: int = layout["indent"]
+    page = JsonPage(indent)
     pad = " " * indent
     piece, behind = "{", ""
     for name, value in outcome.sections():
@@ -102,14 +103,14 @@ def json_outcome(outcome: Outcome) -> Iterator[str | Line]:
         behind = ","
         piece = f"{pad}{json_text(name)}: "
         if not isinstance(value, Iterator):
-            piece += json_page(value, indent, pad)
+            piece += page.text(value, pad)
             continue
         piece += "["
         between = ""
         for one in value:
             yield piece + between
             between = ","
-            piece = pad * 2 + json_page(one, indent, pad * 2)
+            piece = pad * 2 + page.text(one, pad * 2)
         if between:
             yield piece
             piece = pad

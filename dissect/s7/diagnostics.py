@@ -43,17 +43,8 @@ DIAGNOSTIC_EVENT: Final = Layout(
 
 
 def event_id(part: Part) -> int:
-    """Return the event id of a `DIAGNOSTIC_EVENT`, -1 when the part was cut before it."""
-    if part.number("event_number") < 0:
-        return -1
-    return (
-        part.number("event_class") << 12
-        | part.number("external_error") << 11
-        | part.number("internal_error") << 10
-        | part.number("in_buffer") << 9
-        | part.number("coming") << 8
-        | part.number("event_number")
-    )
+    """Return the event id of a `DIAGNOSTIC_EVENT`, which its first fields share, -1 when the part was cut before it."""
+    return part.leading(2)
 
 
 def event_note(part: Part) -> str:

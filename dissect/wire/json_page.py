@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from dissect.wire.text import json_text
+from dissect.wire.text import JsonTexts, json_text
 
 _CONSTANTS: Final[dict[object, str]] = {None: "null", True: "true", False: "false"}
 
@@ -17,37 +17,46 @@ _CONSTANTS: Final[dict[object, str]] = {None: "null", True: "true", False: "fals
 _MAX_NAMES: Final = 4096
 
 
+#: Characters from which a text is looked for among those before: sentences and advice, not times and addresses.
+_LONG: Final = 40
+
+
 def json_page(value: object, indent: int, before: str = "") -> str:
     r"""Return ``json.dumps(value, indent=indent)`` with ``before`` in front of each line but the first, DEL as ``\u007f``."""
-    page = _Page(" " * indent)
-    page.lay(value, f"\n{before}")
-    return "".join(page.parts)
+    return JsonPage(indent).text(value, before)
 
 
-class _Page:
-    """The pieces of a page, whose levels stand in by ``indent``."""
+class JsonPage:
+    """Makes `json_page` of many values; names and sentences that come again are put together once."""
 
-    __slots__ = ("_indent", "_names", "parts")
+    __slots__ = ("_indent", "_names", "_parts", "_texts")
 
-    def __init__(self, indent: str) -> None:
-        self.parts: list[str] = []
-        self._indent = indent
+    def __init__(self, indent: int) -> None:
+        self._parts: list[str] = []
+        self._indent = " " * indent
         self._names: dict[str, dict[str, str]] = {}  # by the beginning of the line
+        self._texts: JsonTexts = JsonTexts()
 
-    def lay(self, value: object, line: str) -> None:
+    def text(self, value: object, before: str = "") -> str:
+        """Return `json_page` of a value."""
+        self._parts = []
+        self._lay(value, f"\n{before}")
+        return "".join(self._parts)
+
+    def _lay(self, value: object, line: str) -> None:
         """Add the pieces of a value whose lines begin with ``line``."""
         if isinstance(value, str):
-            self.parts.append(json_text(value))
+            self._parts.append(json_text(value) if len(value) < _LONG else self._texts.of(value))
         elif value is None or isinstance(value, bool):
-            self.parts.append(_CONSTANTS[value])
+            self._parts.append(_CONSTANTS[value])
         elif type(value) is int:
-            self.parts.append(str(value))
+            self._parts.append(str(value))
         elif isinstance(value, dict):
             self._object(value, line)
         elif isinstance(value, (list, tuple)):
             self._list(value, line)
         else:
-            self.parts.append(json.dumps(value).replace("\x7f", "\\u007f"))
+            self._parts.append(json.dumps(value).replace("\x7f", "\\u007f"))
 
     def _object(self, value: dict[object, object], line: str) -> None:
         inner = line + self._indent
@@ -56,21 +65,21 @@ class _Page:
             names = self._names[inner] = {}
         begin = "{"
         for key, one in value.items():
-            self.parts.append(begin)
+            self._parts.append(begin)
             begin = ","
             name = names.get(key) if isinstance(key, str) else None
-            self.parts.append(name if name is not None else _named(names, key, inner))
-            self.lay(one, inner)
-        self.parts.append(f"{line}}}" if value else "{}")
+            self._parts.append(name if name is not None else _named(names, key, inner))
+            self._lay(one, inner)
+        self._parts.append(f"{line}}}" if value else "{}")
 
     def _list(self, value: list[object] | tuple[object, ...], line: str) -> None:
         inner = line + self._indent
         begin = "[" + inner
         for one in value:
-            self.parts.append(begin)
+            self._parts.append(begin)
             begin = "," + inner
-            self.lay(one, inner)
-        self.parts.append(f"{line}]" if value else "[]")
+            self._lay(one, inner)
+        self._parts.append(f"{line}]" if value else "[]")
 
 
 def _named(names: dict[str, str], key: object, inner: str) -> str:

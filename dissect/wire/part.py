@@ -74,6 +74,12 @@ class Part:
         found = self.find(name)
         return -1 if found is None else found.value
 
+    def leading(self, size: int) -> int:
+        """Return the number in the first ``size`` octets, whatever fields share them, -1 when the part was cut before it."""
+        if self.end - self.offset < size:
+            return -1
+        return int.from_bytes(self._octets[self.offset : self.offset + size], "big")
+
     def octets(self, name: str) -> bytes:
         """Return the octets in a field, empty when it is not there."""
         found = self.find(name)

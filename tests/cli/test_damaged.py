@@ -85,10 +85,15 @@ def holds(packets: list[Packet]) -> None:
     observed(TransactionFeed(texts), packets)
     told = [line.text for line in texts.take() if isinstance(line, Line)]
     assert len(told) == analysis.total
+    plain = TextWriter()
+    plain.plain = True
+    plain.begin(PLACES)
+    observed(TransactionFeed(plain), packets)
+    assert [line.decode() for line in plain.take() if isinstance(line, bytes)] == told
     rows = CsvWriter()
     rows.begin(PLACES)
     observed(TransactionFeed(rows), packets)
-    table = [line.decode() for line in rows.take() if isinstance(line, bytes)]
+    table = [row for line in rows.take() if isinstance(line, bytes) for row in line.decode().split("\n")]
     assert {int(line.partition(",")[0]) for line in table[1:]} == set(range(1, int(analysis.total) + 1))
     shown += told + table
     pdus = JsonlWriter()

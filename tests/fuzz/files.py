@@ -144,10 +144,15 @@ def _transactions(octets: bytes, way: Way) -> None:
     told = [line.text for line in texts.take() if isinstance(line, Line)]
     assert len(told) == len(lines)
     check_lines(told)
+    plain = TextWriter()
+    plain.plain = True
+    plain.begin(places)
+    drive(octets, TransactionFeed(plain), way.carrier(), way.other)
+    assert [line.decode() for line in plain.take() if isinstance(line, bytes)] == told
     rows = CsvWriter()
     rows.begin(places)
     drive(octets, TransactionFeed(rows), way.carrier(), way.other)
-    table = [line.decode() for line in rows.take() if isinstance(line, bytes)]
+    table = [row for line in rows.take() if isinstance(line, bytes) for row in line.decode().split("\n")]
     assert len(table) > len(lines)
     check_lines(table)
     for cells in csv.reader(io.StringIO("\n".join(table))):
