@@ -59,7 +59,7 @@ def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator
     yield "last_time", clock.iso(pipeline.now_ns) if pipeline.frames else None
     yield "packets", _packets(pipeline)
     connections = sorted(analysis.connections, key=_number)
-    yield "connections", (connection_as_dict(connection, places) for connection in connections)
+    yield "connections", (connection_as_dict(connection, places, clock) for connection in connections)
     yield "connections_not_listed", analysis.connections_not_listed
     yield from described.items()
     yield "devices", [station_as_dict(station) for station in stations_that_state(analysis.stations)]
@@ -70,7 +70,7 @@ def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator
     yield "failed", (json.loads(lines.line(transaction)) for transaction in analysis.failed)
     yield "slowest", (json.loads(lines.line(transaction)) for transaction in analysis.slowest())
     yield "findings", dict(sorted(analysis.finding_counts.items()))
-    yield "finding_details", (finding_as_dict(finding, places) for finding in by_weight(analysis.findings))
+    yield "finding_details", (finding_as_dict(finding, places, clock) for finding in by_weight(analysis.findings))
     yield "loss", _loss(pipeline)
 
 
@@ -156,10 +156,10 @@ def _place(key: str, frame: int, places: Places) -> dict[str, object]:
     return {f"{key}_frame": number, f"{key}_file": name}
 
 
-def connection_as_dict(connection: Connection, places: Places) -> dict[str, object]:
-    """Return one connection: who, TSAPs, negotiated values, counts, how it ended."""
+def connection_as_dict(connection: Connection, places: Places, clock: Clock | None = None) -> dict[str, object]:
+    """Return one connection: who, TSAPs, negotiated values, counts, how it ended. ``clock`` saves those of many their own."""
     tcp = connection.tcp
-    clock = Clock()
+    clock = clock or Clock()
     ended_by = str(tcp.ends[tcp.ended_by]) if tcp.ended_by >= 0 else None
     return {
         "number": connection.number,
@@ -201,25 +201,26 @@ def by_weight(findings: Sequence[Finding]) -> Iterator[Finding]:
     """Yield findings ordered by severity, the heaviest first, then as they came."""
     sorted_out: dict[str, list[Finding]] = {severity: [] for severity in SEVERITIES}
     for finding in findings:
-        sorted_out[finding.severity].append(finding)
+        sorted_out[finding.rule.severity].append(finding)
     for found in sorted_out.values():
         yield from found
 
 
-def finding_as_dict(finding: Finding, places: Places) -> dict[str, object]:
-    """Return one detailed finding."""
+def finding_as_dict(finding: Finding, places: Places, clock: Clock | None = None) -> dict[str, object]:
+    """Return one detailed finding. ``clock`` saves those of many their own."""
+    rule = finding.rule
     values: dict[str, object] = {
-        "slug": finding.slug,
-        "severity": finding.severity,
-        "kind": finding.rule.kind,
+        "slug": rule.slug,
+        "severity": rule.severity,
+        "kind": rule.kind,
         "connection": finding.connection or None,
-        "frames": [places.number(frame) for frame in finding.frames],
+        "frames": [places.number(frame) for frame in finding.frames] if places.several else list(finding.frames),
     }
     if places.several:
         values["files"] = [places.locate(frame)[0] for frame in finding.frames]
-    values["time"] = Clock().iso(finding.time_ns) if finding.time_ns else None
-    values["sentence"] = finding.rule.sentence
+    values["time"] = (clock or Clock()).iso(finding.time_ns) if finding.time_ns else None
+    values["sentence"] = rule.sentence
     values["detail"] = encodable(finding.detail)
-    values["advice"] = finding.rule.advice
-    values["techniques"] = [technique.as_dict() for technique in finding.rule.techniques]
+    values["advice"] = rule.advice
+    values["techniques"] = [technique.as_dict() for technique in rule.techniques]
     return values

@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.wire.text import JsonTexts, json_text
 
 _CONSTANTS: Final[dict[object, str]] = {None: "null", True: "true", False: "false"}
@@ -29,22 +31,29 @@ def json_page(value: object, indent: int, before: str = "") -> str:
 class JsonPage:
     """Makes `json_page` of many values; names and sentences that come again are put together once."""
 
-    __slots__ = ("_indent", "_names", "_parts", "_texts")
+    __slots__ = ("_before", "_indent", "_lines", "_names", "_parts", "_texts")
 
     def __init__(self, indent: int) -> None:
         self._parts: list[str] = []
         self._indent = " " * indent
-        self._names: dict[str, dict[str, str]] = {}  # by the beginning of the line
+        self._before = ""
+        # By depth: how a line begins there, and names with what stands before and behind them.
+        self._lines: list[str] = ["\n"]
+        self._names: list[dict[str, str]] = [{}]
         self._texts: JsonTexts = JsonTexts()
 
     def text(self, value: object, before: str = "") -> str:
         """Return `json_page` of a value."""
+        if before != self._before:
+            self._before = before
+            self._lines = [f"\n{before}"]
+            self._names = [{}]
         self._parts = []
-        self._lay(value, f"\n{before}")
+        self._lay(value, 0)
         return "".join(self._parts)
 
-    def _lay(self, value: object, line: str) -> None:
-        """Add the pieces of a value whose lines begin with ``line``."""
+    def _lay(self, value: object, depth: i64) -> None:
+        """Add the pieces of a value whose lines begin as those of ``depth``."""
         if isinstance(value, str):
             self._parts.append(json_text(value) if len(value) < _LONG else self._texts.of(value))
         elif value is None or isinstance(value, bool):
@@ -52,34 +61,46 @@ class JsonPage:
         elif type(value) is int:
             self._parts.append(str(value))
         elif isinstance(value, dict):
-            self._object(value, line)
+            self._object(value, depth)
         elif isinstance(value, (list, tuple)):
-            self._list(value, line)
+            self._list(value, depth)
         else:
             self._parts.append(json.dumps(value).replace("\x7f", "\\u007f"))
 
-    def _object(self, value: dict[object, object], line: str) -> None:
-        inner = line + self._indent
-        names = self._names.get(inner)
-        if names is None:
-            names = self._names[inner] = {}
+    def _deeper(self, depth: i64) -> None:
+        """See that there is what lines of ``depth`` have in common."""
+        if depth == len(self._lines):
+            self._lines.append(self._lines[depth - 1] + self._indent)
+            self._names.append({})
+
+    def _object(self, value: dict[object, object], depth: i64) -> None:
+        inner = depth + 1
+        self._deeper(inner)
+        names = self._names[inner]
+        parts = self._parts
         begin = "{"
         for key, one in value.items():
-            self._parts.append(begin)
+            parts.append(begin)
             begin = ","
             name = names.get(key) if isinstance(key, str) else None
-            self._parts.append(name if name is not None else _named(names, key, inner))
+            parts.append(name if name is not None else _named(names, key, self._lines[inner]))
             self._lay(one, inner)
-        self._parts.append(f"{line}}}" if value else "{}")
+        parts.append(f"{self._lines[depth]}}}" if value else "{}")
 
-    def _list(self, value: list[object] | tuple[object, ...], line: str) -> None:
-        inner = line + self._indent
-        begin = "[" + inner
+    def _list(self, value: list[object] | tuple[object, ...], depth: i64) -> None:
+        if not value:
+            self._parts.append("[]")
+            return
+        inner = depth + 1
+        self._deeper(inner)
+        line = self._lines[inner]
+        begin = "["
         for one in value:
             self._parts.append(begin)
-            begin = "," + inner
+            begin = ","
+            self._parts.append(line)
             self._lay(one, inner)
-        self._parts.append(f"{line}]" if value else "[]")
+        self._parts.append(f"{self._lines[depth]}]")
 
 
 def _named(names: dict[str, str], key: object, inner: str) -> str:
