@@ -11,10 +11,9 @@ _DAY_NS: Final = 86_400 * _NS
 _EPOCH: Final = date(1970, 1, 1).toordinal()
 _LAST_NS: Final = 2**63 - 1
 
-_SECONDS: Final = re.compile(r"([0-9]{1,9})(?:\.([0-9]{1,9}))?s?")
-_TIME: Final = re.compile(
-    r"(?:([0-9]{4})-([0-9]{2})-([0-9]{2})[T ])?([0-9]{2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,9}))?Z?"
-)
+# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+_SECONDS: Final = r"([0-9]{1,9})(?:\.([0-9]{1,9}))?s?"
+_TIME: Final = r"(?:([0-9]{4})-([0-9]{2})-([0-9]{2})[T ])?([0-9]{2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,9}))?Z?"
 
 # What a moment is counted from.
 _START: Final = "start"
@@ -93,10 +92,10 @@ def parse_window(text: str) -> Window:
 
 def parse_moment(text: str) -> Moment:
     """Return the moment that an end of a window means. ValueError, for a person, when it means none."""
-    found = _SECONDS.fullmatch(text)
+    found = re.fullmatch(_SECONDS, text)
     if found:
         return Moment(_START, int(found[1]) * _NS + _fraction(found[2]))
-    found = _TIME.fullmatch(text)
+    found = re.fullmatch(_TIME, text)
     if not found:
         raise ValueError(f"{text!r} is not a time: expected HH:MM:SS, YYYY-MM-DDTHH:MM:SS (both UTC), or seconds")
     hour, minute, second = int(found[4]), int(found[5]), int(found[6])

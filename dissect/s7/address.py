@@ -33,11 +33,12 @@ MAX_OCTET: Final = (1 << 21) - 1
 MAX_DB: Final = 0xFFFF
 
 _AREAS: Final[dict[str, int]] = {letters: area for area, letters in AREA_LETTERS.items()}
-_IN_BLOCK: Final = re.compile(r"(DB|DI)([0-9]{1,8})\.\1([XBWDL])([0-9]{1,8})(?:\.([0-7]))?")
-_IN_RECORD: Final = re.compile(r"RECORD([0-9]{1,8})@([0-9]{1,8})")
-_NUMBERED: Final = re.compile(r"(C200|T200|[CTZ]):?([0-9]{1,8})")
-_ELSEWHERE: Final = re.compile(r"([A-Z])([BWDL]?)([0-9]{1,8})(?:\.([0-7]))?")
-_SPELT_OUT: Final = re.compile(r"(area0x[0-9a-f]{2}|[A-Z0-9]+):([XBWDL])([0-9]{1,8})(?:\.([0-7]))?")
+# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+_IN_BLOCK: Final = r"(DB|DI)([0-9]{1,8})\.\1([XBWDL])([0-9]{1,8})(?:\.([0-7]))?"
+_IN_RECORD: Final = r"RECORD([0-9]{1,8})@([0-9]{1,8})"
+_NUMBERED: Final = r"(C200|T200|[CTZ]):?([0-9]{1,8})"
+_ELSEWHERE: Final = r"([A-Z])([BWDL]?)([0-9]{1,8})(?:\.([0-7]))?"
+_SPELT_OUT: Final = r"(area0x[0-9a-f]{2}|[A-Z0-9]+):([XBWDL])([0-9]{1,8})(?:\.([0-7]))?"
 
 
 class Address:
@@ -65,15 +66,15 @@ def parse_address(text: str) -> Address | None:
 
     It takes all that `address_text` writes, and the German letters E, A and Z.
     """
-    if found := _IN_BLOCK.fullmatch(text):
+    if found := re.fullmatch(_IN_BLOCK, text):
         return Address(DB if found[1] == "DB" else DI, int(found[2]), int(found[4]), found[3], int(found[5] or -1))
-    if found := _IN_RECORD.fullmatch(text):
+    if found := re.fullmatch(_IN_RECORD, text):
         return Address(RECORD_AREA, int(found[1]), int(found[2]))
-    if found := _NUMBERED.fullmatch(text):
+    if found := re.fullmatch(_NUMBERED, text):
         return Address(_AREAS.get(found[1], LETTER_AREAS["Z"]), 0, int(found[2]))
-    if (found := _ELSEWHERE.fullmatch(text)) and LETTER_AREAS.get(found[1], 0x1C) not in NUMBERED_AREAS:
+    if (found := re.fullmatch(_ELSEWHERE, text)) and LETTER_AREAS.get(found[1], 0x1C) not in NUMBERED_AREAS:
         return Address(LETTER_AREAS[found[1]], 0, int(found[3]), found[2], int(found[4] or -1))
-    if found := _SPELT_OUT.fullmatch(text):
+    if found := re.fullmatch(_SPELT_OUT, text):
         area = int(found[1][4:], 16) if found[1].startswith("area") else _AREAS.get(found[1], -1)
         if area >= 0 and area not in DB_AREAS and area not in NUMBERED_AREAS:
             return Address(area, 0, int(found[3]), found[2], int(found[4] or -1))

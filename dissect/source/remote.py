@@ -26,10 +26,11 @@ _AHEAD: Final = 4 * 1024 * 1024
 MAX_DAYS: Final = 3660
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
-_PATTERN: Final = re.compile(r"[*?\[]")
-_DAYS: Final = re.compile(r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}")
+# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+_PATTERN: Final = r"[*?\[]"
+_DAYS: Final = r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}"
 #: What of an address in the words of others is not shown: a password, and what may sign a URL.
-_SECRETS: Final = re.compile(r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+")
+_SECRETS: Final = r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+"
 _REASON: Final = 200
 _NOT_FOUND: Final = 404
 
@@ -169,7 +170,7 @@ def _reason(error: Exception) -> str:
     """Return what an error says in one line that cannot steer a terminal; its name where it says nothing."""
     if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
-    return shortened(_SECRETS.sub("…", " ".join(str(error).split())) or type(error).__name__, _REASON)
+    return shortened(re.sub(_SECRETS, "…", " ".join(str(error).split())) or type(error).__name__, _REASON)
 
 
 # ---- several files by one name --------------------------------------------------------------------------------------
@@ -198,12 +199,12 @@ def _nothing(name: str) -> list[str]:
 def _matches(name: str, must: bool = True) -> list[str]:
     """Return the files of one pattern; a name that is none stands for itself, if it ``must`` be there or is."""
     if is_remote(name):
-        if not _PATTERN.search(name.partition("://")[2].partition("?")[0]) or name.startswith("http"):
+        if not re.search(_PATTERN, name.partition("://")[2].partition("?")[0]) or name.startswith("http"):
             return [name] if must or _exists(name) else []
         return _asked(name, lambda: _globbed(name))
     if name == "-" or Path(name).exists():
         return [name]
-    if not _PATTERN.search(name):
+    if not re.search(_PATTERN, name):
         return [name] if must else []
     return _local(name)
 
@@ -233,7 +234,7 @@ def _exists(name: str) -> bool:
 
 def _days(name: str) -> list[str]:
     """Return a name once for each day of the range that it has, in order."""
-    match = _DAYS.search(name)
+    match = re.search(_DAYS, name)
     if match is None:
         return [name]
     dashed = "-" in match[1]

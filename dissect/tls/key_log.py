@@ -17,8 +17,9 @@ TRAFFIC_OF: Final = ("CLIENT_TRAFFIC_SECRET_0", "SERVER_TRAFFIC_SECRET_0")
 #: Labels that open records; the others of the format (exporters, ECH) are known and not kept.
 _KEPT: Final = frozenset((MASTER, EARLY, *HANDSHAKE_OF, *TRAFFIC_OF))
 _KNOWN: Final = frozenset(("EARLY_EXPORTER_SECRET", "EXPORTER_SECRET", "ECH_SECRET", "ECH_CONFIG", "RSA"))
-_LINE: Final = re.compile(rb"([A-Z][A-Z0-9_]{1,63}) ([0-9A-Fa-f]{2,512}) ([0-9A-Fa-f]{2,512})")
-_BEGINNING: Final = re.compile(rb"[A-Z][A-Z0-9_]{0,63}( [0-9A-Fa-f]{0,512}( [0-9A-Fa-f]{0,512})?)?")
+# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+_LINE: Final = rb"([A-Z][A-Z0-9_]{1,63}) ([0-9A-Fa-f]{2,512}) ([0-9A-Fa-f]{2,512})"
+_BEGINNING: Final = rb"[A-Z][A-Z0-9_]{0,63}( [0-9A-Fa-f]{0,512}( [0-9A-Fa-f]{0,512})?)?"
 _RANDOM: Final = 32
 _SECRETS: Final = frozenset((32, 48, 64))
 
@@ -59,7 +60,7 @@ class KeyLog:
 
     def _line(self, line: bytes) -> bool:
         """Take a line; False when it has another form."""
-        found = _LINE.fullmatch(line)
+        found = re.fullmatch(_LINE, line)
         if found is None:
             return False
         label = found[1].decode("ascii")
@@ -94,7 +95,7 @@ class KeyLog:
                 self.add(b"\n".join(whole))
                 end = _stripped(rest)
                 source.unfinished = not (_says_nothing(end) or self._line(end))
-                if source.unfinished and _BEGINNING.fullmatch(end) is None:
+                if source.unfinished and re.fullmatch(_BEGINNING, end) is None:
                     self.add(rest)
                     source.rest, source.unfinished = b"", False
 

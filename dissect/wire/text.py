@@ -26,9 +26,10 @@ _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
 
 #: What a spreadsheet takes for the beginning of a formula; some take the full-width forms for it too.
 _FORMULA: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
 #: The same behind a semicolon, which separates cells where the comma separates decimals.
-_LATER_FORMULA: Final = re.compile("(;\\s*)(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])")
-_NUMBER: Final = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
+_LATER_FORMULA: Final = "(;\\s*)(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
+_NUMBER: Final = r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?"
 
 #: Numbers below 1000, as they are and with three digits: most of what the bulk outputs write are digits, and `str` takes
 #: several times as long as looking them up.
@@ -159,9 +160,9 @@ def shortened(text: str, most: int) -> str:
 def cell(text: str) -> str:
     """Return ``text`` as a spreadsheet cell that is never taken for a formula; numbers stay numbers."""
     safe = printable(text)
-    if safe.startswith(_FORMULA) and not _NUMBER.fullmatch(safe):
+    if safe.startswith(_FORMULA) and not re.fullmatch(_NUMBER, safe):
         safe = "'" + safe
-    return _LATER_FORMULA.sub(r"\1'", safe) if ";" in safe else safe
+    return re.sub(_LATER_FORMULA, r"\1'", safe) if ";" in safe else safe
 
 
 _NS_PER_S: Final = 1_000_000_000

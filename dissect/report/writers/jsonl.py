@@ -34,7 +34,6 @@ from dissect.report.plus import plus_pdu_line
 from dissect.report.scd import scd_json, scd_line_json
 from dissect.report.words import Places, carried
 from dissect.report.writer import Writer
-from dissect.s7.hiding import without_secrets
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import Parameters, Setup
@@ -524,6 +523,8 @@ class JsonlWriter(Writer):
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
+        from dissect.s7.hiding import without_secrets  # late: eight modules, and lines of transactions do without
+
         connection = side.connection
         pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
         self.lines.append(self._pdus.line(pdu, connection))
