@@ -254,11 +254,13 @@ class _Proxy:
             self._lines.show(self._session.poll(POLL_S, POLL_MOST))
             if running or self._session.waiting:
                 continue
+            if not told and self._session.error is not None:
+                told = True
+                _say(
+                    f"the dissection failed: {self._session.error!r}{'; traffic is still relayed' if relaying else ''}"
+                )
             if not relaying:
                 return
-            if not told:
-                told = True
-                _say(f"the dissection failed: {self._session.error!r}; traffic is still relayed")
             self._relay.join(POLL_S)
 
     def _code(self) -> int:

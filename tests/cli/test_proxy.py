@@ -197,7 +197,10 @@ def listens(port: int) -> bool:
 def test_a_dissection_that_breaks_off_does_not_stop_the_relay(
     monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
+    failed = threading.Event()
+
     def broken(self: RelayReader, passed: Passed) -> list[bytes]:
+        failed.set()
         raise RuntimeError("a bug")
 
     monkeypatch.setattr(RelayReader, "_frames", broken)
@@ -209,6 +212,7 @@ def test_a_dissection_that_breaks_off_does_not_stop_the_relay(
             try:
                 eventually(lambda: listens(port))
                 used(port)
+                assert failed.wait(20)
                 used(port)
             finally:
                 os.kill(os.getpid(), signal.SIGTERM)
@@ -218,9 +222,39 @@ def test_a_dissection_that_breaks_off_does_not_stop_the_relay(
         ran = run(capfdbinary, "proxy", "--listen", f"127.0.0.1:{port}", "--to", f"127.0.0.1:{server.port}")
         thread.join()
     assert ran.code == 3
-    assert "s7dissect: the dissection failed: RuntimeError('a bug'); traffic is still relayed\n" in ran.err
+    assert ran.err.count("s7dissect: the dissection failed: RuntimeError('a bug')") == 1
     assert re.search(r"s7dissect: \d connections? relayed; [1-9]\d+ bytes from clients", ran.err)
     assert sys.getswitchinterval() == turn
+
+
+def test_a_dissection_that_breaks_off_when_the_relay_has_ended_is_reported(
+    monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    port = port_of_nobody()
+    ended = threading.Event()
+
+    def broken(self: RelayReader, passed: Passed) -> list[bytes]:
+        ended.wait(20)
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(RelayReader, "_frames", broken)
+    with plc() as server:
+
+        def work() -> None:
+            try:
+                eventually(lambda: listens(port))
+                used(port)
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
+                eventually(lambda: not listens(port))
+                ended.set()
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        ran = run(capfdbinary, "proxy", "--listen", f"127.0.0.1:{port}", "--to", f"127.0.0.1:{server.port}")
+        thread.join()
+    assert ran.code == 3
+    assert ran.err.count("s7dissect: the dissection failed: RuntimeError('a bug')") == 1
 
 
 def refused(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -> str:
