@@ -12,7 +12,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -23,7 +23,7 @@ import snap7.error
 from dissect.cli.main import COMMANDS
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import Passed
-from tests.cli.support import run
+from tests.cli.support import Ran, run
 from tests.conftest import Command
 from tests.live.support import client, plc
 from tests.proxy.support import WRONG, eventually, port_of_nobody, tshark
@@ -194,6 +194,25 @@ def listens(port: int) -> bool:
         return one.connect_ex(("127.0.0.1", port)) == 0
 
 
+def run_while(capfdbinary: pytest.CaptureFixture[bytes], use: Callable[[int], None]) -> Ran:
+    """Run `proxy` in front of a server until ``use`` has used its port."""
+    port = port_of_nobody()
+    with plc() as server:
+
+        def work() -> None:
+            try:
+                eventually(lambda: listens(port))
+                use(port)
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        ran = run(capfdbinary, "proxy", "--listen", f"127.0.0.1:{port}", "--to", f"127.0.0.1:{server.port}")
+        thread.join()
+    return ran
+
+
 def test_a_dissection_that_breaks_off_does_not_stop_the_relay(
     monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
@@ -203,24 +222,14 @@ def test_a_dissection_that_breaks_off_does_not_stop_the_relay(
         failed.set()
         raise RuntimeError("a bug")
 
+    def use(port: int) -> None:
+        used(port)
+        assert failed.wait(20)
+        used(port)
+
     monkeypatch.setattr(RelayReader, "_frames", broken)
     turn = sys.getswitchinterval()
-    port = port_of_nobody()
-    with plc() as server:
-
-        def work() -> None:
-            try:
-                eventually(lambda: listens(port))
-                used(port)
-                assert failed.wait(20)
-                used(port)
-            finally:
-                os.kill(os.getpid(), signal.SIGTERM)
-
-        thread = threading.Thread(target=work)
-        thread.start()
-        ran = run(capfdbinary, "proxy", "--listen", f"127.0.0.1:{port}", "--to", f"127.0.0.1:{server.port}")
-        thread.join()
+    ran = run_while(capfdbinary, use)
     assert ran.code == 3
     assert ran.err.count("s7dissect: the dissection failed: RuntimeError('a bug')") == 1
     assert re.search(r"s7dissect: \d connections? relayed; [1-9]\d+ bytes from clients", ran.err)
@@ -230,31 +239,22 @@ def test_a_dissection_that_breaks_off_does_not_stop_the_relay(
 def test_a_dissection_that_breaks_off_when_the_relay_has_ended_is_reported(
     monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
-    port = port_of_nobody()
-    ended = threading.Event()
+    stopped = threading.Event()
+    stop = RelayReader.stop
+
+    def stopping(self: RelayReader) -> None:  # the command does so when it sees that the relay has ended
+        stop(self)
+        stopped.set()
 
     def broken(self: RelayReader, passed: Passed) -> list[bytes]:
-        ended.wait(20)
+        stopped.wait(20)
         raise RuntimeError("a bug")
 
+    monkeypatch.setattr(RelayReader, "stop", stopping)
     monkeypatch.setattr(RelayReader, "_frames", broken)
-    with plc() as server:
-
-        def work() -> None:
-            try:
-                eventually(lambda: listens(port))
-                used(port)
-            finally:
-                os.kill(os.getpid(), signal.SIGTERM)
-                eventually(lambda: not listens(port))
-                ended.set()
-
-        thread = threading.Thread(target=work)
-        thread.start()
-        ran = run(capfdbinary, "proxy", "--listen", f"127.0.0.1:{port}", "--to", f"127.0.0.1:{server.port}")
-        thread.join()
+    ran = run_while(capfdbinary, used)
     assert ran.code == 3
-    assert ran.err.count("s7dissect: the dissection failed: RuntimeError('a bug')") == 1
+    assert ran.err.count("s7dissect: the dissection failed: RuntimeError('a bug')\n") == 1
 
 
 def refused(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -> str:
