@@ -62,6 +62,10 @@ _COMPONENTS: Final[dict[int, str]] = {
 }
 _COMPONENT_LAYOUTS: Final = frozenset([id(layout) for layout in COMPONENT_RECORDS.values()])
 _GENERAL: Final = CAPABILITY_RECORDS[0x01]
+#: Records that say something of a station; lists have others as well, which need not be cut.
+_TELLING_RECORDS: Final = _COMPONENT_LAYOUTS | frozenset(
+    [id(layout) for layout in (IDENTIFICATION, OPERATING_MODE, PROTECTION, _GENERAL, ETHERNET)]
+)
 #: What list 0x11 identifies, by index.
 _MODULE: Final = 0x0001
 _HARDWARE: Final = 0x0006
@@ -154,13 +158,15 @@ class Evidence:
 
 
 def _records(payload: bytes) -> list[Part]:
-    """Cut the records of a list that is whole; those that are not there are left out."""
+    """Cut the telling records of a list that is whole; those that are not there are left out."""
     szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
     if extract(szl_id) == HEAD_ONLY or not length:
         return []
     parts = []
     for at in range(SZL_HEAD.size, min(len(payload) - length, SZL_HEAD.size + (count - 1) * length) + 1, length):
         layout = record_layout(szl_id, payload, at, at + length)
+        if id(layout) not in _TELLING_RECORDS:
+            continue
         parts.append(Part(layout, payload, at, at + (length if layout.open else min(length, layout.size))))
     return parts
 

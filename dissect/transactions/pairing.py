@@ -42,6 +42,7 @@ from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
     HOLE,
+    OPEN,
     ORPHAN,
     PUSH,
     REFERENCE_REUSED,
@@ -113,13 +114,14 @@ class OpenRequests:
     whose answers were not captured.
     """
 
-    __slots__ = ("_given_up", "_latest", "_latest_key", "_table", "count", "orphans")
+    __slots__ = ("_given_up", "_latest", "_latest_key", "_long_open", "_table", "count", "orphans")
 
     def __init__(self) -> None:
         self._latest: Transaction | None = None  # asked after all those of `_table`, until another one is
         self._latest_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
+        self._long_open: Transaction | None = None  # where `open_since` ended when it looked last
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 
@@ -266,9 +268,7 @@ class OpenRequests:
             while behind is not None and behind.superseded is not None:
                 newer = behind
                 behind = behind.superseded
-            if behind is not None:
-                return self._take_behind(newer, behind)
-            return self.take(key, found)
+            return self._take_behind(newer, behind) if behind is not None else self.take(key, found)
         return None
 
     def asked_after(self, number: i64) -> list[Transaction]:
@@ -305,21 +305,25 @@ class OpenRequests:
     def open_since(self, time_ns: i64, frame: i64, enough: i64) -> i64:
         """Return how many requests were asked at ``time_ns`` or later, after packet ``frame``, and are still open.
 
-        Stops counting at ``enough``, so that it costs no more when there are thousands.
-        An identical request has the place of the one before it, so that some of them may be overlooked.
+        Stops counting at ``enough``; where that many are open and one is known to be older, it does not begin: a request whose
+        answer was lost stays open, and every later one asks here. Of identical requests some may be overlooked.
         """
+        before = self._long_open
+        if before is not None and before.outcome == OPEN and self.count == enough and _older(before, time_ns, frame):
+            return enough - 1
         count: i64 = 0
         latest = self._latest
         if latest is not None:
-            if latest.request_ns < time_ns or latest.request_frame <= frame:
+            if _older(latest, time_ns, frame):
                 return 0
             count = 1  # what is identical to another one is in the table
         for transaction in reversed(self._table.values()):
             link: Transaction | None = transaction
-            while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
+            while link is not None and not _older(link, time_ns, frame):
                 count += 1
                 link = link.earlier
             if link is transaction or count >= enough:
+                self._long_open = link
                 break
         return count
 
@@ -335,8 +339,7 @@ class OpenRequests:
         """Keep an answer without request for a moment; return one that had to leave for it."""
         orphans = self.orphans
         if orphans is None:
-            orphans = []
-            self.orphans = orphans
+            orphans = self.orphans = []
         orphans.append(Orphan(key, answer, ack, packet))
         if len(orphans) > MAX_ORPHANS:
             return orphans.pop(0).transaction
@@ -344,34 +347,27 @@ class OpenRequests:
 
     def find_orphan(self, key: i64, end_seq: i64) -> Orphan | None:
         """Return the held answer that fits a request ending at sequence number ``end_seq``, None when there is none."""
-        orphans = self.orphans
-        if orphans is not None:
-            for orphan in orphans:
-                if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
-                    return orphan
+        for orphan in self.orphans or []:
+            if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
+                return orphan
         return None
 
     def release_orphan(self, orphan: Orphan) -> None:
         """Stop holding an answer: its request turned up."""
-        orphans = self.orphans
-        if orphans is not None:
-            orphans.remove(orphan)
-            if not orphans:
-                self.orphans = None
+        if self.orphans is not None:
+            self.orphans.remove(orphan)
+            self.orphans = self.orphans or None
 
     def expired_orphans(self, time_ns: i64, packet: i64) -> list[Transaction]:
         """Remove and return the held answers whose time is over."""
         orphans = self.orphans
         gone: list[Transaction] = []
-        if orphans is None:
-            return gone
         while orphans and (
             time_ns - orphans[0].transaction.response_ns > ORPHAN_HOLD_NS
             or packet - orphans[0].packet > ORPHAN_HOLD_FRAMES
         ):
             gone.append(orphans.pop(0).transaction)
-        if not orphans:
-            self.orphans = None
+        self.orphans = orphans or None
         return gone
 
 
@@ -718,3 +714,7 @@ def _holes(side: Side) -> bool:
 
 def _number(transaction: Transaction) -> int:
     return transaction.number
+
+
+def _older(request: Transaction, time_ns: i64, frame: i64) -> bool:
+    return request.request_ns < time_ns or request.request_frame <= frame

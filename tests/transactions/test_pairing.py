@@ -15,7 +15,7 @@ from dissect.transactions.pairing import (
     REPEAT_NS,
     OpenRequests,
 )
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 from tests.growth import assert_growth
 
 CONNECTION = Connection(
@@ -46,6 +46,10 @@ def put(requests: OpenRequests, key: int, transaction: Transaction) -> list[int]
         requests.add(key, transaction)
         return []
     replaced = requests.add_again(key, transaction, waiting)
+    link = replaced
+    while link is not None:
+        link.outcome = UNANSWERED
+        link = link.earlier
     return chain(replaced)
 
 
@@ -60,7 +64,9 @@ def chain(transaction: Transaction | None) -> list[int]:
 def take(requests: OpenRequests, key: int) -> int:
     found = requests.find(key)
     assert found is not None
-    return requests.take(key, found).number
+    taken = requests.take(key, found)
+    taken.outcome = ANSWERED
+    return taken.number
 
 
 # ---- open requests --------------------------------------------------------------------------------------------------
@@ -191,6 +197,29 @@ def test_requests_open_since() -> None:
     assert OpenRequests().open_since(0, 0, 99) == 0
 
 
+def test_what_is_long_open_is_not_counted_again() -> None:
+    """A request whose answer was lost stays open for ever, and each later one asks how many are open beside it."""
+    requests = OpenRequests()
+    lost = request(1, b"lost", 10)
+    put(requests, 1, lost)
+    put(requests, 2, request(2, b"x", 1000))
+    assert requests.open_since(500, 0, 2) == 1
+    for number in range(3, 9):
+        assert take(requests, number - 1) == number - 1
+        put(requests, number, request(number, b"x", number * 1000))
+        assert requests.open_since(500, 0, 2) == 1
+    assert requests.open_since(5, 0, 2) == 2  # the clock ran back: the lost one counts again
+    assert requests.open_since(5, 1, 2) == 1  # by its packet it does not
+    put(requests, 9, request(9, b"x", 9000))
+    assert requests.open_since(500, 0, 2) == 2  # two more than the lost one
+    assert take(requests, 9) == 9
+    assert requests.open_since(500, 0, 2) == 1
+    assert take(requests, 1) == 1
+    assert lost.outcome == ANSWERED
+    put(requests, 10, request(10, b"x", 9001))
+    assert requests.open_since(500, 0, 2) == 2
+
+
 class Model:
     """What the table must do, written plainly: a list of (key, number, octets, time) in the order of asking."""
 
@@ -230,7 +259,9 @@ def test_any_course_of_asking_and_answering(steps: list[tuple[bool, int, int, in
         assert set(requests.table) == {one[0] for one in model.open}
         assert all(len(chain(one)) <= MAX_REPEATS for one in requests.table.values())
         for since in (0, now // 2, now):
-            assert requests.open_since(since, -1, 999) <= sum(1 for one in model.open if one[3] >= since)
+            true = sum(1 for one in model.open if one[3] >= since)
+            assert requests.open_since(since, -1, 999) <= true
+            assert requests.open_since(since, -1, len(model.open)) < len(model.open) or true == len(model.open)
     assert [one.number for one in requests.drain()] == [one[1] for one in model.open]
 
 
