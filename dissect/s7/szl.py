@@ -35,6 +35,7 @@ from dissect.s7.szl_tables import HEAD_ONLY, INDEXES, MODULE_CLASSES, SZL_IDS
 from dissect.wire.layout import Field, Layout
 from dissect.wire.octets import u16
 from dissect.wire.part import Cursor, Part
+from dissect.wire.text import hex_number
 
 _ID: Final = Field("szl_id", 2, "Which list, and which extract of it.", "s7comm.data.userdata.szl_id", SZL_IDS)
 _INDEX: Final = Field("szl_index", 2, "What to pick from the list, 0 nothing.", "s7comm.data.userdata.szl_index")
@@ -69,7 +70,7 @@ def extract(szl_id: int) -> int:
 
 def list_note(szl_id: int, index: int) -> str:
     """Return what a list is for a person, for example ``SZL 0x0131 communication capability, index 1 general``."""
-    told = f"SZL 0x{szl_id:04x}"
+    told = f"SZL {hex_number(szl_id, 4)}"
     row = SZL_IDS.get(szl_id)
     if row is not None:
         told += f" {row.name}"
@@ -81,7 +82,7 @@ def list_note(szl_id: int, index: int) -> str:
     table = INDEXES.get(szl_id & 0xFF)
     if index and table is not None and part not in {0, HEAD_ONLY} and index in table:
         return f"{told}, {table.name(index)}"
-    return f"{told}, index 0x{index:04x}" if index else told
+    return f"{told}, index {hex_number(index, 4)}" if index else told
 
 
 def parse_szl(cursor: Cursor, head: UserdataHead) -> None:
@@ -194,7 +195,7 @@ def _counted(part: Part) -> str:
     if layout is BLOCK_TYPE:
         return f"{_name(part, 'index')}: at most {part.number('blocks')}"
     if layout is MODULE_STATUS:
-        return f"module at 0x{max(0, part.number('place')):04x}/0x{max(0, part.number('slot')):04x}"
+        return f"module at {hex_number(max(0, part.number('place')), 4)}/{hex_number(max(0, part.number('slot')), 4)}"
     if layout is DP_MASTER or layout is DP_MASTER_EXTENDED:
         return f"DP master system {part.number('system_id')}"
     text = part.text("text")
@@ -205,7 +206,7 @@ def _counted(part: Part) -> str:
 
 def _name(part: Part, field: str) -> str:
     """Return the meaning of a field, or its number."""
-    return part.text(field) or f"0x{max(0, part.number(field)):04x}"
+    return part.text(field) or hex_number(max(0, part.number(field)), 4)
 
 
 def _identification(part: Part) -> str:
@@ -235,4 +236,4 @@ def _operating_mode(part: Part) -> str:
     told = part.text("mode") or f"mode {part.number('mode')}"
     if part.number("previous") > 0:
         told += f", before: {_name(part, 'previous')}"
-    return f"{told}, event 0x{event:04x} {event_name(event)}" if event > 0 else told
+    return f"{told}, event {hex_number(event, 4)} {event_name(event)}" if event > 0 else told

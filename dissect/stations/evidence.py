@@ -42,6 +42,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.part import Part
+from dissect.wire.text import hex_number
 
 #: Groups of userdata that say something of a station.
 TELLING: Final = frozenset((GROUP_MODE, GROUP_BLOCKS, GROUP_CPU, GROUP_TIME))
@@ -116,7 +117,7 @@ class Evidence:
             szl_id = int.from_bytes(operation.content[:2], "big")
             if szl_id & 0xFF not in _LISTS:
                 return []
-            source = f"SZL 0x{szl_id:04x}"
+            source = f"SZL {hex_number(szl_id, 4)}"
         elif head.group != GROUP_BLOCKS:
             return []
         said = said_by(operation.content_parts(), wanted)
@@ -128,7 +129,7 @@ class Evidence:
         if len(payload) < SZL_HEAD.size or payload[1] not in _LISTS:
             return []
         szl_id = u16(payload, 0)
-        return _facts(transaction, self._said(transaction, b"", payload), f"SZL 0x{szl_id:04x}")
+        return _facts(transaction, self._said(transaction, b"", payload), f"SZL {hex_number(szl_id, 4)}")
 
     def _blocks(self, transaction: Transaction) -> list[Fact]:
         asked, payload = _asked(transaction), _answered(transaction)
