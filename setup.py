@@ -106,6 +106,7 @@ COLD: Final = (
     "dissect/*/*_layouts.py",
     "dissect/findings/block_rules.py",
     "dissect/findings/catalogue.py",
+    "dissect/findings/code_rules.py",
     "dissect/findings/mitre.py",
     "dissect/findings/operation_rules.py",
     "dissect/findings/tls_rules.py",

@@ -14,12 +14,21 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.inventory.model import Area, Device, Talk
 from dissect.inventory.roles import LISTS_BLOCKS, judge_client, judge_server
-from dissect.mc7.block import CODE_BLOCKS
 from dissect.program.carved import CarvedBlock, carve
 from dissect.report.analysis import Part
 from dissect.report.latencies import Latencies
 from dissect.s7.items import Item
-from dissect.s7.tables import AREA_LETTERS, DB_AREAS, GROUP_BLOCKS, JOB, NUMBERED_AREAS, READ_VAR, USERDATA, WRITE_VAR
+from dissect.s7.tables import (
+    AREA_LETTERS,
+    CODE_BLOCKS,
+    DB_AREAS,
+    GROUP_BLOCKS,
+    JOB,
+    NUMBERED_AREAS,
+    READ_VAR,
+    USERDATA,
+    WRITE_VAR,
+)
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS
 from dissect.s7plus.items import READS, WRITES
 from dissect.s7plus.tables import V3
