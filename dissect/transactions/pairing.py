@@ -216,8 +216,7 @@ class OpenRequests:
                 identical.earlier = None
                 identical = before
             link = behind
-        dropped.reverse()
-        return dropped
+        return dropped[::-1]
 
     def take(self, key: i64, found: Transaction) -> Transaction:
         """Close the oldest open request of ``key`` and return it; ``found`` is what `find` returns for it."""
@@ -288,6 +287,7 @@ class OpenRequests:
 
     def drain(self) -> list[Transaction]:
         """Remove and return every open request, oldest first."""
+        self._long_open = None  # its connection leads back here, and what goes in circles is not freed
         found: list[Transaction] = []
         for entry in self.table.values():
             found.extend(self.drop_superseded(entry))
@@ -566,7 +566,7 @@ class Dialogue:
         connection = side.connection
         requests = connection.open_requests[side.index]
         answering = side.peer
-        for transaction in requests.drain() if requests.count else []:
+        for transaction in requests.drain():
             self._give_up(transaction, answering, reason)
             if reason != CAPTURE_ENDED:
                 connection.open_at_end += 1
