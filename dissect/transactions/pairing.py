@@ -42,7 +42,6 @@ from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
     HOLE,
-    OPEN,
     ORPHAN,
     PUSH,
     REFERENCE_REUSED,
@@ -74,6 +73,9 @@ GIVEN_UP_NS: Final = 2_000_000_000
 
 #: Sides that asked are sought out of those whose connection is over when there are this many; more than can be open.
 _MANY_ASKING: Final = MAX_OPEN_ALL
+
+#: So many of the longest open are looked at before the latest ones.
+_FEW_OLD: Final = 8
 
 #: Requests given up from the front of a table before it is made anew.
 _FRESH: Final = 1024
@@ -114,14 +116,13 @@ class OpenRequests:
     whose answers were not captured.
     """
 
-    __slots__ = ("_given_up", "_latest", "_latest_key", "_long_open", "_table", "count", "orphans")
+    __slots__ = ("_given_up", "_latest", "_latest_key", "_table", "count", "orphans")
 
     def __init__(self) -> None:
         self._latest: Transaction | None = None  # asked after all those of `_table`, until another one is
         self._latest_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
-        self._long_open: Transaction | None = None  # where `open_since` ended when it looked last
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 
@@ -216,7 +217,8 @@ class OpenRequests:
                 identical.earlier = None
                 identical = before
             link = behind
-        return dropped[::-1]
+        dropped.reverse()
+        return dropped
 
     def take(self, key: i64, found: Transaction) -> Transaction:
         """Close the oldest open request of ``key`` and return it; ``found`` is what `find` returns for it."""
@@ -287,7 +289,6 @@ class OpenRequests:
 
     def drain(self) -> list[Transaction]:
         """Remove and return every open request, oldest first."""
-        self._long_open = None  # its connection leads back here, and what goes in circles is not freed
         found: list[Transaction] = []
         for entry in self.table.values():
             found.extend(self.drop_superseded(entry))
@@ -305,25 +306,28 @@ class OpenRequests:
     def open_since(self, time_ns: i64, frame: i64, enough: i64) -> i64:
         """Return how many requests were asked at ``time_ns`` or later, after packet ``frame``, and are still open.
 
-        Stops counting at ``enough``; where that many are open and one is known to be older, it does not begin: a request whose
-        answer was lost stays open, and every later one asks here. Of identical requests some may be overlooked.
+        Stops counting at ``enough``. Of identical requests, which have the place of the first, some may be overlooked.
         """
-        before = self._long_open
-        if before is not None and before.outcome == OPEN and self.count == enough and _older(before, time_ns, frame):
-            return enough - 1
+        # A lost answer leaves its request open, and every later one asks here: often the longest open show that it is fewer.
+        spare: i64 = self.count - enough
+        for transaction in self._table.values():
+            if not 0 <= spare <= _FEW_OLD or (transaction.request_ns >= time_ns and transaction.request_frame > frame):
+                break
+            if spare == 0:
+                return enough - 1
+            spare -= 1
         count: i64 = 0
         latest = self._latest
         if latest is not None:
-            if _older(latest, time_ns, frame):
+            if latest.request_ns < time_ns or latest.request_frame <= frame:
                 return 0
             count = 1  # what is identical to another one is in the table
         for transaction in reversed(self._table.values()):
             link: Transaction | None = transaction
-            while link is not None and not _older(link, time_ns, frame):
+            while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
                 count += 1
                 link = link.earlier
             if link is transaction or count >= enough:
-                self._long_open = link
                 break
         return count
 
@@ -566,7 +570,7 @@ class Dialogue:
         connection = side.connection
         requests = connection.open_requests[side.index]
         answering = side.peer
-        for transaction in requests.drain():
+        for transaction in requests.drain() if requests.count else []:
             self._give_up(transaction, answering, reason)
             if reason != CAPTURE_ENDED:
                 connection.open_at_end += 1
@@ -714,7 +718,3 @@ def _holes(side: Side) -> bool:
 
 def _number(transaction: Transaction) -> int:
     return transaction.number
-
-
-def _older(request: Transaction, time_ns: i64, frame: i64) -> bool:
-    return request.request_ns < time_ns or request.request_frame <= frame
