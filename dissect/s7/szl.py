@@ -12,12 +12,14 @@ from typing import Final
 from dissect.s7.diagnostic_tables import event_name
 from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, event_note
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
-from dissect.s7.szl_communication import PROTECTION
+from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION, STATUS_RECORDS
 from dissect.s7.szl_modules import DP_MASTER, DP_MASTER_EXTENDED, MANY_STATIONS, MODULE_STATUS, STATIONS
 from dissect.s7.szl_records import (
     BLANK,
     BLOCK_TYPE,
     CHARACTERISTIC,
+    COMPONENT,
+    COMPONENT_RECORDS,
     ETHERNET,
     IDENTIFICATION,
     LED,
@@ -25,10 +27,9 @@ from dissect.s7.szl_records import (
     OPERATING_MODE,
     RECORD,
     RECORD_REST,
+    RECORDS,
     SYSTEM_AREA,
     SZL_ID,
-    record_layout,
-    record_size,
     version_text,
 )
 from dissect.s7.szl_tables import HEAD_ONLY, INDEXES, MODULE_CLASSES, SZL_IDS
@@ -56,6 +57,12 @@ SZL_HEAD: Final = Layout(
 
 #: Lists of small records that say something only together; their records have no note.
 _PLAIN: Final = (SZL_ID, CHARACTERISTIC, RECORD)
+
+_COMPONENTS: Final = 0x1C
+_CAPABILITY: Final = 0x31
+_COMMUNICATION: Final = 0x32
+#: Octets of every record of these lists.
+_INDEXED_SIZES: Final[dict[int, int]] = {_COMPONENTS: 34, _CAPABILITY: 40, _COMMUNICATION: 40}
 
 
 def module_class(szl_id: int) -> int:
@@ -121,6 +128,30 @@ def starts_list(cursor: Cursor) -> bool:
         and (known == 0 or known == length)
         and length * count > cursor.left - SZL_HEAD.size
     )
+
+
+def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
+    """Return the layout of the record ``octets[at:end]`` of a list; `RECORD` when it is not known."""
+    partial = szl_id & 0xFF
+    if partial not in _INDEXED_SIZES:
+        return RECORDS.get(partial, RECORD)
+    if end - at < 2:
+        return RECORD
+    index = u16(octets, at)
+    if partial == _COMPONENTS:
+        return COMPONENT_RECORDS.get(index & 0xFF, COMPONENT)
+    known = CAPABILITY_RECORDS if partial == _CAPABILITY else STATUS_RECORDS
+    return known.get(index, RECORD)
+
+
+def record_size(szl_id: int) -> int:
+    """Return the octets that a record of a list has by its layout, 0 when it is not known or open."""
+    partial = szl_id & 0xFF
+    size = _INDEXED_SIZES.get(partial)
+    if size is not None:
+        return size
+    layout = RECORDS.get(partial)
+    return layout.size if layout is not None and not layout.open else 0
 
 
 def _take_list(cursor: Cursor, whole: bool) -> None:

@@ -13,7 +13,7 @@ from dissect.s7.clock import CLOCK as CLOCK_LAYOUT
 from dissect.s7.clock import SETTING
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.szl import SZL_HEAD, extract
+from dissect.s7.szl import SZL_HEAD, extract, record_layout
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION
 from dissect.s7.szl_records import (
     BLANK,
@@ -21,7 +21,6 @@ from dissect.s7.szl_records import (
     ETHERNET,
     IDENTIFICATION,
     OPERATING_MODE,
-    record_layout,
     version_text,
 )
 from dissect.s7.szl_tables import HEAD_ONLY
