@@ -103,7 +103,9 @@ class SecurityWatch:
             return  # one that is carried out later is told all the same
         areas = transaction.parameters.written
         if transaction.has_errors:
-            areas = written_areas([one.item for one in transaction.results() if one.item is not None and not one.refused])
+            areas = written_areas(
+                [one.item for one in transaction.results() if one.item is not None and not one.refused]
+            )
         fresh = areas & ~connection.traits.written
         if not fresh:
             return
