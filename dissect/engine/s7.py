@@ -178,7 +178,8 @@ class S7(Protocol):
         time_ns: i64,
     ) -> None:
         exchange = self._exchange
-        done = exchange.dialogue.ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+        dialogue = exchange.dialogue
+        done = dialogue.ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
         connection = side.connection
         if connection.granted is None or parameters.function == SETUP_COMMUNICATION:
             judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
@@ -189,7 +190,7 @@ class S7(Protocol):
                 if peer is not None:
                     open_now = _surely_open(side, peer, open_now)
                 judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
-        if done is not None or exchange.dialogue.also:
+        if done is not None or dialogue.also:
             exchange.completed(done, frame, time_ns)
 
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------

@@ -29,8 +29,8 @@ _NO_ITEM: Final = (
 )
 
 #: What stands between the octets of an item and their value, and behind that.
-_VALUE: Final = '","value":'
-_VALUE_OCTETS: Final = _VALUE.encode("ascii")
+VALUE: Final = '","value":'
+_VALUE_OCTETS: Final = VALUE.encode("ascii")
 _CLOSE: Final = 0x7D
 _QUOTE: Final = 0x22
 #: 1 for what JSON escapes of ASCII.
@@ -66,8 +66,8 @@ def octets_value(transport_size: i64, octets: bytes) -> str:
 
 
 #: What follows the beginning of an item that is a single bit or byte, by its octet.
-_BITS: Final = [f"{octet:02x}{_VALUE}{octets_value(BIT, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
-_BYTES: Final = [f"{octet:02x}{_VALUE}{octets_value(BYTE, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
+_BITS: Final = [f"{octet:02x}{VALUE}{octets_value(BIT, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
+_BYTES: Final = [f"{octet:02x}{VALUE}{octets_value(BYTE, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
 
 
 def userdata_text(head: UserdataHead) -> str:
@@ -112,7 +112,7 @@ def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
             return f'{head}null,"value":null}}'
         head += '"'
     value = value_json(item, data) if item is not None else "null"
-    return f"{head}{hexadecimal(data)}{_VALUE}{value}}}"
+    return f"{head}{hexadecimal(data)}{VALUE}{value}}}"
 
 
 def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> None:

@@ -15,8 +15,6 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.iso.cotp import parse_tpdu
-from dissect.iso.tables import DT, ED
-from dissect.iso.tsap import Tsap
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
 from dissect.report.item_json import (
@@ -31,13 +29,16 @@ from dissect.report.item_json import (
 )
 from dissect.report.operations import operation_json
 from dissect.report.plus import plus_pdu_line
+from dissect.report.read_plan import ReadPlan
 from dissect.report.scd import scd_json, scd_line_json
-from dissect.report.words import Places, carried
+from dissect.report.tpdu_json import PDU_SCHEMA, tpdu_json_line
+from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import Parameters, Setup
+from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters, Setup
 from dissect.s7.tables import (
+    ACK_DATA,
     FUNCTIONS,
     JOB,
     READ_VAR,
@@ -62,13 +63,11 @@ from dissect.wire.part import Part
 from dissect.wire.text import THREE, Clock, JsonTexts, decimal, json_text
 
 if TYPE_CHECKING:
-    from dissect.iso.cotp import Tpdu
     from dissect.report.words import Places
     from dissect.transactions.connection import Connection
 
 
 TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
-PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 _CONNECTION: Final = ',"connection":'
@@ -76,7 +75,9 @@ _ITEMS: Final = ',"items":['
 #: What stands between latency and items of a transaction that was answered, and behind those where all is well.
 _ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("ascii")
 _WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
+_WELL_TEXT: Final = _WELL.decode("ascii")
 _NO_ERRORS: Final = b'],"errors":[]}'
+_NO_ERRORS_TEXT: Final = _NO_ERRORS.decode("ascii")
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
 _SECOND_NS: Final = 1_000_000_000
@@ -134,6 +135,7 @@ class TransactionLines(Observer):
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
         self._texts: JsonTexts = JsonTexts()
+        self._plans: dict[Parameters, ReadPlan] = {}  # interpreted
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -155,6 +157,47 @@ class TransactionLines(Observer):
         if COMPILED and self._is_usual(transaction):
             return self._usual(transaction)
         return self._any_line(transaction).encode("utf-8", "backslashreplace")
+
+    def _polled(self, transaction: Transaction) -> str:
+        """Return the line of a read in which all is well, put together at once; empty for another one."""
+        parameters = transaction.parameters
+        layout = parameters.good_layout
+        if (
+            layout is None
+            or transaction.flags
+            or transaction.has_errors
+            or self.locate is not None
+            or transaction.connection.naming is not None
+            or not self._is_usual(transaction)
+        ):
+            return ""
+        buf = transaction.response_buf
+        at: i64 = transaction.response_offset
+        data_at: i64 = at + ACK_HEADER_SIZE
+        if transaction.response_parameters is not None:
+            data_at += len(transaction.response_parameters.octets)
+        if transaction.response_rosctr != ACK_DATA or not parameters.like_good(
+            buf, at, transaction.response_size, data_at
+        ):
+            return ""
+        plan = self._plans.get(parameters)
+        if plan is None or plan.layout is not layout:
+            plan = self._plan(parameters)
+        time_ns: i64 = transaction.request_ns
+        return (
+            f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
+            f'{transaction.pdu_ref},"rosctr":{JOB},"function":{parameters.fragment or function_text(parameters)}'
+            f',"request_frame":{transaction.request_frame},"response_frame":{transaction.response_frame}'
+            f',"request_time":"{self._clock.iso_second(time_ns)}{time_ns % _SECOND_NS:09d}Z"'
+            f',"latency_ns":{transaction.response_ns - time_ns}{_WELL_TEXT}{plan.text(buf, data_at)}{_NO_ERRORS_TEXT}'
+        )
+
+    def _plan(self, parameters: Parameters) -> ReadPlan:
+        if len(self._plans) >= _MAX_CACHED:
+            self._plans.clear()
+        plan = ReadPlan(parameters)
+        self._plans[parameters] = plan
+        return plan
 
     def _is_usual(self, transaction: Transaction) -> bool:
         """Tell whether a transaction is a job that was answered, as most are."""
@@ -234,6 +277,10 @@ class TransactionLines(Observer):
         return found.octets
 
     def _any_line(self, transaction: Transaction) -> str:
+        if not COMPILED:
+            line = self._polled(transaction)
+            if line:
+                return line
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
         outcome: i64 = transaction.outcome
@@ -538,56 +585,3 @@ class JsonlWriter(Writer):
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
         self.lines.append(self._pdus.scd_line(found, connection))
-
-
-#: Header fields of S7comm, which a TPDU does not have.
-_NOT_S7 = (
-    "rosctr",
-    "rosctr_name",
-    "redundancy_id",
-    "pdu_ref",
-    "param_length",
-    "data_length",
-    "error_class",
-    "error_code",
-)
-
-
-def tpdu_json_line(tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, places: Places) -> str:
-    """Return a TPDU as the line of `show -T jsonl`, without a line end."""
-    ends = connection.tcp.ends
-    values: dict[str, object] = {"schema": PDU_SCHEMA, "frame": places.number(frame)}
-    if places.several:
-        values["file"] = places.locate(frame)[0]
-    values.update(
-        time=Clock().iso(time_ns),
-        connection=int(connection.number),
-        src=str(ends[side]),
-        dst=str(ends[1 - side]),
-        protocol="cotp",
-        **dict.fromkeys(_NOT_S7),
-        function={"code": None, "name": None},
-        cotp=_facts(tpdu),
-        cut=False,
-        malformed=[fact.as_dict() for fact in tpdu.malformed],
-    )
-    return json.dumps(values, separators=(",", ":")).replace("\x7f", "\\u007f")
-
-
-def _facts(tpdu: Tpdu) -> dict[str, object]:
-    """Return the type, the fields of the fixed part by name, and what the variable part says."""
-    facts: dict[str, object] = {"type": tpdu.name}
-    facts["fields"] = {value.field.label: int(value.value) for value in tpdu.fields if value.octets is None}
-    why = [value for value in tpdu.fields if value.field.name in {"reason", "cause"}]
-    facts["reason"] = {"code": int(why[0].value), "name": why[0].meaning or None} if why else None
-    facts["calling_tsap"] = _tsap(tpdu.tsap(0xC1))
-    facts["called_tsap"] = _tsap(tpdu.tsap(0xC2))
-    facts["tpdu_size"] = int(tpdu.tpdu_size) or None
-    if tpdu.type in {DT, ED}:
-        facts["carries"] = carried(tpdu) or None
-        facts["octets"] = len(tpdu.data)
-    return facts
-
-
-def _tsap(tsap: Tsap | None) -> dict[str, object] | None:
-    return tsap.as_dict() if tsap is not None else None
