@@ -29,9 +29,8 @@ class ReadPlan:
         self._others: Final[list[tuple[Item, int, int]]] = []
         items = parameters.items
         forms = [_form(item) for item in items]
-        number = len(
-            items
-        )  # of the next field of the text: octets of all items come first, then numbers, then other values
+        # Of the next field of the text: octets of all items come first, then numbers, then other values.
+        number = len(items)
         other = number + sum(
             [item.size // number_size(item.transport_size) for item, form in zip(items, forms, strict=True) if form]
         )
