@@ -430,7 +430,7 @@ class Pipeline(PacketSink):
         counters = self.counters
         self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
         peer = side.peer
-        if peer is not None and not side.waiting and not peer.waiting:
+        if peer is not None and not side.waiting and not peer.waiting and side.connection.plus is None:
             side.longest = self.iso.longest(side)
             if peer.stream.held is None:
                 peer.longest = self.iso.longest(peer)
