@@ -87,7 +87,7 @@ class IsoOnTcp(Protocol):
             length: i64
             longest: i64 = -1  # not asked yet
             while end - at >= 7:
-                if end - at > 16:
+                if end - at > 16 and buf[at + 7] == PROTOCOL_ID:
                     if longest < 0:
                         longest = self.longest(side)
                     length = 0

@@ -44,6 +44,7 @@ from dissect.tcp import stream
 from dissect.tcp.ip import UDP
 from dissect.tcp.stream import ACK, FIN, RST, SYN
 from dissect.transactions import accounts
+from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
 from dissect.transactions.pairing import Dialogue
@@ -191,9 +192,9 @@ class Pipeline(PacketSink):
                 raise
             category = accounts.FAILED
             self.exchange.note_bug(bug, counters.frames, time_ns)
-        if category == accounts.PAYLOAD:
+        if category == PAYLOAD:
             counters.packets.often_count += 1
-        elif category == accounts.NO_PAYLOAD:
+        elif category == NO_PAYLOAD:
             counters.packets.also_count += 1
         else:
             counters.packets.add(category)
@@ -283,13 +284,13 @@ class Pipeline(PacketSink):
                 tcp.last_ns = counters.now_ns
                 side.last_ack = ack
                 if size == 0:
-                    return accounts.NO_PAYLOAD
+                    return NO_PAYLOAD
                 octets = buf[data:stop]
                 half.passed(octets, size)
                 side.end_seq = half.next_seq
                 if self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
                     self._feed(side, octets, size)
-                return accounts.PAYLOAD
+                return PAYLOAD
         if data == stop:
             return self._segment(side, seq, ack, word, b"", 0)
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
@@ -327,7 +328,7 @@ class Pipeline(PacketSink):
                 self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns, self._link)
                 if self.table.half_open_evicted > evicted:
                     self.counters.note("stream.half_open_evicted")
-                return accounts.NO_PAYLOAD
+                return NO_PAYLOAD
             if flags & RST and self.table.refused(key):
                 server, client = endpoints(key)
                 if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
@@ -339,7 +340,7 @@ class Pipeline(PacketSink):
                     self.silent.end(key)
                 elif flags & ACK:
                     self.silent.take(key, seq, ack)
-                return accounts.NO_PAYLOAD
+                return NO_PAYLOAD
             side = self._open(key, vlan)
             self.silent.begin(side)
             if flags & SYN and flags & ACK and side.tcp.initiator < 0:
@@ -415,13 +416,13 @@ class Pipeline(PacketSink):
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
                 side.probes += 1
-            return accounts.NO_PAYLOAD
+            return NO_PAYLOAD
         half = side.stream
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
             half.passed(octets, size)
             side.end_seq = half.next_seq
             self._feed(side, octets, size)
-            return accounts.PAYLOAD
+            return PAYLOAD
         return self._irregular(side, seq, octets, missing)
 
     def _feed(self, side: Side, octets: bytes, size: i64) -> None:
@@ -429,7 +430,7 @@ class Pipeline(PacketSink):
         counters = self.counters
         self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
         peer = side.peer
-        if peer is not None and not side.waiting and not peer.waiting:
+        if peer is not None and not side.waiting and not peer.waiting and side.connection.plus is None:
             side.longest = self.iso.longest(side)
             if peer.stream.held is None:
                 peer.longest = self.iso.longest(peer)
@@ -458,7 +459,7 @@ class Pipeline(PacketSink):
                 side.protocol.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
             if side.connection.state == LEFT_OUT:
                 return accounts.LEFT_OUT
-            return accounts.PAYLOAD
+            return PAYLOAD
         if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
             # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
             half.start(seq + 1)
@@ -496,7 +497,7 @@ class Pipeline(PacketSink):
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
             return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
         if what == stream.NEW:
-            return accounts.PAYLOAD
+            return PAYLOAD
         if what == stream.OLD:
             return accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START

@@ -393,6 +393,7 @@ class Dialogue:
         self.open: i64 = 0  # requests without answer on all connections
         self.also: list[Transaction] = []
         self.holding: list[Side] = []  # sides with an answer held since somebody last looked
+        self.several: bool = False  # beside the request at hand others may be open
         self.watching: bool = False  # somebody looks after `asking`
         self.asking: list[Side] = []  # sides that asked since somebody last looked, and are not `Side.watched`
 
@@ -428,6 +429,7 @@ class Dialogue:
             transaction.flags |= check_written(parameters, buf, at, size)
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         requests = connection.open_requests[asked_by]
+        self.several = requests.count > 0
         if requests.orphans is not None:
             orphan = requests.find_orphan(key, side.end_seq)
             if orphan is not None and not (_holes(side) and is_strange(transaction, orphan.transaction)):

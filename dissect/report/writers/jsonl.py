@@ -166,9 +166,12 @@ class TransactionLines(Observer):
             layout is None
             or transaction.flags
             or transaction.has_errors
+            or transaction.outcome != ANSWERED
+            or transaction.response_rosctr != ACK_DATA
+            or transaction.rosctr != JOB
+            or transaction.carried is not None
             or self.locate is not None
             or transaction.connection.naming is not None
-            or not self._is_usual(transaction)
         ):
             return ""
         buf = transaction.response_buf
@@ -176,9 +179,7 @@ class TransactionLines(Observer):
         data_at: i64 = at + ACK_HEADER_SIZE
         if transaction.response_parameters is not None:
             data_at += len(transaction.response_parameters.octets)
-        if transaction.response_rosctr != ACK_DATA or not parameters.like_good(
-            buf, at, transaction.response_size, data_at
-        ):
+        if not parameters.like_good(buf, at, transaction.response_size, data_at):
             return ""
         plan = self._plans.get(parameters)
         if plan is None or plan.layout is not layout:
