@@ -45,6 +45,7 @@ from dissect.tcp.stream import ACK, FIN, RST, SYN
 from dissect.transactions import accounts
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
+from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -393,7 +394,7 @@ class Pipeline(PacketSink):
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
-                side.probes += 1
+                side.note_probe(counters.frames, counters.now_ns)
             return accounts.NO_PAYLOAD
         half = side.stream
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
@@ -431,7 +432,7 @@ class Pipeline(PacketSink):
         if half.next_seq < 0 and missing == 0 and _may_be_probe(side, octets):
             # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
             half.start(seq + 1)
-            side.probes += 1
+            side.note_probe(self.counters.frames, self.counters.now_ns)
             return accounts.KEEP_ALIVE
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
@@ -458,7 +459,7 @@ class Pipeline(PacketSink):
         if half.held is not None:
             self.timers.wait(side)
         if what == stream.KEEP_ALIVE and (side.probes or _silent(side)):
-            side.probes += 1
+            side.note_probe(self.counters.frames, self.counters.now_ns)
             return accounts.KEEP_ALIVE
         if connection.state == LEFT_OUT:
             return accounts.LEFT_OUT
@@ -540,7 +541,7 @@ class Pipeline(PacketSink):
             side.protocol.end(side, self.counters.frames, self.counters.now_ns)
         elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
             first, second = side.tcp.ends
-            note_idle(self.counters, first, second, side.probes + peer.probes)
+            note_idle(self.counters, first, second, Probes().join(side.probes).join(peer.probes))
 
     def _end_stream(self, side: Side) -> None:
         side.stream.finish()

@@ -21,6 +21,7 @@ from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
 from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
 from dissect.transactions.connection import Connection
+from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
 from dissect.wire.octets import u16
 
@@ -250,7 +251,7 @@ class Side:
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.requests: i64 = 0
-        self.probes: i64 = 0  # keep-alives before anything else was captured
+        self.probes: Probes | None = None  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
@@ -265,6 +266,12 @@ class Side:
         if self.peer is not None:
             self.peer.protocol = protocol
         self.connection.state = protocol.state
+
+    def note_probe(self, frame: i64, time_ns: i64) -> None:
+        """Packet ``frame`` is a keep-alive, before anything else was captured."""
+        if self.probes is None:
+            self.probes = Probes()
+        self.probes.add(frame, time_ns)
 
     @property
     def at_rest(self) -> bool:

@@ -363,6 +363,7 @@ def keep_alive_probes(talk: Talk) -> None:
     assert talk.pipeline.counters.octets.skipped == 0
     assert talk.pipeline.counters.packet_counts()["keep_alive"] == 3
     assert talk.slugs() == ["session.idle"]
+    assert talk.findings[0].frames == [1, 5]
 
 
 @speaks("stream.outside_window")
@@ -1018,7 +1019,7 @@ def write_size(talk: Talk) -> None:
     talk.ask(write(1, [dbw(1, 0)], written(4, bytes(4))))
     talk.tell(ack_data(1, b"\x05\x01", b"\x07"))
     told = [finding.detail for finding in talk.findings if finding.slug == "transaction.write_size"]
-    assert told == ["Write Var DB1.DBW0: item 1 (DB1.DBW0) needs 2 bytes, got 4"]
+    assert told == ["Write Var DB1.DBW0 = 00 00 00 00: item 1 (DB1.DBW0) needs 2 bytes, got 4"]
 
 
 @silent("transaction.write_size")
