@@ -50,6 +50,7 @@ from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BAD_DATA,
     COUNT_MISMATCH,
+    EXPECTED,
     FUNCTION_MISMATCH,
     HEADER,
     ITEM,
@@ -100,9 +101,6 @@ REASON_TEXTS: Final[dict[str, str]] = {
     TABLE_FULL: "too many requests were pending at once; this one was dropped",
     CONNECTION_EVICTED: "too many connections were open at once; this one was dropped",
 }
-
-
-#: A data item of a read answer up to its octets, as one number: return code, transport size, length.
 
 
 @mypyc_attr(free_list_len=1)  # the memory of one that is gone serves the next: most are over before another one begins
@@ -262,6 +260,11 @@ class Transaction:
         return self.outcome == UNANSWERED and not self.flags & STILL_OPEN
 
     @property
+    def unseen(self) -> bool:
+        """True when nothing of the answering side was captured: it may have answered."""
+        return self.outcome == UNANSWERED and self.flags & EXPECTED != 0
+
+    @property
     def failed(self) -> bool:
         """True when the answer says no to anything, or was `missed`."""
         return self.has_errors or self.missed
@@ -292,13 +295,10 @@ class Transaction:
     @property
     def request_body(self) -> Body | None:
         """The parts of the S7comm request (`Pdu.body`), None when there is none; kept, as several rules and outputs ask."""
-        body = self.known_body
-        if body is None:
+        if self.known_body is None:
             request = self.request
-            if request is not None:
-                body = request.body
-                self.known_body = body
-        return body
+            self.known_body = request.body if request is not None else None
+        return self.known_body
 
     @property
     def response(self) -> Pdu | None:
