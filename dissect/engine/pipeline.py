@@ -22,6 +22,7 @@ from typing import Final
 from librt.strings import read_i16_be, read_i32_be, read_i64_be
 from mypy_extensions import i64
 
+from dissect.engine import attempts
 from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
@@ -306,7 +307,9 @@ class Pipeline(PacketSink):
             if flags & SYN and not flags & ACK and not octets:
                 self.silent.end(key)
                 evicted: i64 = self.table.half_open_evicted
-                self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns, self._link)
+                given_up = self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns, self._link)
+                if given_up is not None:
+                    attempts.note_unanswered(self.counters, key, given_up)
                 if self.table.half_open_evicted > evicted:
                     self.counters.note("stream.half_open_evicted")
                 return accounts.NO_PAYLOAD
@@ -562,6 +565,7 @@ class Pipeline(PacketSink):
         for side in self.table.all_open():
             self._finish(side, CAPTURE_ENDED)
         self.silent.finish()
+        attempts.finish(self.counters, self.table)
         if self.datagrams is not None:
             self.datagrams.finish()
         self.timers.finish()

@@ -271,6 +271,46 @@ def reset_without_attempt(talk: Talk) -> None:
     talk.packet(SERVER, flags=RST | ACK)
 
 
+def knock(talk: Talk, *after_ns: int) -> None:
+    """A SYN, and the same one again after each of these times."""
+    for pause in (0, *after_ns):
+        talk.packet(CLIENT, flags=SYN, seq=1000, after_ns=pause)
+
+
+@speaks("stream.unanswered")
+def nobody_answers(talk: Talk) -> None:
+    knock(talk, SECOND, 2 * SECOND)
+    talk.pipeline.exchange.report_findings()
+    (finding,) = talk.findings  # told at once, and not again with each further SYN
+    assert finding.frames == [1, 3]
+    assert finding.detail == "10.0.0.2:102 does not answer 10.0.0.1:50000 within 3.00 s"
+    knock(talk, 8 * SECOND)
+    other = Talk(50001, beside=talk)
+    knock(other, SECOND)
+    other.packet(CLIENT, flags=SYN, seq=2000, after_ns=SECOND)  # another attempt, which ends the one before
+    talk.pipeline.exchange.report_findings()
+    assert talk.slugs() == ["stream.unanswered"] * 2
+    last = Talk(50002, beside=talk)
+    knock(last, SECOND)
+    talk.finish()
+    assert talk.slugs() == ["stream.unanswered"] * 3
+    talk.finish()
+    assert talk.slugs() == ["stream.unanswered"] * 3
+
+
+@silent("stream.unanswered")
+def one_syn_or_an_answer_after_all(talk: Talk) -> None:
+    knock(Talk(50001, 8080, beside=talk), SECOND, 2 * SECOND)
+    knock(Talk(50002, beside=talk))
+    knock(Talk(50003, beside=talk), MS)  # captured twice
+    knock(talk, SECOND)
+    talk.seq[CLIENT] = 1001
+    talk.packet(SERVER, flags=SYN | ACK)
+    only_asked = Talk(50004, beside=talk)  # only this direction is in the capture
+    knock(only_asked, SECOND)
+    only_asked.ask(read(1, dbw(1, 0)))
+
+
 @speaks("tpkt.reserved")
 def reserved_octet(talk: Talk) -> None:
     talk.open()
