@@ -236,7 +236,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("transaction.overdue", WARNING, FUNCTION, "A request has been waiting longer than the limit.",
      "Reported in live analysis while the request is pending; its outcome is reported later. Check the device now.", ""),
     ("transaction.orphan", WARNING, FUNCTION, "An answer has no captured request.",
-     "The capture lost the request, it stays encrypted, or the device sends answers that were not requested.", ""),
+     "The capture lost the request, it stays encrypted, or the device answers twice or without being asked.", ""),
     ("transaction.slow", WARNING, FUNCTION, "An answer took longer than the limit.",
      "Check the device's cycle load, its communication load setting, and the network path.", ""),
     ("transaction.function_mismatch", ERROR, FUNCTION, "The answer names a different function from the request.",
