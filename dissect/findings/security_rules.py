@@ -169,7 +169,8 @@ class SecurityWatch:
             if connection.traits.first("security.flood"):
                 each = duration_text(int(writes.answer_ns) * SAMPLED // _WRITES)
                 what = f"{_WRITES} writes within {duration_text(took_ns)}, each answered after {each}"
-                self.tell("security.flood", transaction, f"{subject(transaction)}: {what}")
+                items = items_said(connection.naming, transaction.results(), False)
+                self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
         writes.since_ns = now_ns
         writes.pdus = connection.pdus
         writes.answer_ns = 0

@@ -33,7 +33,7 @@ from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_program import type_of, variable
 from tests.s7plus.test_session import LIST, RECORD
-from tests.transactions.talk import Talk
+from tests.transactions.talk import RST, SERVER, Talk
 
 NOTHING = Value(0, UDINT, 0)
 DENIED = b"\xff" * 8 + b"\x9c"
@@ -444,6 +444,19 @@ def linked(object_id: int, id_: int, value: Value) -> bytes:
     """A write of several with a link to the object, of one attribute."""
     head = bodies.rid(object_id) + b"\1\1" + bodies.number(id_) + b"\1" + build_value(value) + b"\0"
     return head + bodies.QUALIFIER + bodies.end(4)
+
+
+def test_a_write_without_an_answer_is_told_and_one_that_is_refused_is_no_write() -> None:
+    body = bodies.set_multi([(Address(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))])
+    talk = begun()
+    talk.ask(framed(asked(1, SET_MULTI_VARIABLES, body=body)))
+    talk.packet(SERVER, flags=RST)
+    assert ("security.write_outputs", "QB0 = Bool true, not answered") in said(talk)
+    talk = begun()
+    for number in (1, 2):
+        do(talk, number, SET_MULTI_VARIABLES, body, b"\0\1" + bodies.number(0xFFF4) + b"\0")
+    found = [one for one in said(talk) if one[0].startswith("security.")]
+    assert found == [("security.write_refused", "QB0 = Bool true, refused: 0xfff4 Object not found")]
 
 
 def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_write_of_one() -> None:
