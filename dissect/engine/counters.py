@@ -33,6 +33,10 @@ class Counters:
             frames.append(self.frames)
         self._reporter.note(slug, connection, frames, self.now_ns, detail)
 
+    def note_of(self, slug: str, frames: list[int], time_ns: i64, detail: str) -> None:
+        """Count and, within the bounds, detail a finding about packets that came before the one at hand."""
+        self._reporter.note(slug, 0, frames, time_ns, detail)
+
     def packet_counts(self) -> dict[str, int]:
         """Return what became of every packet, by category; the numbers add up to ``frames``."""
         counts = dict(zip(CATEGORIES, self.packets.counts(), strict=True))

@@ -202,7 +202,7 @@ def outcome(transaction: Transaction) -> str:
     elif transaction.outcome == ANSWERED:
         said = ""
     else:
-        said = f"NO ANSWER{why}"
+        said = "answer not captured" if transaction.unseen else f"NO ANSWER{why}"
     if transaction.error_code and transaction.has_errors:
         error = transaction.errors[0]
         word = "PARTLY REFUSED" if transaction.is_plus and error.code == PARTIAL_ERROR else "REFUSED"

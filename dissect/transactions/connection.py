@@ -90,14 +90,16 @@ class Writes:
 class Traits:
     """What a connection has been used for so far, the memory of the rules about security; every part of it is bounded.
 
-    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.AREA_BITS`); ``told`` has the slugs that
-    are said once for a connection; ``szl_ids`` are what was asked for, ``loaded`` the blocks that were loaded, by name.
+    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.written_areas`), ``sent`` one for each that
+    may have been, by a write without an answer; ``told`` has the slugs that are said once for a connection; ``szl_ids`` are
+    what was asked for, ``loaded`` the blocks that were loaded, by name.
     """
 
-    __slots__ = ("_loaded", "_szl_ids", "_told", "_writes", "inquiries", "pace_ns", "refusals", "written")
+    __slots__ = ("_loaded", "_szl_ids", "_told", "_writes", "inquiries", "pace_ns", "refusals", "sent", "written")
 
     def __init__(self) -> None:
         self.written: i64 = 0
+        self.sent: i64 = 0
         self._writes: Writes | None = None
         self.pace_ns = 0
         self.inquiries = 0

@@ -70,7 +70,7 @@ def test_messages_are_selected(capfdbinary: Capture) -> None:
 def test_an_analysis_says_that_it_is_of_a_selection(capfdbinary: Capture) -> None:
     ran = run(capfdbinary, "analyze", ERRORS, "-Y", "function == write", "--time", "..1")
     assert "  SELECTION: (function == write) and (time in {..1})\n" in ran.out
-    assert "  selected: 3 transactions, 1 connection, 0 operations, 8 findings\n" in ran.out
+    assert "  selected: 3 transactions, 1 connection, 0 operations, 9 findings\n" in ran.out
     assert "  left out: 5 transactions, 1 operation, 6 findings; counts of packets" in ran.out
     assert "Transactions: 3 answered, 3 with errors" in ran.out
     told = json.loads(run(capfdbinary, "analyze", LINKS, "-T", "json", "--connection", "3").out)

@@ -57,7 +57,7 @@ def test_a_report_from_top_to_bottom() -> None:
     assert [row[:5] for row in functions[1:3]] == [["Read", "Var", "4", "4", "."], ["Write", "Var", "3", "3", "."]]
     findings = section(lines, "Findings")
     assert findings[0] == "warning  transaction.item_error (13 times): An item of a read or write was refused."
-    assert findings[1] == "connection 1, packets 10, 11: Read Var DB99.DBB0: 0x0a Object does not exist"
+    assert findings[1] == "connection 1, packets 10, 11: Read Var DB99.DBB0 x4: 0x0a Object does not exist"
     assert findings[4] == "and 10 more: packets 17, 19, 21, 23"
     assert findings[5].startswith("→ Check the address")
     failed = section(lines, "Failed")
@@ -105,7 +105,10 @@ def test_how_connections_went(name: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("cut-with-reset", "connection 1, packet 14: Read Var DB1.DBB8: the server reset the connection 100 µs later"),
+        (
+            "cut-with-reset",
+            "connection 1, packet 14: Read Var DB1.DBB8 x4: the server reset the connection 100 µs later",
+        ),
         ("answer-slow", "the limit is 1.00 s"),
         ("many-open", "connection 1, packet 13: more requests pending than the 1 granted (AmQ)"),
         ("transfer-refused", "0xd241 Not permitted in current protection level"),

@@ -13,6 +13,7 @@ from tests import build
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
+from tests.properties.packets import Talk
 from tests.report.support import UNSAFE, WORD, begun, first_transaction, read, transactions
 
 BYTES = Item(0x02, 4, 1, 0x84, 0)
@@ -218,6 +219,14 @@ def test_outcomes() -> None:
         "push, REFUSED 0xd402 Invalid SZL index",
         "NO ANSWER (connection closed)",
     ]
+
+
+def test_nobody_knows_whether_a_side_that_was_not_captured_answered() -> None:
+    asked = [dt(messages.read_job(number, [WORD])) for number in (1, 2, 3)]
+    told = transactions(Talk().send(0, asked[0]).send(0, asked[1]).send(0, asked[2]).packets())
+    assert [facets.outcome(transaction) for transaction in told] == ["answer not captured"] * 3
+    told = transactions(begun().send(0, asked[0]).packets())
+    assert facets.outcome(told[-1]) == "NO ANSWER (capture ends)"
 
 
 def test_a_hole_explains_what_is_missing() -> None:
