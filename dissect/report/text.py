@@ -249,7 +249,7 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
     )
     calling, called = connection.tsap_calling, connection.tsap_called
     if calling is not None or called is not None:
-        said = words.tsaps(calling, called, connection.protocol in {"", "s7comm", "s7comm_plus"})
+        said = words.tsaps(calling, called, connection.protocol)
         size = f", TPDU size {connection.tpdu_size}" if connection.tpdu_size else ""
         yield Line(f"     {said}{size}", PLAIN, 5)
     for said in tls_lines(connection):

@@ -164,15 +164,11 @@ def vlans(key: int) -> list[int]:
     return vids
 
 
-def tsaps(calling: Tsap | None, called: Tsap | None, siemens: bool) -> str:
-    """Return the TSAPs of a connection, ``?`` for one not captured; with rack and slot when it is ``siemens`` that speaks."""
-    one = "?" if calling is None else printable(calling.describe(False) if siemens else _plain(calling))
-    other = "?" if called is None else printable(called.describe() if siemens else _plain(called))
+def tsaps(calling: Tsap | None, called: Tsap | None, protocol: str) -> str:
+    """Return the TSAPs of a connection that speaks ``protocol``, ``?`` for one not captured."""
+    one = "?" if calling is None else printable(calling.means(protocol, False))
+    other = "?" if called is None else printable(called.means(protocol))
     return f"TSAP {one} → {other}"
-
-
-def _plain(tsap: Tsap) -> str:
-    return tsap.describe() if tsap.connection_type < 0 else str(tsap)
 
 
 def value(shown: Value) -> str:

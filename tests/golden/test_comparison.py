@@ -279,6 +279,13 @@ def test_scd_is_compared_by_its_values() -> None:
     assert told(one, other, "scd:0x6041:*") == []
 
 
+def test_tsaps_of_another_protocol_have_no_rack_and_slot() -> None:
+    one = edited(WRITTEN, "protocol s7comm", "protocol mms")
+    assert "# 01.00\n" in golden_text(one)
+    assert "# 01.02\n" in golden_text(one)
+    assert told(one, BASE) == ["connection 1, protocol: was mms, is s7comm"]
+
+
 def test_long_arrays_name_what_changed() -> None:
     one = edited(WRITTEN, "DB10.DBW4 INT = 1234", "DB10.DBB0 BYTE x40 = <" + "00 " * 39 + "00>")
     other = edited(WRITTEN, "DB10.DBW4 INT = 1234", "DB10.DBB0 BYTE x40 = <" + "00 " * 19 + "07" + " 00" * 20 + ">")

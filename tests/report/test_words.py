@@ -70,10 +70,10 @@ def test_vlan_ids(key: int, vids: list[int]) -> None:
 
 def test_tsaps_say_rack_and_slot_only_where_a_siemens_device_speaks() -> None:
     calling, called = Tsap(b"\x01\x00"), Tsap(b"\x02\x43")
-    assert words.tsaps(calling, called, True) == "TSAP 01.00 (PG) → 02.43 (OP, rack 2 slot 3)"
-    assert words.tsaps(calling, called, False) == "TSAP 01.00 → 02.43"
-    assert words.tsaps(None, Tsap(b"SIMATIC-ROOT-OTH"), False) == 'TSAP ? → "SIMATIC-ROOT-OTH"'
-    assert words.tsaps(Tsap(b"\x1b[2J\x9b"), None, True) == "TSAP 1b5b324a9b → ?"
+    assert words.tsaps(calling, called, "s7comm") == "TSAP 01.00 (PG) → 02.43 (OP, rack 2 slot 3)"
+    assert words.tsaps(calling, called, "mms") == "TSAP 01.00 → 02.43"
+    assert words.tsaps(None, Tsap(b"SIMATIC-ROOT-OTH"), "mms") == 'TSAP ? → "SIMATIC-ROOT-OTH"'
+    assert words.tsaps(Tsap(b"\x1b[2J\x9b"), None, "") == "TSAP 1b5b324a9b → ?"
 
 
 @pytest.mark.parametrize(

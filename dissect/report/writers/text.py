@@ -163,8 +163,7 @@ def tpdu_line(
         said = identify_connect(tpdu.variable)
         return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP, {said}"
     if tpdu.type in {CR, CC}:
-        siemens = connection.protocol in {"", "s7comm", "s7comm_plus"}
-        said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), siemens)}"
+        said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), connection.protocol)}"
         if tpdu.tpdu_size:
             said += f", TPDU size {tpdu.tpdu_size}"
     elif tpdu.type in {DR, ER}:
