@@ -34,6 +34,7 @@ from dissect.report.writer import Choice, TransactionFeed, Writer
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
+from dissect.transactions.results import went_wrong
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
@@ -43,7 +44,11 @@ if TYPE_CHECKING:
 @click.command("transactions", epilog=EXIT_CODES)
 @files_argument
 @format_option(TRANSACTIONS)
-@click.option("--failed", is_flag=True, help="Only transactions with errors or without an answer.")
+@click.option(
+    "--failed",
+    is_flag=True,
+    help="Only transactions with errors, without an answer, or with one that does not fit the request.",
+)
 @click.option(
     "--slow",
     "slow_ns",
@@ -153,10 +158,10 @@ _NOT_S7 = {
 def _choice(failed: bool, slow_ns: int | None) -> Choice | None:
     """Return what tells whether a transaction is wanted; None when all are."""
     if slow_ns is None:
-        return (lambda transaction: transaction.failed) if failed else None
+        return went_wrong if failed else None
 
     def wanted(transaction: Transaction) -> bool:
         latency = transaction.latency_ns
-        return (latency is not None and latency > slow_ns) or (failed and transaction.failed)
+        return (latency is not None and latency > slow_ns) or (failed and went_wrong(transaction))
 
     return wanted

@@ -142,7 +142,7 @@ def test_an_item_with_what_became_of_it(item: Item, content: bytes | int, text: 
 def test_octets_that_are_no_value_are_shown_as_they_are() -> None:
     talk = begun().send(0, dt(messages.read_job(1, [WORD])))
     answer = messages.pdu(messages.ACK_DATA, 1, b"\x04\x01", b"\xff\x04\x00\x18\x01\x02\x03")
-    assert facets.subject(first_transaction(talk.send(1, dt(answer)))) == "DB10.DBW4 = 01 02 03"
+    assert facets.subject(first_transaction(talk.send(1, dt(answer)))) == "DB10.DBW4 = 01 02 03 (3 bytes instead of 2)"
 
 
 def test_an_answer_nobody_asked_for_has_items_without_names() -> None:

@@ -31,6 +31,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.results import went_wrong
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.build import COMPILED
@@ -226,7 +227,7 @@ class TextWriter(Writer):
             self.lines.append(line)
         else:
             text = transaction_line(transaction, self.clock, self.places)
-            self._put(text, FAILED if transaction.failed else PLAIN, HANG)
+            self._put(text, FAILED if went_wrong(transaction) else PLAIN, HANG)
 
     def operation(self, operation: Operation) -> None:
         """Add the line of an operation."""
