@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.formats import format_option, write_out
+from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
+from dissect.cli.nothing import Shown
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -108,12 +109,19 @@ def command(
     run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full)
+    shown = Shown("transaction", len(writer.lines))
+    code = drive(
+        run, files, lambda: shown.write(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full
+    )
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         pipeline = run.pipeline
         said = _instead(pipeline.frames, pipeline.counters.packet_counts(), feed.protocols)
         click.echo(f"s7dissect: no S7 transaction: {said}", err=True)
+    else:
+        shown.explain(
+            run, chosen, [name for name, given in (("--failed", failed), ("--slow", slow_ns is not None)) if given]
+        )
     return gate(run, fail_on, code, chosen.findings)
 
 
