@@ -241,7 +241,7 @@ def _answers(device: Device) -> str:
     if errors:
         said.append(f"{errors} with errors")
     if times.count:
-        said.append(f"median {words.duration(times.quantile(0.5))}, 95 % {words.duration(times.quantile(0.95))}")
+        said.append(f"median {words.answer_time(times.quantile(0.5))}, 95 % {words.answer_time(times.quantile(0.95))}")
     return ", ".join(said)
 
 

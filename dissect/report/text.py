@@ -352,9 +352,9 @@ def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
                 one.name,
                 str(one.total),
                 *[str(number) if number else "." for number in numbers],
-                words.duration(times.quantile(0.5)),
-                words.duration(times.quantile(0.95)),
-                words.duration(int(times.largest) if times.count else None),
+                words.answer_time(times.quantile(0.5)),
+                words.answer_time(times.quantile(0.95)),
+                words.answer_time(int(times.largest) if times.count else None),
             ]
         )
     yield from table(rows, frozenset(range(1, len(head))))
@@ -430,7 +430,7 @@ def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]
             [
                 f"#{transaction.number}",
                 places.pair(int(transaction.request_frame), int(transaction.response_frame)),
-                words.duration(transaction.latency_ns),
+                words.answer_time(transaction.latency_ns),
                 transaction.function_name,
                 "  ".join(said),
             ]

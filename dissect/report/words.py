@@ -134,6 +134,11 @@ def duration(ns: int | None) -> str:
     return duration_text(ns)
 
 
+def answer_time(ns: int | None) -> str:
+    """Return how long an answer took; ``?`` where it was captured before its request, so that nobody can say."""
+    return "?" if ns is not None and ns < 0 else duration(ns)
+
+
 def span(clock: Clock, first_ns: int, last_ns: int) -> str:
     """Return the times of the first and the last packet; said where the last is earlier, as with captures in another order."""
     if last_ns >= first_ns:

@@ -21,7 +21,19 @@ from dissect.wire.text import Clock
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import EPOCH_NS, Flow, Talk, cut_to
-from tests.report.support import OWN, UNSAFE, WORD, Kept, begun, observed, read, transactions
+from tests.report.support import (
+    OWN,
+    UNSAFE,
+    WORD,
+    Kept,
+    analysed,
+    begun,
+    observed,
+    read,
+    report,
+    section,
+    transactions,
+)
 
 ONE = Places([SourceFile("one.pcap", 1)], False)
 SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
@@ -181,6 +193,22 @@ def test_a_value_that_the_capture_cut_is_marked() -> None:
     (*others, last) = talk.packets()
     told = transactions([*others, cut_to(last, len(last.octets) - 83)])
     assert both_ways(told)[1] == f"Read Var  DB1.DBB0 x100 = {bytes(16).hex(' ')} … 17 bytes (17 of 100 bytes captured)"
+
+
+def test_an_answer_before_its_request_has_no_answer_time() -> None:
+    (*others, request, answer) = (
+        begun()
+        .send(0, dt(messages.read_job(1, [WORD])))
+        .send(1, dt(messages.read_answer(1, [WORD], [b"\0\1"])))
+        .packets()
+    )
+    swapped = [*others, answer._replace(time_ns=request.time_ns), request._replace(time_ns=request.time_ns + 10_000)]
+    told = transactions(swapped)
+    (line,) = plain_lines(told[1:])
+    assert line == transaction_line(told[1], Clock(), ONE)
+    assert line.endswith(" → 10.0.0.2:102         ?  Read Var  DB10.DBW4 = 1")
+    functions = [line.split() for line in section(report(analysed(swapped)), "Transactions")]
+    assert ["Read", "Var", "1", ".", ".", "?", "?", "?"] in functions
 
 
 def test_plain_lines_name_files_and_hosts() -> None:

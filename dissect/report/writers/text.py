@@ -58,7 +58,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     if subject:
         said += f"  {subject}"
     number = decimal(transaction.number)
-    latency = words.duration(transaction.latency_ns)
+    latency = words.answer_time(transaction.latency_ns)
     return (
         f"{clock.moment(begun)}  #{number}{_blanks(NUMBER_WIDTH - len(number))} {frames}{_blanks(FRAMES_WIDTH - len(frames))}"
         f" {places.end(asked)} → {places.end(answered)}"
