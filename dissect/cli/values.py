@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.formats import format_option
+from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
@@ -133,7 +133,7 @@ def command(
 
     if not summary:
         writer.values([])  # what the output begins with
-    shown = Shown("value", int(format_.name == "csv") if summary else len(writer.lines))
+    shown = Shown("value", len(writer.lines))
 
     def write() -> None:
         writer.values(collector.take())
@@ -143,7 +143,7 @@ def command(
     if summary:
         made = Summary(collector, sys.stdout.isatty())
         writer.summary(made)
-        shown.write(writer.take())
+        (shown.write if made.variables else write_out)(writer.take())
         if text := limits_text(made):
             click.echo(f"s7dissect: {text}", err=True)
     complain(run, code)

@@ -68,6 +68,8 @@ _LIST_OF_TYPE: Final = (3, 2)
 
 #: Tags of one item that a line names.
 _SHOWN_TAGS: Final = 16
+#: Types of blocks of which the number is told; there are not as many.
+_BLOCK_TYPES: Final = 16
 #: Why a request stayed without an answer.
 REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
@@ -169,7 +171,7 @@ def body_notes(pdu: Pdu) -> str:
     counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
     if not counts:
         return words.some_notes(body.notes)
-    return words.some_notes([part.note for part in counts if part.number("block_count")]) or "no blocks"
+    return words.some_notes([part.note for part in counts if part.number("block_count")], _BLOCK_TYPES) or "no blocks"
 
 
 def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:

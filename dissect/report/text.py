@@ -54,9 +54,8 @@ def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
     counts = pipeline.counters.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
-    kind = "retransmission or keep-alive" if counts["keep_alive"] else "retransmission"
-    kinds = "retransmissions or keep-alives" if counts["keep_alive"] else "retransmissions"
-    again = f", {words.count(repeated, f'of them a TCP {kind}', f'of them TCP {kinds}')}" if repeated else ""
+    how = "sent again, captured twice, or a keep-alive" if counts["keep_alive"] else "sent again or captured twice"
+    again = f", {repeated} of them repeated: {how}" if repeated else ""
     yield f"{used} of {words.count(pipeline.frames, 'packet')} used{again}", _PLAIN
     for name in CATEGORIES[FIRST_IGNORED:]:
         if counts[name]:

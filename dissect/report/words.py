@@ -204,10 +204,10 @@ def _cut(text: str) -> str:
     return printable(text if len(text) <= SHOWN_TEXT else f"{text[:SHOWN_TEXT]}…")
 
 
-def some_notes(found: list[str]) -> str:
+def some_notes(found: list[str], most: int = NAMED) -> str:
     """Return the first few notes, and how many more there are."""
-    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return ", ".join([shortened(note, NOTE) for note in found[:NAMED]]) + more
+    more = f" and {len(found) - most} more" if len(found) > most else ""
+    return ", ".join([shortened(note, NOTE) for note in found[:most]]) + more
 
 
 def carried(tpdu: Tpdu) -> str:

@@ -253,7 +253,7 @@ def test_a_write_without_return_code_is_not_called_written() -> None:
     ("counts", "text"),
     [
         ({"08": 0, "0E": 0, "0A": 3, "0B": 1}, "3 DB, 1 SDB"),
-        ({"08": 1, "0E": 2, "0C": 3, "0A": 4, "0B": 0}, "1 OB, 2 FB, 3 FC and 1 more"),
+        ({"08": 1, "0E": 2, "0C": 3, "0A": 4, "0B": 0}, "1 OB, 2 FB, 3 FC, 4 DB"),
         ({"08": 0, "0A": 0}, "no blocks"),
         ({}, ""),
     ],
