@@ -279,6 +279,8 @@ def _counts(connection: Connection) -> str:
     if connection.still_open:
         parts.append(f"{connection.still_open} still open")
     parts += _unpaired(connection.orphans, connection.unsolicited, connection.one_way)
+    if connection.system_events:
+        parts.append(words.count(connection.system_events, "system event"))
     if connection.errors:
         parts.append(f"{connection.errors} with errors")
     return ", ".join(parts)

@@ -211,6 +211,7 @@ class Connection:
         "setup_seen",
         "state",
         "still_open",
+        "system_events",
         "tcp",
         "tls",
         "told",
@@ -282,6 +283,7 @@ class Connection:
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.one_way: i64 = 0  # of those: requests that want no answer
+        self.system_events: i64 = 0  # of S7comm-plus: PDUs that are part of no transaction
         self.errors: i64 = 0
         # What was asked, answered and refused last: parameter blocks, which polling shares, not whole transactions.
         self.last_request: Parameters | None = None

@@ -367,6 +367,7 @@ def test_one_way_requests_are_no_pushes() -> None:
         talk.ask(framed(asked(number + 1, SET_VARIABLE, flags=0x74), 3))
     talk.tell(framed(notified(), 3))
     talk.tell(framed(told(9), 3))
+    talk.tell(event(0))
     talk.wait(2 * SECOND)
     talk.close()
     analysis = Analysis()
@@ -376,7 +377,7 @@ def test_one_way_requests_are_no_pushes() -> None:
     lines = report(analysis)
     said = "0 answered, 1 answer without request, 1 push, 3 one-way requests"
     assert [line for line in lines if said in line] == [
-        f"     5 PDUs, {said}; closed by the client at packet 11",
+        f"     6 PDUs, {said}, 1 system event; closed by the client at packet 12",
         f"Transactions: {said}",
     ]
     assert [" ".join(line.split()) for line in section(lines, "Transactions")] == [
