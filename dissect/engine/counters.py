@@ -86,7 +86,11 @@ class Counters:
     def note_damaged(self, side: Side | None, found: Segment) -> None:
         """A segment or datagram has a wrong checksum; connections that are not followed are left out."""
         if side is not None and side.connection.followed:
-            self.note("stream.bad_checksum", f"{len(found.octets)} bytes at {found.seq}", side.connection.number)
+            self.note(
+                "stream.bad_checksum",
+                f"{len(found.octets)} bytes at TCP sequence number {found.seq}",
+                side.connection.number,
+            )
         elif side is None and found.protocol == TCP:
             sender, receiver = endpoints(found.key)
             if ISO_TSAP_PORT in {sender.port, receiver.port}:

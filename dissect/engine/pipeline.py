@@ -477,7 +477,9 @@ class Pipeline(PacketSink):
         elif half.next_seq < 0:
             half.start(seq)
         if half.conflicts > conflicts and connection.followed:
-            self.counters.note("stream.conflict", f"{len(octets)} bytes at {seq}", connection.number)
+            self.counters.note(
+                "stream.conflict", f"{len(octets)} bytes at TCP sequence number {seq}", connection.number
+            )
         if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
             self.timers.chunks(side)
             half.skip(missing, self.counters.frames, self.counters.now_ns)

@@ -244,7 +244,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("transaction.count_mismatch", ERROR, FUNCTION, "The answer has a different number of items from the request.",
      "The device answers incorrectly; its values cannot be assigned reliably.", ""),
     ("transaction.size_mismatch", ERROR, FUNCTION, "A read item was returned with a different size from the one requested.",
-     "The device answers incorrectly; the value was not decoded.", ""),
+     "The device answers incorrectly; its bytes are shown as they came, not decoded as a value.", ""),
     ("transaction.odd_data_code", WARNING, FUNCTION,
      "A read item was returned with a transport size that CPUs do not use for it.",
      "Reported once per connection. Clients may misread length and value; simulated PLCs answer this way.", ""),

@@ -11,6 +11,7 @@ from dissect.report.styled import Line
 from dissect.report.text import analysis_lines, finding_lines, table
 from dissect.report.words import Places
 from dissect.source.packet import SourceFile
+from dissect.transactions.accounts import KEEP_ALIVE
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments
@@ -91,7 +92,7 @@ def test_what_follows_a_finding_continues_under_its_first_word() -> None:
         ("cut-with-reset", "7 PDUs, 3 answered, 1 unanswered; reset by the server at packet 15 with 1 request pending"),
         ("cut-with-fin", "1 unanswered; closed by the server at packet"),
         ("client-killed", "1 unanswered; closed by the client at packet"),
-        ("connect-close", "; ended by DR from 127.0.0.1:"),
+        ("connect-close", "; closed by the client (COTP disconnect request, reason not specified)"),
         ("mid-stream", "1 answer without request; already open at the start, closed by the client at packet 11"),
         ("refused-full", "no S7 PDU; reset by the server at packet 15"),
         ("setup-pdu-sizes", "PDU length 960, parallel jobs (AmQ): client 1, server 1"),
@@ -269,7 +270,15 @@ def test_repetitions_are_told() -> None:
     packets = talk.packets()
     packets.insert(9, packets[8])
     told = section(report(analysed(packets)), "Completeness")
-    assert told[0] == "10 of 10 packets used, 1 of them a TCP retransmission"
+    assert told[0] == "10 of 10 packets used, 1 of them repeated: sent again or captured twice"
+
+
+def test_keep_alives_are_among_what_was_repeated() -> None:
+    analysis = analysed(read(begun(), 1).packets())
+    assert analysis.pipeline is not None
+    analysis.pipeline.counters.packets.add(KEEP_ALIVE)
+    told = section(report(analysis), "Completeness")
+    assert told[0].endswith(" packets used, 1 of them repeated: sent again, captured twice, or a keep-alive")
 
 
 def test_packets_that_were_not_used_are_told_by_reason() -> None:
