@@ -20,6 +20,7 @@ from dissect.transactions.connection import ISO_TSAP_PORT, PROBING
 from dissect.transactions.probes import Probes
 from dissect.transactions.table import Side, endpoints, reverse_key
 from dissect.wire.octets import u16
+from dissect.wire.text import count
 
 #: Connections watched at once; when there are more, the one not seen for longest has to leave.
 MAX_SILENT: Final = 4096
@@ -155,7 +156,7 @@ class SilentConnections:
 def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Probes) -> None:
     """Report a connection of which only keep-alive probes were captured, by the first and the last of them."""
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
-    detail = f"{client} and {server}: {probes.count} {'probe' if probes.count == 1 else 'probes'}"
+    detail = f"{client} and {server}: {count(int(probes.count), 'probe')}"
     counters.note_of("session.idle", probes.frames, probes.last_ns, detail)
 
 

@@ -32,7 +32,6 @@ from dissect.s7.tables import (
     NUMBERED_AREAS,
     READ_SZL,
     RECORD_AREA,
-    RETURN_CODES,
     S7ANY,
     SUCCESS,
     SYNTAX_IDS,
@@ -70,9 +69,8 @@ from dissect.transactions.transaction import (
     UNANSWERED,
     Transaction,
 )
-from dissect.wire.codes import coded
 from dissect.wire.octets import u16
-from dissect.wire.text import distance_text, duration_text, over_limit
+from dissect.wire.text import count, distance_text, duration_text, over_limit
 
 #: Areas that have an element of their own, by the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
@@ -261,7 +259,12 @@ def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
         _note(judge, "transaction.function_mismatch", transaction, f"the answer names {said}")
     if flags & COUNT_MISMATCH and answer is not None:
         asked = transaction.parameters.item_count
-        _note(judge, "transaction.count_mismatch", transaction, f"requested {asked} items, got {answer.item_count}")
+        _note(
+            judge,
+            "transaction.count_mismatch",
+            transaction,
+            f"requested {count(asked, 'item')}, got {answer.item_count}",
+        )
     if flags & SIZE_MISMATCH:
         _note(judge, "transaction.size_mismatch", transaction, _sizes(transaction))
     if flags & ODD_DATA_CODE and not transaction.connection.told & _DATA_CODES:
@@ -331,7 +334,7 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 transaction.frames,
                 transaction.response_ns,
-                f"{_asked(transaction)}: {coded(f'0x{error.code:04x}', error.name)}",
+                f"{_asked(transaction)}: {error.coded}",
             )
         return
     _judge_items(judge, transaction)
@@ -346,7 +349,7 @@ def _judge_items(judge: Reporter, transaction: Transaction) -> None:
                 transaction.connection.number,
                 transaction.frames,
                 transaction.response_ns,
-                f"{transaction.function_name} {_about(transaction, error)}: {coded(RETURN_CODES.hex(error.code), error.name)}",
+                f"{transaction.function_name} {_about(transaction, error)}: {error.coded}",
             )
 
 

@@ -18,7 +18,7 @@ from dissect.mc7.listing import Lister
 from dissect.mc7.operands import JUMP, JUMP_LIST, MEMORY
 from dissect.mc7.registers import OpenBlocks
 from dissect.mc7.values import block_data
-from dissect.wire.text import printable
+from dissect.wire.text import count, printable
 
 # What a change is about, in the order in which they are reported.
 HEADER: Final = "header"
@@ -285,7 +285,7 @@ def _compare_code(before: Block, after: Block, lister: Lister) -> list[Change]:
         elif other is not None:
             changes.append(_new_network(other, gone))
         elif network is not None and network.number not in moved:
-            text = f" removed ({_count(len(network.steps))})"
+            text = f" removed ({count(len(network.steps), 'instruction')})"
             changes.append(Change(NETWORK, network.number, f"network {network.number}", "", text))
     return changes
 
@@ -297,11 +297,9 @@ def _new_network(network: _Network, gone: dict[tuple[str, ...], _Network]) -> Ch
         return Change(
             NETWORK, network.number, f"network {found.number}", f"network {network.number}", text.removeprefix(": ")
         )
-    return Change(NETWORK, network.number, "", f"network {network.number}", f" added ({_count(len(network.steps))})")
-
-
-def _count(steps: int) -> str:
-    return f"{steps} instruction{'' if steps == 1 else 's'}"
+    return Change(
+        NETWORK, network.number, "", f"network {network.number}", f" added ({count(len(network.steps), 'instruction')})"
+    )
 
 
 def _opcodes(old: list[tuple[str, ...]], new: list[tuple[str, ...]]) -> list[tuple[str, int, int, int, int]]:
@@ -381,7 +379,7 @@ def _compare_networks(old: _Network, new: _Network, places: dict[int, int]) -> l
             changes += [_operand_changed(one, two, new.number) for one, two in both if one.text != two.text]
             continue
         if len(mine) * len(theirs) > MAX_ALIGNED:
-            text = f"{_count(len(mine))} replaced by {len(theirs)}"
+            text = f"{count(len(mine), 'instruction')} replaced by {len(theirs)}"
             changes.append(Change(NETWORK, new.number, "", "", text))
             continue
         changes += [Change(NETWORK, new.number, step.text, "", f"{step.text} removed") for step in mine]

@@ -37,10 +37,8 @@ from dissect.transactions.payloads import SCD, is_scd_key
 from dissect.transactions.results import (
     COUNT_MISMATCH,
     FUNCTION_MISMATCH,
-    ITEM,
     MESSAGE,
     MISMATCHES,
-    NO_CODE,
     SIZE_MISMATCH,
     UNCONFIRMED,
     TransactionError,
@@ -57,7 +55,6 @@ from dissect.transactions.transaction import (
     TABLE_FULL,
     Transaction,
 )
-from dissect.wire.codes import coded
 from dissect.wire.text import printable, shortened
 
 #: Functions that say what they are about by their items, or by what they negotiate.
@@ -212,9 +209,7 @@ def error_text(error: TransactionError) -> str:
     """Return an error: a code of S7 as it stands on the wire with its name, one of SCD with what it means."""
     if error.part == MESSAGE:
         return f"{error.name} {error.code}: {printable(error.text)}"
-    if error.code == NO_CODE:
-        return error.name
-    return coded(f"0x{error.code:02x}" if error.part == ITEM else f"0x{error.code:04x}", error.name)
+    return error.coded
 
 
 def outcome(transaction: Transaction) -> str:

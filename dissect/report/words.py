@@ -20,6 +20,7 @@ from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, decimal, duration_text, encodable, printable, shortened
+from dissect.wire.text import count as count  # noqa: PLC0414 - it is one of the words of reports as well
 
 
 class Places:
@@ -152,11 +153,6 @@ def size(octets: int) -> str:
         if octets >= factor:
             return f"{octets / factor:.1f} {unit}"
     return f"{octets} B"
-
-
-def count(number: int, one: str, many: str = "") -> str:
-    """Return a number with its noun: ``1 packet``, ``31 packets``."""
-    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def vlans(key: int) -> list[int]:

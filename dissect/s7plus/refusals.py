@@ -28,6 +28,7 @@ from dissect.s7plus.tables import (
     refuses,
 )
 from dissect.s7plus.walk import MAX_WORK
+from dissect.wire.text import count
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: What objects hold that matters: the code of a block, or the names of variables; and what of them is asked for.
@@ -113,11 +114,7 @@ def _compared(function: i64, request: PlusPdu, response: PlusPdu) -> str:
     if not wrong:
         return ""
     more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
-    return f"requested {_items(len(wanted))}, the answer has {', '.join(wrong[:_NAMED])}{more}"
-
-
-def _items(count: int) -> str:
-    return f"{count} item{'' if count == 1 else 's'}"
+    return f"requested {count(len(wanted), 'item')}, the answer has {', '.join(wrong[:_NAMED])}{more}"
 
 
 def _sound_contents(function: i64, pdu: PlusPdu) -> Contents | None:

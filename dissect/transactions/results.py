@@ -34,6 +34,7 @@ from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.refusals import answered, glimpse, notifies_refusal
 from dissect.s7plus.tables import ERRORS, refuses
 from dissect.transactions.payloads import ScdParameters
+from dissect.wire.codes import coded
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 
@@ -192,6 +193,13 @@ class TransactionError:
     def where(self) -> str:
         """The part for a person and for JSON: ``header``, ``parameter``, ``return value``, ``message`` or ``item N``."""
         return f"{self.part} {self.item}" if self.item else self.part
+
+    @property
+    def coded(self) -> str:
+        """Its code in hexadecimal, as it stands on the wire, and its name; the name alone where there is no code."""
+        if self.code == NO_CODE:
+            return self.name
+        return coded(f"0x{self.code:02x}" if self.part == ITEM else f"0x{self.code:04x}", self.name)
 
     def __repr__(self) -> str:
         return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"

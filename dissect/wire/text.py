@@ -158,6 +158,11 @@ def titled(name: str, about: str) -> str:
     return f"{name} {about}" if name and about else name or about
 
 
+def count(number: int, one: str, many: str = "") -> str:
+    """Return a number with its noun: ``1 packet``, ``31 packets``."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
 def shortened(text: str, most: int) -> str:
     """Return ``text`` made `printable`, cut after ``most`` of its characters with a note of how many there are."""
     if len(text) <= most:

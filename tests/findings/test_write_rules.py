@@ -210,3 +210,13 @@ def test_a_refused_write_hides_no_later_one() -> None:
         talk.ask(write(reference, [QB0], written(4, b"\x01")))
         talk.tell(ack_data(reference, b"\x05\x01", code))
     assert [slug for slug, _ in said(talk)] == ["security.write_refused", "security.write_outputs"]
+
+
+def test_an_item_without_a_return_code_is_given_none() -> None:
+    talk = set_up()
+    talk.ask(BOTH)
+    talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
+    assert said(talk, "transaction.item_error", "transaction.count_mismatch") == [
+        ("transaction.count_mismatch", "Write Var QB0 = 255, MB8 x4 = 42 34 00 00: requested 2 items, got 1"),
+        ("transaction.item_error", f"{FLAGS}: No return code"),
+    ]
