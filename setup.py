@@ -153,6 +153,7 @@ BUSIEST: Final = (
     "dissect/s7/singles.py",
     "dissect/s7/values.py",
     "dissect/transactions/good_items.py",
+    "dissect/transactions/open_requests.py",
     "dissect/transactions/pairing.py",
     "dissect/transactions/table.py",
     "dissect/transactions/transaction.py",

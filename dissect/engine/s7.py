@@ -197,7 +197,8 @@ class S7(Protocol):
             judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
         else:
             open_now: i64 = connection.open_requests[side.index].count
-            if open_now > 1:
+            agreed: bool = connection.setup_seen and not connection.setup_open
+            if open_now > 1 and not (agreed and open_now <= connection.jobs_allowed(side.index)):
                 peer = side.peer
                 if peer is not None:
                     open_now = _surely_open(side, peer, open_now)

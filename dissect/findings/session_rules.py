@@ -15,7 +15,7 @@ from dissect.s7.tables import ACK, SETUP_COMMUNICATION
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
-from dissect.transactions.pairing import GIVEN_UP_NS
+from dissect.transactions.open_requests import GIVEN_UP_NS
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.codes import CodeTable

@@ -22,6 +22,8 @@ from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 from librt.strings import BytesWriter
+from librt.vecs import vec
+from mypy_extensions import i64
 
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
@@ -46,7 +48,7 @@ def _writer(octets: bytes) -> BytesWriter:
 
 #: What is sent as it is, and what as the list of what it holds.
 _PLAIN: Final = frozenset((type(None), bool, int, float, str, bytes))
-_KINDS: Final[tuple[type, ...]] = (list, tuple, set, frozenset, deque, dict, OrderedDict)
+_KINDS: Final[tuple[type, ...]] = (list, tuple, set, frozenset, deque, dict, OrderedDict, vec[i64])
 _HOLDERS: Final[dict[str, Callable[[Any], Any]]] = {
     **{kind.__name__: kind for kind in _KINDS},
     BytesWriter.__name__: _writer,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from librt.strings import BytesWriter, read_i64_le, write_i64_le
+from librt.vecs import vec
 from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
@@ -40,7 +41,9 @@ class Latencies:
         self._kept: BytesWriter = BytesWriter()  # those that are kept as they are, in eight octets each
         self._asked_at: i64 = 0  # of how many answers a quantile was asked last: a few are in order since then
         self._spread: list[int] = []  # of more, how many are in each `_COARSE` buckets
-        self._buckets: list[int] | None = None
+        self._buckets: vec[i64] = vec[
+            i64
+        ]()  # empty as long as they are kept; numbers, not objects, unlike a list (mypyc)
         self._waiting: bytes = b""  # those that were kept, while buckets do not count them all
         self._counted: i64 = 0  # octets of these that they do
 
@@ -55,25 +58,25 @@ class Latencies:
             self.largest = latency_ns
         self.count += 1
         buckets = self._buckets
-        if buckets is None:
+        if len(buckets) == 0:
             write_i64_le(self._kept, latency_ns)
             if self.count > EXACT:
                 self._begin_buckets()
             return
         bucket: i64 = _bucket(latency_ns)
-        buckets[bucket] = buckets[bucket] + 1  # `+=` on an element of a list is slower (mypyc)
+        buckets[bucket] += 1
         if self._waiting:
             self._fold(_AT_ONCE)
 
     def _begin_buckets(self) -> None:
-        self._buckets = [0] * _BUCKETS
+        self._buckets = vec[i64]([0] * _BUCKETS)
         self._waiting = self._kept.getvalue()
         self._kept = BytesWriter()
 
     @property
     def exact(self) -> bool:
         """True while every answer time is kept as it is."""
-        return self._buckets is None
+        return len(self._buckets) == 0
 
     def quantile(self, q: float) -> int | None:
         """Return the answer time that a share ``q`` (0 to 1) of all does not exceed, None when there is none."""
@@ -81,7 +84,7 @@ class Latencies:
             return None
         rank: int = max(1, int(-(-(q * int(self.count)) // 1)))
         buckets = self._buckets
-        if buckets is None:
+        if len(buckets) == 0:
             if q == 0.5 and self.count % 2 == 0:
                 return (self._at(rank) + self._at(rank + 1)) // 2
             return self._at(rank)
@@ -135,16 +138,15 @@ class Latencies:
 
     def _fold(self, most: i64) -> None:
         """Count up to ``most`` of those kept as they are in buckets instead."""
-        if self._buckets is None:
+        if len(self._buckets) == 0:
             self._begin_buckets()
         buckets = self._buckets
-        assert buckets is not None
         waiting = self._waiting
         at: i64 = self._counted
         end: i64 = min(at + 8 * most, len(waiting))
         while at < end:
             bucket: i64 = _bucket(read_i64_le(waiting, at))
-            buckets[bucket] = buckets[bucket] + 1
+            buckets[bucket] += 1
             at += 8
         if at == len(waiting):
             self._waiting = b""
@@ -160,13 +162,13 @@ class Latencies:
         if not self.count or other.largest > self.largest:
             self.largest = other.largest
         self.count += other.count
-        if self._buckets is None and other._buckets is None and self.count <= EXACT:
+        if self.exact and other.exact and self.count <= EXACT:
             self._kept.write(other._kept.getvalue())
             return
         self._fold(self.count)
         self._waiting = other._waiting[other._counted :] + other._kept.getvalue()
         self._fold(self.count)
-        if self._buckets is not None and other._buckets is not None:
+        if not other.exact:
             for bucket, count in enumerate(other._buckets):
                 self._buckets[bucket] += count
 

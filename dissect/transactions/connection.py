@@ -25,8 +25,8 @@ from dissect.s7.tables import (
 )
 from dissect.tcp.stream import Endpoint, TcpConnection
 from dissect.transactions.ending import Ending
+from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.operation import Activation, OpenOperations
-from dissect.transactions.pairing import OpenRequests
 from dissect.transactions.results import Subscription
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.transactions.pairing import OpenRequests
+from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.table import Side
 
 #: Connections looked at, and given up, with one packet.

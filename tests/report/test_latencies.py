@@ -151,7 +151,7 @@ def test_memory_does_not_grow_with_the_count() -> None:
             latencies.add((number * 2654435761 + round_) % (10**9))
         buckets = latencies._buckets
         kept = len(latencies._kept) + len(latencies._waiting)
-        sizes.append(kept // 8 + (len(buckets) if buckets is not None else 0))
+        sizes.append(kept // 8 + len(buckets))
     assert max(sizes) <= EXACT + 64 * 128
 
 

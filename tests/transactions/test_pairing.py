@@ -1,388 +1,782 @@
+"""Who asked, who answered: reference section 5 point by point, through the whole pipeline."""
+
 from __future__ import annotations
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.s7.parameters import Parameters
-from dissect.tcp.stream import Endpoint, TcpConnection
-from dissect.transactions.connection import Connection
-from dissect.transactions.pairing import (
-    MAX_ORPHANS,
-    MAX_REPEATS,
-    ORPHAN_HOLD_FRAMES,
-    ORPHAN_HOLD_NS,
-    REPEAT_NS,
-    OpenRequests,
+from dissect.transactions.open_requests import MAX_ORPHANS, MAX_REPEATS
+from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL
+from dissect.transactions.results import (
+    EXPECTED,
+    FUNCTION_MISMATCH,
+    REORDERED,
 )
-from dissect.transactions.transaction import Transaction
-from tests.growth import assert_growth
-
-CONNECTION = Connection(
-    1, TcpConnection(Endpoint(b"\x0a\x00\x00\x01", 50000), Endpoint(b"\x0a\x00\x00\x02", 102), 0, 1, 0)
+from dissect.transactions.transaction import (
+    CAPTURE_ENDED,
+    CONNECTION_CLOSED,
+    HOLE,
+    REFERENCE_REUSED,
+    TABLE_FULL,
+    Transaction,
+)
+from tests.transactions.talk import (
+    ACK,
+    CLIENT,
+    CONFIRM,
+    CONNECT,
+    FIN,
+    MS,
+    RST,
+    SECOND,
+    SERVER,
+    SYN,
+    Talk,
+    ack,
+    ack_data,
+    dbw,
+    dt,
+    good,
+    granted,
+    head,
+    job,
+    read,
+    refused,
+    setup,
+    userdata,
+    words,
+    write,
+    written,
 )
 
-
-def request(number: int, octets: bytes = b"", time_ns: int = 0) -> Transaction:
-    """A request; ``octets`` are what tells two of them apart."""
-    transaction = Transaction(number, CONNECTION, 0, 1, 0, Parameters(b"\x04", 1))
-    transaction.request_buf = octets
-    transaction.request_size = len(octets)
-    transaction.request_ns = time_ns
-    transaction.request_frame = number
-    return transaction
+REQUEST, RESPONSE, PUSH = 1, 2, 0
 
 
-def answer(number: int, time_ns: int = 0) -> Transaction:
-    transaction = Transaction(number, CONNECTION, 0, 3, 0, Parameters(b"\x04", 3))
-    transaction.response_ns = time_ns
-    return transaction
+@pytest.fixture
+def talk() -> Talk:
+    """A connection that is set up."""
+    talk = Talk()
+    talk.open(8, 8)
+    return talk
 
 
-def put(requests: OpenRequests, key: int, transaction: Transaction) -> list[int]:
-    """Open a request; return the numbers of those it replaces, the newest first."""
-    waiting = requests.find(key)
-    if waiting is None:
-        requests.add(key, transaction)
-        return []
-    replaced = requests.add_again(key, transaction, waiting)
-    return chain(replaced)
+def reasons(talk: Talk) -> list[str]:
+    return [transaction.reason for transaction in talk.transactions]
 
 
-def chain(transaction: Transaction | None) -> list[int]:
-    numbers = []
-    while transaction is not None:
-        numbers.append(transaction.number)
-        transaction = transaction.earlier
-    return numbers
+def only(talk: Talk) -> Transaction:
+    assert len(talk.transactions) == 1
+    return talk.transactions[0]
 
 
-def take(requests: OpenRequests, key: int) -> int:
-    found = requests.find(key)
-    assert found is not None
-    return requests.take(key, found).number
+# ---- 5.1 the key ----------------------------------------------------------------------------------------------------
 
 
-# ---- open requests --------------------------------------------------------------------------------------------------
+def test_a_request_and_its_answer(talk: Talk) -> None:
+    asked = talk.ask(read(0x0102, dbw(10, 4, 3)))
+    answered = talk.tell(words(0x0102, 1, 2, 3), after_ns=7 * MS)
+    one = only(talk)
+    assert talk.pairs() == [(asked, answered)]
+    assert (one.outcome_name, one.reason, one.rosctr, one.pdu_ref) == ("answered", "", 1, 0x0102)
+    assert (one.asked_by, one.latency_ns, one.flags, one.has_errors) == (CLIENT, 7 * MS, 0, False)
+    assert (one.function, one.function_name) == (4, "Read Var")
+    assert one.request_octets == read(0x0102, dbw(10, 4, 3))
+    assert one.response_octets == words(0x0102, 1, 2, 3)
+    assert (one.connection.answered, one.connection.pdus) == (2, 4)
 
 
-def test_an_answered_request_leaves_the_table() -> None:
-    requests = OpenRequests()
-    assert put(requests, 5, request(1)) == []
-    assert requests.count == 1
-    assert take(requests, 5) == 1
-    assert (requests.count, requests.table) == (0, {})
+def test_answer_and_function_must_fit(talk: Talk) -> None:
+    """The answer is the only one there is, so it is taken and told (ROSCTR 3: mismatch is an anomaly)."""
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(ack_data(1, b"\x05\x01", b"\x05"))
+    one = only(talk)
+    assert (one.outcome_name, one.flags) == ("answered", FUNCTION_MISMATCH)
+    assert (one.function, one.has_errors, one.errors) == (4, False, [])
 
 
-@given(st.lists(st.tuples(st.integers(0, 4), st.booleans()), max_size=40))
-def test_what_is_open_is_found_however_many_are(steps: list[tuple[int, bool]]) -> None:
-    """Against a dictionary; the table is looked at now and then, which must change nothing."""
-    requests = OpenRequests()
-    known: dict[int, int] = {}
-    for number, (key, look) in enumerate(steps, 1):
-        if key in known:
-            assert take(requests, key) == known.pop(key)
+def test_an_ack_takes_the_function_from_the_request(talk: Talk) -> None:
+    talk.ask(job(7, b"\x1d" + bytes(17)))
+    talk.tell(ack(7, 0xD209))
+    one = only(talk)
+    assert (one.function_name, one.flags, one.has_errors, one.error_code) == ("Start upload", 0, True, 0xD209)
+    assert [(error.where, error.code, error.name) for error in one.errors] == [("header", 0xD209, "Block not found")]
+
+
+def test_an_ack_that_names_the_function(talk: Talk) -> None:
+    talk.ask(read(7, dbw(1, 0)))
+    talk.tell(ack(7, 0x8104, b"\x04"))
+    assert (only(talk).flags, only(talk).error_code) == (0, 0x8104)
+
+
+def test_userdata_by_group_and_subfunction(talk: Talk) -> None:
+    talk.ask(userdata(1, head(REQUEST, 4, 1)))
+    talk.tell(userdata(1, head(RESPONSE, 4, 1, 9, 0)))  # the sequence number is chosen by the answering side
+    talk.ask(userdata(2, head(REQUEST, 4, 1)))
+    talk.tell(userdata(2, head(RESPONSE, 4, 2, 0, 0)))
+    talk.ask(userdata(3, head(REQUEST, 4, 1)))
+    talk.tell(userdata(3, head(RESPONSE, 3, 1, 0, 0)))
+    assert talk.outcomes() == ["answered"] * 3
+    assert [one.flags for one in talk.transactions] == [0, FUNCTION_MISMATCH, FUNCTION_MISMATCH]
+    assert talk.transactions[0].function_name == "CPU functions: read SZL"
+
+
+def test_rosctr_belongs_to_the_key(talk: Talk) -> None:
+    first = talk.ask(read(5, dbw(1, 0)))
+    second = talk.ask(userdata(5, head(REQUEST, 4, 1)))
+    third = talk.tell(userdata(5, head(RESPONSE, 4, 1, 1, 0)))
+    fourth = talk.tell(words(5, 1))
+    assert talk.pairs() == [(second, third), (first, fourth)]
+    assert [one.rosctr for one in talk.transactions] == [7, 1]
+
+
+def test_either_end_asks_and_the_references_are_independent(talk: Talk) -> None:
+    """A download: the PLC sends jobs with references of its own, which collide with the client's."""
+    ours = talk.ask(read(1, dbw(1, 0)))
+    theirs = talk.tell(job(1, b"\x1b" + bytes(17)))
+    data = talk.ask(ack_data(1, b"\x1b\x00", b"\x00\x02\x00\xfbpp"))
+    answer = talk.tell(words(1, 42))
+    assert talk.pairs() == [(theirs, data), (ours, answer)]
+    assert [one.asked_by for one in talk.transactions] == [SERVER, CLIENT]
+    assert [one.function_name for one in talk.transactions] == ["Download block", "Read Var"]
+
+
+def test_an_end_does_not_answer_itself(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.ask(words(1, 42))
+    talk.close()
+    assert sorted(talk.outcomes()) == ["orphan_answer", "unanswered"]
+
+
+def test_bsend_from_both_sides(talk: Talk) -> None:
+    first = talk.ask(userdata(3, head(REQUEST, 6, 1, 0, 0)))
+    second = talk.tell(userdata(3, head(REQUEST, 6, 1, 0, 0)))
+    third = talk.tell(userdata(3, head(RESPONSE, 6, 1, 0, 0)))
+    fourth = talk.ask(userdata(3, head(RESPONSE, 6, 1, 0, 0)))
+    assert talk.pairs() == [(first, third), (second, fourth)]
+
+
+def test_parts_of_a_long_answer_pair_with_their_own_requests(talk: Talk) -> None:
+    first = userdata(1, bytes.fromhex("000112081284010cd5010000"))
+    last = userdata(2, bytes.fromhex("000112081284010cd5000000"))
+    asked = talk.ask(userdata(1, head(REQUEST, 4, 1)))
+    told = talk.tell(first)
+    again = talk.ask(userdata(2, bytes.fromhex("000112081244010c00000000")))
+    rest = talk.tell(last)
+    assert talk.pairs() == [(asked, told), (again, rest)]
+
+
+def test_pushes_belong_to_nothing(talk: Talk) -> None:
+    talk.ask(userdata(0, head(REQUEST, 2, 1)))
+    pushed = talk.tell(userdata(0, head(PUSH, 2, 1, 4, 0)))
+    stopped = talk.tell(userdata(0, bytes.fromhex("0100101000000000"), b""))
+    talk.tell(userdata(0, head(RESPONSE, 2, 1, 4, 0)))
+    assert talk.outcomes() == ["unsolicited", "unsolicited", "answered"]
+    assert talk.pairs()[:2] == [(0, pushed), (0, stopped)]
+    push = talk.transactions[0]
+    assert (push.asked_by, push.latency_ns, push.request, push.has_errors) == (CLIENT, None, None, False)
+    assert push.connection.unsolicited == 2
+    assert talk.transactions[1].function_name == "mode transition: STOP"
+
+
+def test_a_push_may_carry_an_error(talk: Talk) -> None:
+    talk.tell(userdata(0, head(PUSH, 2, 1, 4, 0xD807)))
+    push = only(talk)
+    assert [(error.where, error.code, error.name) for error in push.errors] == [("parameter", 0xD807, "Overload")]
+
+
+# ---- 5.2 what not to assume of a reference --------------------------------------------------------------------------
+
+
+def test_references_start_anywhere_wrap_and_may_be_zero(talk: Talk) -> None:
+    for pdu_ref in (0xFFFE, 0xFFFF, 0, 1):
+        talk.ask(read(pdu_ref, dbw(1, pdu_ref & 7)))
+        talk.tell(words(pdu_ref, pdu_ref))
+    assert talk.outcomes() == ["answered"] * 4
+    assert [one.results()[0].value for one in talk.transactions] == [0xFFFE, 0xFFFF, 0, 1]
+
+
+@pytest.mark.parametrize("pdu_ref", [0x0500, 0])
+def test_one_reference_for_everything(talk: Talk, pdu_ref: int) -> None:
+    for value in range(20):
+        talk.ask(read(pdu_ref, dbw(1, value % 3)))
+        talk.tell(words(pdu_ref, value))
+    assert talk.outcomes() == ["answered"] * 20
+    assert [one.results()[0].value for one in talk.transactions] == [*range(20)]
+    assert [one.latency_ns for one in talk.transactions] == [MS] * 20
+
+
+def test_a_setup_may_use_the_reference_of_the_next_job() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.ask(setup(1))
+    talk.tell(granted(1))
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1))
+    assert talk.outcomes() == ["answered"] * 2
+
+
+def test_a_reference_used_again_while_open(talk: Talk) -> None:
+    lost = talk.ask(read(5, dbw(1, 0)))
+    asked = talk.ask(read(5, dbw(1, 2)))
+    answered = talk.tell(words(5, 7))
+    assert talk.pairs() == [(lost, 0), (asked, answered)]
+    assert reasons(talk) == [REFERENCE_REUSED, ""]
+    assert only_unanswered(talk).connection.unanswered == 1
+
+
+def only_unanswered(talk: Talk) -> Transaction:
+    found = [one for one in talk.transactions if one.outcome_name == "unanswered"]
+    assert len(found) == 1
+    return found[0]
+
+
+def test_identical_requests_are_answered_in_turn(talk: Talk) -> None:
+    asked = [talk.ask(read(5, dbw(1, 0))) for _ in range(3)]
+    answered = [talk.tell(words(5, value)) for value in range(3)]
+    assert talk.pairs() == [*zip(asked, answered, strict=True)]
+
+
+def test_more_identical_requests_than_may_wait(talk: Talk) -> None:
+    asked = [talk.ask(read(5, dbw(1, 0))) for _ in range(MAX_REPEATS + 1)]
+    assert talk.pairs() == [(frame, 0) for frame in asked[:-1]]
+    talk.tell(words(5, 1))
+    assert talk.outcomes() == ["unanswered"] * MAX_REPEATS + ["answered"]
+
+
+def test_a_lost_answer_shifts_nothing(talk: Talk) -> None:
+    """A client that never changes its reference polls on after one answer failed to come."""
+    talk.ask(read(5, dbw(1, 0)))
+    talk.wait(2 * SECOND)
+    for value in range(5):
+        talk.ask(read(5, dbw(1, 0)))
+        talk.tell(words(5, value))
+        talk.wait(SECOND // 10)
+    assert reasons(talk) == [REFERENCE_REUSED] + [""] * 5
+    assert [one.latency_ns for one in talk.transactions[1:]] == [MS] * 5
+
+
+def test_an_answer_lost_in_a_hole_shifts_nothing(talk: Talk) -> None:
+    talk.ask(read(5, dbw(1, 0)))
+    talk.lose(SERVER, words(5, 99))
+    for value in range(15):
+        talk.ask(read(5, dbw(1, 0)))
+        talk.tell(words(5, value))
+    requests = talk.pipeline.table.all_open()[0].connection.open_requests[CLIENT]
+    assert (requests.count, len(requests.table)) == (0, 0)
+    talk.close()
+    found = {(one.outcome_name, one.reason) for one in talk.transactions}
+    assert found == {("answered", ""), ("unanswered", HOLE)}
+    assert len(talk.transactions) == 16
+    late = [one for one in talk.transactions if one.outcome_name == "answered"][-4:]
+    assert [one.results()[0].value for one in late] == [11, 12, 13, 14]
+    assert [one.latency_ns for one in late] == [MS] * 4
+
+
+# ---- 5.3 who is the client ------------------------------------------------------------------------------------------
+
+
+def test_without_a_handshake_the_job_tells_who_the_client_is() -> None:
+    for octets, client in (
+        (read(1, dbw(1, 0)), SERVER),
+        (setup(1), SERVER),
+        (userdata(1, head(REQUEST, 4, 1)), SERVER),
+        (job(1, b"\x29" + bytes(5)), SERVER),
+        (job(1, b"\x1b" + bytes(17)), CLIENT),
+        (job(1, b"\x1c" + bytes(17)), CLIENT),
+    ):
+        talk = Talk(40000, 40001)
+        talk.tell(octets)
+        talk.finish()
+        connection = talk.connections[0]
+        assert (str(connection.client).endswith(":4000" + "01"[client]), connection.client_known) == (True, True)
+
+
+def test_bsend_and_unknown_functions_tell_nothing() -> None:
+    for octets in (userdata(1, head(REQUEST, 6, 1)), job(1, b"\x77"), words(1, 1)):
+        talk = Talk(102, 40001)  # port 102 as a last hint
+        talk.tell(octets)
+        talk.finish()
+        connection = talk.connections[0]
+        assert (connection.client.port, connection.client_known) == (40001, False)
+
+
+# ---- 5.4 several outstanding ----------------------------------------------------------------------------------------
+
+
+def test_answers_in_another_order(talk: Talk) -> None:
+    asked = [talk.ask(read(number, dbw(1, number))) for number in range(5)]
+    answered = {number: talk.tell(words(number, number)) for number in (3, 0, 4, 1, 2)}
+    assert talk.pairs() == [(asked[number], answered[number]) for number in (3, 0, 4, 1, 2)]
+    assert [one.results()[0].value for one in talk.transactions] == [3, 0, 4, 1, 2]
+
+
+def test_several_pdus_in_a_segment(talk: Talk) -> None:
+    asked = talk.ask(*(read(number, dbw(1, number)) for number in range(4)))
+    answered = talk.tell(*(words(number, number) for number in range(4)))
+    assert talk.pairs() == [(asked, answered)] * 4
+    assert [one.results()[0].value for one in talk.transactions] == [0, 1, 2, 3]
+
+
+def test_two_connections_do_not_meet() -> None:
+    talk = Talk(50000)
+    other = Talk(50001, beside=talk)
+    talk.open()
+    other.open()
+    first = talk.ask(read(1, dbw(1, 0)))
+    second = other.ask(read(1, dbw(2, 0)))
+    third = other.tell(words(1, 2))
+    fourth = talk.tell(words(1, 1))
+    assert talk.pairs() == [(second, third), (first, fourth)]
+
+
+# ---- the bounds -----------------------------------------------------------------------------------------------------
+
+
+def test_the_table_is_bounded_and_the_sum_exact(talk: Talk) -> None:
+    """Robustness T23: 70,000 requests without an answer; every one is told of, the oldest first."""
+    count = 70_000
+    talk.flood(count)
+    assert talk.pipeline.table.all_open()[0].connection.open_requests[CLIENT].count == MAX_OPEN
+    given_up = len(talk.transactions)
+    assert given_up == count - MAX_OPEN
+    assert set(reasons(talk)) == {TABLE_FULL}
+    talk.finish()
+    assert len(talk.transactions) == count
+    assert set(reasons(talk)[given_up:]) == {CAPTURE_ENDED}
+    assert [one.number for one in talk.transactions] == [*range(2, count + 2)]
+    assert talk.pipeline.finding_counts["transaction.table_full"] == given_up
+    assert int(talk.pipeline.exchange.dialogue.open) == 0
+
+
+def test_the_sum_is_exact_with_one_reference() -> None:
+    talk = Talk()
+    talk.open()
+    for number in range(0, 5_000, 50):
+        talk.ask(*(read(7, dbw(1, (number + more) & 0xFF)) for more in range(50)))
+    talk.finish()
+    assert len(talk.transactions) == 5_000
+    assert reasons(talk).count(REFERENCE_REUSED) == 4_999
+
+
+def test_all_connections_together_are_bounded() -> None:
+    """Captures of one direction leave every request open: each connection keeps few when there are many."""
+    first = Talk(50000)
+    talks = [first] + [Talk(50000 + number, beside=first) for number in range(1, 24)]
+    for talk in talks:
+        talk.flood(MAX_OPEN)
+    opened = [side.connection.open_requests[CLIENT].count for side in first.pipeline.table.all_open()]
+    assert opened == [MAX_OPEN] * 16 + [FEW_OPEN] * 8
+    dialogue = first.pipeline.exchange.dialogue
+    assert dialogue.open == sum(opened) == MAX_OPEN_ALL + 8 * FEW_OPEN
+    first.finish()
+    assert len(first.transactions) == 24 * MAX_OPEN
+    assert dialogue.open == 0
+
+
+def test_what_is_open_is_counted_right(talk: Talk) -> None:
+    dialogue = talk.pipeline.exchange.dialogue
+    for number in range(10):
+        talk.ask(read(number % 4, dbw(1, number)))
+    assert dialogue.open == 4
+    talk.tell(words(0, 1))
+    talk.tell(words(0, 1))
+    assert dialogue.open == 3
+    talk.close()
+    assert dialogue.open == 0
+
+
+# ---- 5.5 what a capture does to a conversation -----------------------------------------------------------------------
+
+
+def early(talk: Talk, request: bytes, *answers: bytes) -> int:
+    """The answers to a request are captured before it."""
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(request))
+    frame = talk.tell(*answers)
+    talk.acked[SERVER] = None
+    return frame
+
+
+def test_an_answer_captured_before_its_request(talk: Talk) -> None:
+    request = read(5, dbw(1, 0))
+    told = early(talk, request, words(5, 42))
+    assert talk.transactions == []
+    asked = talk.ask(request)
+    one = only(talk)
+    assert talk.pairs() == [(asked, told)]
+    assert (one.outcome_name, one.flags, one.latency_ns) == ("answered", REORDERED, -MS)
+    assert one.results()[0].value == 42
+    talk.close()
+    assert len(talk.transactions) == 1
+    assert (one.connection.answered, one.connection.orphans) == (2, 0)
+
+
+def test_the_acknowledgement_tells_an_old_answer_from_an_early_one(talk: Talk) -> None:
+    """The answer did not acknowledge the request, so it was sent before it and belongs to another."""
+    orphan = talk.tell(words(5, 1))
+    asked = talk.ask(read(5, dbw(1, 0)))
+    answered = talk.tell(words(5, 2))
+    talk.close()
+    assert talk.pairs() == [(asked, answered), (0, orphan)]
+    assert talk.outcomes() == ["answered", "orphan_answer"]
+
+
+def test_what_a_request_had_acknowledged_is_no_answer_to_it(talk: Talk) -> None:
+    """The client got its answer and used the reference again; the capture shows that answer only afterwards."""
+    first = talk.ask(read(5, dbw(1, 0)))
+    talk.acked[CLIENT] = talk.seq[SERVER] + len(dt(words(5, 1)))
+    asked = talk.ask(read(5, dbw(1, 2)))
+    talk.acked[CLIENT] = None
+    late = talk.tell(words(5, 1))
+    answered = talk.tell(words(5, 2))
+    talk.close()
+    assert talk.pairs() == [(first, late), (asked, answered)]
+
+
+def test_early_answers_find_their_own_requests(talk: Talk) -> None:
+    requests = [read(number, dbw(1, number)) for number in range(3)]
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(*requests))
+    told = [talk.tell(words(number, number)) for number in (2, 0, 1)]
+    talk.acked[SERVER] = None
+    asked = talk.ask(*requests)
+    assert talk.pairs() == [(asked, told[1]), (asked, told[2]), (asked, told[0])]
+
+
+def test_an_early_answer_that_names_another_function(talk: Talk) -> None:
+    request = read(5, dbw(1, 0))
+    early(talk, request, ack_data(5, b"\x05\x01", b"\xff"))
+    talk.ask(request)
+    assert only(talk).flags == FUNCTION_MISMATCH | REORDERED
+
+
+def test_an_early_refusal(talk: Talk) -> None:
+    request = read(5, dbw(1, 0))
+    early(talk, request, ack(5, 0x8104))
+    talk.ask(request)
+    assert (only(talk).error_code, only(talk).flags) == (0x8104, REORDERED)
+
+
+@pytest.mark.parametrize("early_one", [granted(9, 3, 3, 240), userdata(9, head(RESPONSE, 4, 1, 1, 0xD402))])
+def test_an_early_answer_is_looked_at_like_any_other(talk: Talk, early_one: bytes) -> None:
+    request = setup(9, 8, 8, 480) if early_one[1] == 3 else userdata(9, head(REQUEST, 4, 1))
+    early(talk, request, early_one)
+    talk.ask(request)
+    connection = only(talk).connection
+    if early_one[1] == 3:
+        assert (connection.pdu_length, connection.jobs_allowed(CLIENT)) == (240, 3)
+    else:
+        assert only(talk).error_code == 0xD402
+
+
+def test_an_orphan_is_held_for_a_second(talk: Talk) -> None:
+    orphan = talk.tell(words(5, 1))
+    talk.packet(CLIENT, after_ns=SECOND)
+    assert talk.transactions == []
+    talk.packet(CLIENT, after_ns=60 * MS)
+    assert talk.pairs() == [(0, orphan)]
+    assert only(talk).connection.orphans == 1
+
+
+def test_an_orphan_is_held_for_fifty_packets(talk: Talk) -> None:
+    orphan = talk.tell(words(5, 1))
+    for _ in range(50):
+        talk.packet(CLIENT, after_ns=1000)
+    assert talk.transactions == []
+    talk.packet(CLIENT, after_ns=1000)
+    assert talk.pairs() == [(0, orphan)]
+
+
+def test_another_connection_s_packets_let_time_pass(talk: Talk) -> None:
+    other = Talk(50001, beside=talk)
+    other.open()
+    orphan = talk.tell(words(5, 1))
+    other.ask(read(1, dbw(1, 0)), after_ns=SECOND + 60 * MS)
+    assert talk.pairs() == [(0, orphan)]
+
+
+def test_held_orphans_are_bounded_and_all_told(talk: Talk) -> None:
+    count = MAX_ORPHANS + 30
+    talk.tell(*(words(number, number) for number in range(count)))
+    talk.packet(CLIENT)
+    assert [one.pdu_ref for one in talk.transactions] == [*range(30)]
+    talk.close()
+    assert [one.pdu_ref for one in talk.transactions] == [*range(count)]
+    assert set(talk.outcomes()) == {"orphan_answer"}
+
+
+def test_an_orphan_tells_what_it_carries(talk: Talk) -> None:
+    talk.tell(ack_data(5, b"\x04\x02", good(4, b"\x00\x2a") + refused(0x05)))
+    talk.tell(ack(6, 0xD209))
+    talk.tell(userdata(7, head(RESPONSE, 4, 1, 1, 0xD402)))
+    talk.close()
+    read_answer, refusal, answer = talk.transactions
+    assert (read_answer.rosctr, read_answer.function_name, read_answer.request) == (1, "Read Var", None)
+    assert [(result.item, result.return_code, result.value) for result in read_answer.results()] == [
+        (None, 0xFF, None),
+        (None, 0x05, None),
+    ]
+    assert [(error.where, error.code) for error in read_answer.errors] == [("item 2", 0x05)]
+    assert [(error.where, error.code) for error in refusal.errors] == [("header", 0xD209)]
+    assert [(error.where, error.code) for error in answer.errors] == [("parameter", 0xD402)]
+    assert (refusal.function, refusal.function_name) == (-1, "no function")
+    assert [one.rosctr for one in talk.transactions] == [1, 1, 7]
+
+
+def test_mid_stream_the_first_answers_lack_their_requests() -> None:
+    talk = Talk()
+    talk.tell(words(5, 1))
+    talk.tell(words(6, 1))
+    talk.ask(read(7, dbw(1, 0)))
+    talk.tell(words(8, 1))
+    talk.finish()
+    found = {one.pdu_ref: one.flags for one in talk.transactions if one.outcome_name == "orphan_answer"}
+    assert found == {5: EXPECTED, 6: EXPECTED, 8: 0}
+
+
+def heal(talk: Talk) -> None:
+    """Both ends acknowledge what they got, and time passes: a hole is given up."""
+    for _ in range(2):
+        talk.packet(CLIENT)
+        talk.packet(SERVER, after_ns=60 * MS)
+
+
+def test_a_request_whose_answer_is_in_a_hole(talk: Talk) -> None:
+    lost = talk.ask(read(1, dbw(1, 0)))
+    talk.lose(SERVER, words(1, 1))
+    asked = talk.ask(read(2, dbw(1, 0)))
+    answered = talk.tell(words(2, 2))
+    heal(talk)
+    assert talk.pairs() == [(asked, answered)]
+    talk.close()
+    assert talk.pairs()[1:] == [(lost, 0)]
+    assert reasons(talk) == ["", HOLE]
+
+
+def test_a_request_after_the_hole_is_not_blamed_on_it(talk: Talk) -> None:
+    talk.lose(SERVER, words(1, 1))
+    talk.tell(words(2, 2))
+    heal(talk)
+    talk.ask(read(3, dbw(1, 0)))
+    talk.close()
+    assert [(one.pdu_ref, one.reason) for one in talk.transactions if one.outcome_name == "unanswered"] == [
+        (3, CONNECTION_CLOSED)
+    ]
+
+
+def test_a_reference_used_again_after_a_hole_is_no_fault_of_the_client(talk: Talk) -> None:
+    """The reference came round again; the answer of the first time is in the hole."""
+    lost = talk.ask(read(1, dbw(1, 0)))
+    talk.lose(SERVER, words(1, 1))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 2))
+    heal(talk)
+    asked = talk.ask(read(1, dbw(1, 2)))
+    answered = talk.tell(words(1, 3))
+    assert talk.pairs()[1:] == [(lost, 0), (asked, answered)]
+    assert reasons(talk) == ["", HOLE, ""]
+    assert "transaction.unanswered" not in talk.slugs()
+
+
+def test_an_answer_whose_request_is_in_a_hole(talk: Talk) -> None:
+    talk.lose(CLIENT, read(1, dbw(1, 0)))
+    orphan = talk.tell(words(1, 1))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 2))
+    heal(talk)
+    talk.close()
+    found = [one for one in talk.transactions if one.outcome_name == "orphan_answer"]
+    assert [(one.response_frame, one.flags, one.reason) for one in found] == [(orphan, EXPECTED, HOLE)]
+
+
+def test_with_a_hole_an_answer_of_another_function_is_not_taken(talk: Talk) -> None:
+    """Request 5 (write) and its answer to an earlier use of 5 were lost: what comes is not this request's."""
+    talk.lose(CLIENT, write(5, [dbw(1, 0)], written(4, b"\0\1")))
+    asked = talk.ask(read(5, dbw(1, 0)))
+    orphan = talk.tell(ack_data(5, b"\x05\x01", b"\xff"))
+    heal(talk)
+    answered = talk.tell(words(5, 1))
+    talk.close()
+    assert (asked, answered) in [(one.request_frame, one.response_frame) for one in talk.transactions]
+    assert [one.response_frame for one in talk.transactions if one.outcome_name == "orphan_answer"] == [orphan]
+    assert all(not one.flags & FUNCTION_MISMATCH for one in talk.transactions)
+
+
+def test_with_a_hole_requests_keep_their_order(talk: Talk) -> None:
+    """An answer that was not taken leaves the requests waiting as they were."""
+    talk.lose(SERVER, words(9, 1))
+    talk.tell(userdata(0, head(PUSH, 2, 1, 4, 0)))
+    heal(talk)
+    first = [talk.ask(read(5, dbw(1, 0))) for _ in range(2)]
+    talk.ask(read(6, dbw(1, 0)))
+    talk.tell(ack_data(5, b"\x05\x01", b"\xff"))
+    answered = talk.tell(words(5, 1))
+    assert talk.pairs()[1:] == [(first[0], answered)]
+    talk.close()
+    unanswered = [one for one in talk.transactions if one.outcome_name == "unanswered"]
+    assert [one.number for one in unanswered] == sorted(one.number for one in unanswered)
+
+
+def test_with_a_hole_an_early_answer_of_another_function_is_not_taken(talk: Talk) -> None:
+    talk.lose(CLIENT, read(8, dbw(1, 0)))
+    talk.ask(read(9, dbw(1, 0)))
+    talk.tell(words(9, 1))
+    heal(talk)
+    request = read(5, dbw(1, 0))
+    early(talk, request, ack_data(5, b"\x05\x01", b"\xff"))
+    asked = talk.ask(request)
+    answered = talk.tell(words(5, 1))
+    assert (asked, answered) in talk.pairs()
+
+
+@pytest.mark.parametrize("answering", [CLIENT, SERVER])
+def test_one_direction_only(answering: int) -> None:
+    """Nothing can be paired; the transactions say that it is no wonder."""
+    talk = Talk()
+    for number in range(5):
+        if answering == SERVER:
+            talk.tell(words(number, number))
+            talk.seq[CLIENT] += len(dt(read(number, dbw(1, 0))))
         else:
-            requests.add(key, request(number))
-            known[key] = number
-        if look:
-            assert [(key, found.number) for key, found in requests.table.items()] == list(known.items())
-        assert requests.count == len(known)
-        for other in range(5):
-            found = requests.find(other)
-            assert (found.number if found is not None else None) == known.get(other)
-    assert [found.number for found in requests.drain()] == list(known.values())
-    assert requests.find(0) is None
+            talk.ask(read(number, dbw(1, 0)))
+            talk.seq[SERVER] += len(dt(words(number, number)))
+    talk.finish()
+    assert talk.outcomes() == (["orphan_answer"] if answering == SERVER else ["unanswered"]) * 5
+    assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
+    assert talk.slugs() == ["capture.one_sided"]
 
 
-def test_another_request_of_the_same_key_replaces_the_first() -> None:
-    requests = OpenRequests()
-    put(requests, 5, request(1, b"a"))
-    put(requests, 6, request(2, b"b"))
-    assert put(requests, 5, request(3, b"c")) == [1]
-    assert requests.count == 2
-    assert [one.number for one in requests.drain()] == [2, 3]
+def test_one_direction_only_from_its_beginning() -> None:
+    """The answer to the SYN was captured, so the beginning is known; of the client there is nothing."""
+    talk = Talk()
+    talk.packet(SERVER, flags=SYN | ACK)
+    talk.packet(SERVER, CONFIRM)
+    for number in range(5):
+        talk.tell(words(number, number))
+        talk.seq[CLIENT] += len(dt(read(number, dbw(1, 0))))
+    talk.finish()
+    assert talk.connections[0].tcp.known_start
+    assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
+    assert talk.slugs() == ["capture.one_sided"]
 
 
-def test_identical_requests_wait_and_are_answered_in_turn() -> None:
-    requests = OpenRequests()
-    for number in range(1, MAX_REPEATS + 1):
-        assert put(requests, 5, request(number, b"same", number)) == []
-    assert requests.count == MAX_REPEATS
-    assert [take(requests, 5) for _ in range(MAX_REPEATS)] == [*range(1, MAX_REPEATS + 1)]
-    assert (requests.count, requests.table) == (0, {})
+def test_a_silent_server_whose_acknowledgements_are_there_is_not_one_direction_only() -> None:
+    talk = Talk()
+    for number in range(5):
+        talk.ask(read(number, dbw(1, 0)))
+        talk.packet(SERVER, after_ns=3 * SECOND)
+    talk.finish()
+    assert [one.flags for one in talk.transactions] == [0] * 5
+    assert "capture.one_sided" not in talk.slugs()
+    assert talk.slugs().count("transaction.unanswered") == 5
 
 
-def test_so_many_identical_requests_may_wait() -> None:
-    requests = OpenRequests()
-    for number in range(1, MAX_REPEATS + 1):
-        put(requests, 5, request(number, b"same"))
-    assert put(requests, 5, request(99, b"same")) == [*range(MAX_REPEATS, 0, -1)]
-    assert requests.count == 1
-    assert take(requests, 5) == 99
+def test_duplicated_packets_ask_once(talk: Talk) -> None:
+    octets = dt(read(1, dbw(1, 0)))
+    asked = talk.packet(CLIENT, octets)
+    talk.packet(CLIENT, octets, seq=talk.seq[CLIENT] - len(octets))
+    answered = talk.tell(words(1, 1))
+    talk.close()
+    assert talk.pairs() == [(asked, answered)]
 
 
-def test_a_request_that_came_again_late_replaces_the_first() -> None:
-    requests = OpenRequests()
-    put(requests, 5, request(1, b"same", 0))
-    assert put(requests, 5, request(2, b"same", REPEAT_NS)) == []
-    assert put(requests, 5, request(3, b"same", 2 * REPEAT_NS + 1)) == [2, 1]
-    assert requests.count == 1
+@pytest.mark.parametrize(("flags", "ended"), [(FIN, "fin"), (RST, "reset")])
+def test_a_request_open_when_the_connection_ends(talk: Talk, flags: int, ended: str) -> None:
+    asked = talk.ask(read(1, dbw(1, 0)))
+    if flags == FIN:
+        talk.close()
+    else:
+        talk.packet(SERVER, flags=RST)
+        talk.packet(CLIENT, after_ns=2 * SECOND)
+        talk.finish()
+    assert talk.pairs() == [(asked, 0)]
+    assert (only(talk).reason, only(talk).latency_ns, only(talk).response) == (CONNECTION_CLOSED, None, None)
+    assert (talk.connections[0].tcp.ended, talk.connections[0].open_at_end) == (ended, 1)
 
 
-@pytest.mark.parametrize(
-    ("frame", "hole_frame", "lost"),
-    [
-        (9, 9, [2, 1]),  # the answer came after all of them: it is the last one's, the others' are in the hole
-        (9, 1, [1]),  # the second was asked after the hole
-        (9, 0, []),  # there was no hole
-        (2, 9, [1]),  # the third was asked after the answer
-        (1, 9, []),
-    ],
+def test_a_request_open_when_the_capture_ends(talk: Talk) -> None:
+    talk.ask(read(1, dbw(1, 0)))
+    talk.finish()
+    assert (only(talk).reason, talk.connections[0].open_at_end) == (CAPTURE_ENDED, 0)
+
+
+def test_what_is_open_on_both_sides_is_told_in_the_order_of_asking(talk: Talk) -> None:
+    for number in range(3):
+        talk.ask(read(number, dbw(1, 0)))
+        talk.tell(job(number, b"\x1b" + bytes(17)))
+    talk.ask(read(1, dbw(1, 4)))
+    talk.close()
+    ours = [one.number for one in talk.transactions if one.asked_by == CLIENT]
+    theirs = [one.number for one in talk.transactions if one.asked_by == SERVER]
+    assert (len(ours), len(theirs)) == (4, 3)
+    assert ours[1:] == sorted(ours[1:])  # the first one ended before, when its reference was used again
+    assert theirs == sorted(theirs)
+
+
+def test_a_connect_request_after_data_is_another_connection(talk: Talk) -> None:
+    """The close and the new SYN in between were not captured: references are cleared."""
+    lost = talk.ask(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, CONNECT)
+    talk.packet(SERVER, CONFIRM)
+    orphan = talk.tell(words(1, 1))
+    talk.close()
+    assert talk.pairs() == [(lost, 0), (0, orphan)]
+    assert len(talk.connections) == 2
+    assert [connection.number for connection in talk.connections] == [1, 2]
+
+
+# ---- any conversation -----------------------------------------------------------------------------------------------
+
+#: (who asks, kind, reference, whether it is answered at once, later or never), in the order of asking.
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from([CLIENT, SERVER]), st.sampled_from(["job", "userdata"]), st.integers(0, 3), st.integers(0, 2)
+    ),
+    max_size=40,
 )
-def test_identical_requests_before_a_hole_are_given_up(frame: int, hole_frame: int, lost: list[int]) -> None:
-    requests = OpenRequests()
-    for number in (1, 2, 3):
-        put(requests, 5, request(number, b"same"))
-    assert chain(requests.lose(requests.table[5], frame, hole_frame)) == lost
-    assert requests.count == 3 - len(lost)
-    assert [take(requests, 5) for _ in range(requests.count)] == [*range(1 + len(lost), 4)]
 
 
-def test_the_oldest_leaves_first() -> None:
-    requests = OpenRequests()
-    for number in range(1, 5):
-        put(requests, number, request(number, bytes((number,))))
-    put(requests, 1, request(5, b"other"))  # the first key is now the youngest
-    gone = []
-    while (oldest := requests.oldest()) is not None:
-        gone.append(oldest.number)
-    assert gone == [2, 3, 4, 5]
-    assert requests.count == 0
+@given(STEPS)
+def test_every_request_and_answer_is_told_of_once(steps: list[tuple[int, str, int, int]]) -> None:
+    """Against a plain model: the references are few, so they collide in every way there is."""
+    talk = Talk()
+    talk.open(8, 8)
+    waiting: dict[tuple[int, str, int], int] = {}
+    expected: list[tuple[int, int]] = []
+    for number, (side, kind, pdu_ref, when) in enumerate(steps):
+        key = (side, kind, pdu_ref)
+        if key in waiting:
+            expected.append((waiting.pop(key), 0))
+        # Every request is another one, so that none is taken for a repetition.
+        request = (
+            read(pdu_ref, dbw(number, 0)) if kind == "job" else userdata(pdu_ref, head(REQUEST, 4, 1, number & 255))
+        )
+        asked = talk.packet(side, dt(request))
+        waiting[key] = asked
+        if when:
+            late = [*waiting] if when == 2 else [key]
+            for other in late:
+                answer = words(other[2], 1) if other[1] == "job" else userdata(other[2], head(RESPONSE, 4, 1, 1, 0))
+                expected.append((waiting.pop(other), talk.packet(1 - other[0], dt(answer))))
+    talk.close()
+    assert sorted(talk.pairs()) == sorted(expected + [(frame, 0) for frame in waiting.values()])
+    assert len({one.number for one in talk.transactions}) == len(steps)
+    connection = talk.connections[0]
+    assert connection.answered + connection.unanswered == len(steps) + 1  # and the setup
+    assert talk.pipeline.exchange.dialogue.open == 0
 
 
-def test_drain_gives_everything_in_the_order_of_asking() -> None:
-    requests = OpenRequests()
-    put(requests, 1, request(1, b"same"))
-    put(requests, 2, request(2, b"x"))
-    put(requests, 1, request(3, b"same"))
-    put(requests, 3, request(4, b"y"))
-    put(requests, 1, request(5, b"same"))
-    drained = requests.drain()
-    assert [one.number for one in drained] == [1, 2, 3, 4, 5]
-    assert [one.earlier for one in drained] == [None] * 5
-    assert (requests.count, requests.table) == (0, {})
-    assert requests.drain() == []
-
-
-def test_requests_open_since() -> None:
-    requests = OpenRequests()
-    for number in range(1, 6):
-        put(requests, number, request(number, b"same", number * 10))
-    put(requests, 5, request(6, b"same", 60))
-    assert requests.count == 6
-    assert requests.open_since(10, 0, 99) == 6
-    assert requests.open_since(31, 0, 99) == 3
-    assert requests.open_since(51, 0, 99) == 1
-    assert requests.open_since(61, 0, 99) == 0
-    assert requests.open_since(10, 0, 2) == 2
-    assert requests.open_since(10, 3, 99) == 3
-    assert requests.open_since(10, 6, 99) == 0
-    assert OpenRequests().open_since(0, 0, 99) == 0
-
-
-@pytest.mark.parametrize("lost", [1, 2, 5, 12])
-def test_requests_that_are_long_open_do_not_count(lost: int) -> None:
-    """A request whose answer was lost stays open for ever, and each later one asks how many are open beside it."""
-    requests = OpenRequests()
-    for number in range(1, lost + 1):
-        put(requests, number, request(number, b"lost", number))
-    allowed = 2
-    for number in range(100, 106):
-        put(requests, number, request(number, b"x", number * 1000))
-        recent = min(number - 99, 3)
-        assert requests.open_since(500, 0, lost + 99) == recent
-        assert requests.open_since(500, 0, allowed + 1) <= allowed or recent > allowed
-        assert requests.open_since(500, lost, allowed + 1) <= allowed or recent > allowed
-        assert requests.open_since(0, 0, 1) >= 1  # all are recent
-        if number >= 102:
-            assert requests.open_since(500, 0, allowed + 1) == allowed + 1
-            assert take(requests, number - 2) == number - 2
-            assert requests.open_since(500, 0, allowed + 1) == allowed
-
-
-class Model:
-    """What the table must do, written plainly: a list of (key, number, octets, time) in the order of asking."""
-
-    def __init__(self) -> None:
-        self.open: list[tuple[int, int, bytes, int]] = []
-
-    def put(self, key: int, number: int, octets: bytes, time_ns: int) -> list[int]:
-        same = [one for one in self.open if one[0] == key]
-        gone: list[tuple[int, int, bytes, int]] = []
-        if same and (same[-1][2] != octets or time_ns - same[-1][3] > REPEAT_NS or len(same) >= MAX_REPEATS):
-            gone = same
-        self.open = [one for one in self.open if one not in gone]
-        self.open.append((key, number, octets, time_ns))
-        return [one[1] for one in reversed(gone)]
-
-    def take(self, key: int) -> int:
-        found = next(one for one in self.open if one[0] == key)
-        self.open.remove(found)
-        return found[1]
-
-
-@given(
-    st.lists(
-        st.tuples(st.booleans(), st.integers(0, 3), st.integers(0, 1), st.integers(0, REPEAT_NS // 2)), max_size=80
-    )
-)
-def test_any_course_of_asking_and_answering(steps: list[tuple[bool, int, int, int]]) -> None:
-    requests, model, now = OpenRequests(), Model(), 0
-    for number, (asks, key, content, after) in enumerate(steps, 1):
-        now += after
-        octets = bytes((content,))
-        if asks:
-            assert put(requests, key, request(number, octets, now)) == model.put(key, number, octets, now)
-        elif key in requests.table:
-            assert take(requests, key) == model.take(key)
-        assert requests.count == len(model.open)
-        assert set(requests.table) == {one[0] for one in model.open}
-        assert all(len(chain(one)) <= MAX_REPEATS for one in requests.table.values())
-        for since in (0, now // 2, now):
-            true = sum(1 for one in model.open if one[3] >= since)
-            assert requests.open_since(since, -1, 999) <= true
-            assert requests.open_since(since, -1, len(model.open)) < len(model.open) or true == len(model.open)
-    assert [one.number for one in requests.drain()] == [one[1] for one in model.open]
-
-
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(["ask", "ask", "after", "take", "behind", "oldest"]), st.integers(0, 1), st.integers(1, 9)
-        ),
-        max_size=60,
-    )
-)
-@example([("ask", 0, 1), ("ask", 0, 1), ("after", 1, 1), ("behind", 0, 1)])  # two wait behind it
-@example([("ask", 0, 1), ("after", 0, 1), ("after", 0, 1), ("oldest", 0, 1)])  # one behind the other
-def test_no_request_is_forgotten(steps: list[tuple[str, int, int]]) -> None:
-    """Identical ones that wait behind a request that was asked after what they wait for."""
-    requests = OpenRequests()
-    asked: list[int] = []
-    gone: list[int] = []
-    for number, (step, content, ago) in enumerate(steps, 1):
-        waiting = requests.table.get(5)
-        one = request(number, bytes((content,)), number)
-        one.request_ack = number
-        closed: Transaction | None = None
-        if step in {"ask", "after"}:
-            asked.append(number)
-            if waiting is None:
-                requests.add(5, one)
-            elif step == "ask" or not requests.supersede(5, one, waiting):
-                closed = requests.add_again(5, one, waiting)
-                gone += [] if closed is None else [behind.number for behind in requests.drop_superseded(closed)]
-        elif step == "oldest":
-            closed = requests.oldest()
-            assert closed is None or closed.number == min(set(asked) - set(gone))
-        elif waiting is not None:
-            gone += [behind.number for behind in requests.drop_superseded(waiting)] if step == "take" else []
-            closed = (
-                requests.take(5, waiting) if step == "take" else requests.take_superseded(waiting, max(0, number - ago))
-            )
-            # What is answered in turn is not linked to what goes on waiting.
-            assert closed is None or chain(closed) == [closed.number]
-        gone += chain(closed)
-        assert requests.count == len(asked) - len(gone)
-    assert sorted(gone + [one.number for one in requests.drain()]) == asked
-
-
-@pytest.mark.parametrize("distinct", [True, False])
-def test_a_flood_takes_work_in_proportion(distinct: bool) -> None:
-    def flood(count: int) -> None:
-        requests = OpenRequests()
-        for number in range(count):
-            put(
-                requests, number if distinct else 0, request(number, number.to_bytes(4, "big") if distinct else b"same")
-            )
-            if requests.count > 4096:
-                requests.oldest()
-
-    # From 5,000 on the table is full, so the larger flood gives requests up all the time: 8 and a little when linear.
-    assert_growth(lambda: flood(5_000), lambda: flood(40_000), 16)
-
-
-# ---- answers without request ----------------------------------------------------------------------------------------
-
-
-def test_a_held_answer_fits_a_request_it_acknowledged() -> None:
-    requests = OpenRequests()
-    assert requests.hold_orphan(5, answer(1), 1000, 1) is None
-    assert requests.find_orphan(6, 1000) is None
-    assert requests.find_orphan(5, 1001) is None
-    orphan = requests.find_orphan(5, 1000)
-    assert orphan is not None
-    assert orphan.transaction.number == 1
-    assert requests.find_orphan(5, 990) is orphan
-    requests.release_orphan(orphan)
-    assert requests.orphans is None
-    assert requests.find_orphan(5, 1000) is None
-    requests.release_orphan(orphan)
-
-
-def test_sequence_numbers_wrap() -> None:
-    requests = OpenRequests()
-    requests.hold_orphan(5, answer(1), 10, 1)
-    requests.hold_orphan(6, answer(2), 0, 1)
-    assert requests.find_orphan(5, 0xFFFFFFF0) is not None
-    assert requests.find_orphan(6, 0xFFFFFFF0) is not None
-    assert requests.find_orphan(6, 1) is None
-    assert requests.find_orphan(5, 11) is None
-
-
-def test_an_answer_without_acknowledgement_fits_nothing() -> None:
-    requests = OpenRequests()
-    requests.hold_orphan(5, answer(1), -1, 1)
-    assert requests.find_orphan(5, 0) is None
-
-
-def test_the_first_of_several_held_answers_is_taken() -> None:
-    requests = OpenRequests()
-    for number, key in ((1, 4), (2, 5), (3, 5)):
-        requests.hold_orphan(key, answer(number), 1000, number)
-    for expected in (2, 3):
-        orphan = requests.find_orphan(5, 1000)
-        assert orphan is not None
-        assert orphan.transaction.number == expected
-        requests.release_orphan(orphan)
-    assert requests.orphans is not None
-    assert [one.transaction.number for one in requests.orphans] == [1]
-
-
-def test_held_answers_are_bounded() -> None:
-    requests = OpenRequests()
-    gone = [requests.hold_orphan(number, answer(number), 0, 1) for number in range(MAX_ORPHANS + 3)]
-    assert gone[:MAX_ORPHANS] == [None] * MAX_ORPHANS
-    assert [one.number for one in gone[MAX_ORPHANS:] if one is not None] == [0, 1, 2]
-    assert requests.orphans is not None
-    assert len(requests.orphans) == MAX_ORPHANS
-
-
-@pytest.mark.parametrize(
-    ("time_ns", "packet", "gone"),
-    [
-        (ORPHAN_HOLD_NS, ORPHAN_HOLD_FRAMES, []),
-        (ORPHAN_HOLD_NS + 1, 0, [1]),
-        (0, ORPHAN_HOLD_FRAMES + 1, [1]),
-        (ORPHAN_HOLD_NS + 6, 0, [1, 2]),
-        (0, ORPHAN_HOLD_FRAMES + 3, [1, 2]),
-    ],
-)
-def test_held_answers_are_given_up_after_a_second_or_fifty_packets(time_ns: int, packet: int, gone: list[int]) -> None:
-    requests = OpenRequests()
-    requests.hold_orphan(1, answer(1, 0), 0, 0)
-    requests.hold_orphan(2, answer(2, 5), 0, 2)
-    assert [one.number for one in requests.expired_orphans(time_ns, packet)] == gone
-    assert (requests.orphans is None) is (len(gone) == 2)
-    assert OpenRequests().expired_orphans(time_ns, packet) == []
+@pytest.mark.parametrize("same", [True, False], ids=["the same again", "something else"])
+def test_what_waits_behind_a_request_is_told_when_that_is_replaced(same: bool) -> None:
+    """Two requests of one reference, the second acknowledging an answer not captured; then the reference comes again."""
+    talk = Talk()
+    talk.open(8, 8)
+    first = talk.ask(read(1, dbw(1, 0)))
+    talk.seq[SERVER] += len(dt(words(1, 1)))  # an answer that comes later, or never
+    second = talk.ask(read(1, dbw(1, 2)))
+    talk.acked[CLIENT] = 1
+    third = talk.ask(read(1, dbw(1, 2 if same else 4)))
+    talk.finish()
+    assert sorted(talk.pairs()) == [(first, 0), (second, 0), (third, 0)]
+    assert talk.outcomes() == ["unanswered"] * 3
+    assert talk.pipeline.exchange.dialogue.open == 0
