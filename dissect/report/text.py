@@ -485,7 +485,7 @@ def finding_lines(
     if count > most and details:
         rest = _last_packets(details[most:], _MORE_FRAMES + 1)
         more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
-        at = f": {places.phrase(rest[:_MORE_FRAMES])}{more}" if rest else ""
+        at = f": {places.phrase(sorted(rest[:_MORE_FRAMES]))}{more}" if rest else ""
         yield Line(f"      and {count - most} more{at}", PLAIN, 8)
     yield Line(f"      → {rule.advice}", DIM, 8)
     if rule.techniques:
