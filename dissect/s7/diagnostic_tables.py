@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.wire.codes import Code, CodeTable
+from dissect.s7.event_table import EventTable
+from dissect.wire.codes import CodeTable
 
 #: Event classes (bits 15-12 of an event id).
 EVENT_CLASSES: Final = CodeTable(
@@ -32,38 +33,6 @@ EVENT_CLASSES: Final = CodeTable(
         (0xF, "module other than a CPU", ""),
     ],
 )
-
-#: Classes in which bits 11-8 do not belong to what an event is, but say how it came.
-_BY_NUMBER: Final = frozenset((0x8, 0x9))
-
-
-class EventTable(CodeTable):
-    """Events by id. In classes 8 and 9 the event is the class and the number alone, whatever the bits between say."""
-
-    __slots__ = ()
-
-    def get(self, number: int) -> Code | None:
-        """Return the row of the event ``number``, None when nobody knows it."""
-        if number >> 12 in _BY_NUMBER:
-            return super().get(number & 0xF0FF)
-        return super().get(number)
-
-    def name(self, number: int) -> str:
-        """Return what the event ``number`` is; an unknown one names itself."""
-        row = self.get(number)
-        return row.name if row is not None else self.hex(number)
-
-    def text(self, number: int) -> str:
-        """Return the sentence of the event ``number``, empty when there is none."""
-        row = self.get(number)
-        return row.text if row is not None else ""
-
-
-def event_name(event_id: int) -> str:
-    """Return what an event is: its own name, or the name of its class."""
-    row = EVENTS.get(event_id)
-    return row.name if row is not None else EVENT_CLASSES.name(event_id >> 12)
-
 
 #: Events by id; those of classes 8 and 9 with bits 11-8 zero.
 EVENTS: Final = EventTable(

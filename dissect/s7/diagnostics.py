@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.diagnostic_tables import EVENT_CLASSES, event_name
+from dissect.s7.diagnostic_tables import EVENT_CLASSES, EVENTS
 from dissect.s7.parameters import PUSH, UserdataHead
 from dissect.s7.values import date_and_time
 from dissect.wire.codes import CodeTable
@@ -41,6 +41,12 @@ DIAGNOSTIC_EVENT: Final = Layout(
         Field("time", 8, "Time stamp, DATE_AND_TIME in BCD.", "s7comm.data.ts", means=date_and_time, holds=HOLDS_TIME),
     ],
 )
+
+
+def event_name(event_id: int) -> str:
+    """Return what an event is: its own name, or the name of its class."""
+    row = EVENTS.get(event_id)
+    return row.name if row is not None else EVENT_CLASSES.name(event_id >> 12)
 
 
 def event_id(part: Part) -> int:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.diagnostic_tables import event_name
-from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, event_note
+from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, event_name, event_note
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION, STATUS_RECORDS
 from dissect.s7.szl_modules import DP_MASTER, DP_MASTER_EXTENDED, MANY_STATIONS, MODULE_STATUS, STATIONS

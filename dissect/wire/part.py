@@ -80,7 +80,10 @@ class Part:
         """Return the number in the first ``size`` octets, whatever fields share them, -1 when the part was cut before it."""
         if self.end - self.offset < size:
             return -1
-        return int.from_bytes(self._octets[self.offset : self.offset + size], "big")
+        number = 0
+        for octet in self._octets[self.offset : self.offset + size]:
+            number = number << 8 | octet
+        return number
 
     def octets(self, name: str) -> bytes:
         """Return the octets in a field, empty when it is not there."""

@@ -6,7 +6,8 @@ import csv
 from pathlib import Path
 
 from dissect.s7 import diagnostic_tables, szl_communication, szl_modules, szl_records, szl_tables
-from dissect.s7.diagnostic_tables import EVENTS, event_name
+from dissect.s7.diagnostic_tables import EVENTS
+from dissect.s7.diagnostics import event_name
 from dissect.s7.szl import record_layout, record_size
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS, flags
 from dissect.s7.szl_records import COMPONENT_RECORDS, RECORDS
