@@ -16,11 +16,19 @@ from dissect.s7.singles import write_real_repr
 from dissect.s7.tables import BIT, CHAR, REAL
 from dissect.s7.values import LEAST_TEXT, number_size, spelled, time_size, write_number, write_time
 from dissect.transactions.transaction import Transaction
-from dissect.wire.digits import write_hexadecimal
 
 _BLANK: Final = 0x20
-#: 1 for characters that no output has to escape or to quote, wherever they stand.
-_HARMLESS: Final = bytes([code < 128 and (chr(code).isalnum() or chr(code) in " _") for code in range(256)])
+_OPEN: Final = 0x5B
+_CLOSE: Final = 0x5D
+_ANYWHERE: Final = 2
+_BEHIND: Final = 1
+#: By octet: where a character needs neither escape nor quotes in any output; what may begin a formula only `_BEHIND` others.
+_HARMLESS: Final = bytes(
+    [
+        0 if not " " <= chr(code) <= "~" or chr(code) in '",;' else _BEHIND if chr(code) in "=+-@" else _ANYWHERE
+        for code in range(256)
+    ]
+)
 
 
 def is_usual(transaction: Transaction, places: Places) -> bool:
@@ -55,11 +63,7 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
         out.write(b"true" if octets[at] & 1 else b"false")
         return True
     if step == 1 and end - at > 1:
-        while at < end:
-            write_hexadecimal(out, octets, at, at + 1)
-            out.append(_BLANK)
-            at += 1
-        out.truncate(len(out) - 1)
+        out.write(octets[at:end].hex(" ").encode("ascii"))
         return True
     begin: i64 = at
     while at < end:
@@ -86,14 +90,10 @@ def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, 
     if item.transport_size == CHAR:
         if size > most:
             return False
-        end: i64 = at + size
-        place: i64 = at
-        while place < end:
-            if not _HARMLESS[octets[place]]:
-                return False
-            place += 1
+        if not _is_harmless(octets, at, at + size):
+            return False
         out.write(quote)
-        out.write(octets[at:end])
+        out.write(octets[at : at + size])
     else:
         if time_size(item.transport_size) != size:
             return False
@@ -102,4 +102,42 @@ def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, 
             out.truncate(begin)
             return False
     out.write(quote)
+    return True
+
+
+def write_times(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, quote: bytes, none: bytes) -> bool:
+    """Write an array of times between quotes, ``none`` for those that are none.
+
+    False, and nothing is written, where it is anything else.
+    """
+    step = time_size(item.transport_size)
+    if step == 0 or size <= step or size & (step - 1) or (item.size != size and not item.fits(size)):
+        return False
+    out.append(_OPEN)
+    end: i64 = at + size
+    while at < end:
+        begin = len(out)
+        out.write(quote)
+        if write_time(out, step, octets, at):
+            out.write(quote)
+        else:
+            out.truncate(begin)
+            out.write(none)
+        at += step
+        if at < end:
+            out.write(b", ")
+    out.append(_CLOSE)
+    return True
+
+
+def _is_harmless(octets: bytes, at: i64, end: i64) -> bool:
+    """Tell whether characters are harmless where they stand; blanks are nothing to stand behind."""
+    least: i64 = _ANYWHERE
+    while at < end:
+        octet: i64 = octets[at]
+        if _HARMLESS[octet] < least:
+            return False
+        if octet != _BLANK:
+            least = _BEHIND
+        at += 1
     return True
