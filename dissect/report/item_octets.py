@@ -16,10 +16,13 @@ from dissect.s7.singles import write_real_repr
 from dissect.s7.tables import BIT, CHAR, REAL
 from dissect.s7.values import LEAST_TEXT, number_size, spelled, time_size, write_number, write_time
 from dissect.transactions.transaction import Transaction
+from dissect.wire.octets import u16
 
 _BLANK: Final = 0x20
 _OPEN: Final = 0x5B
 _CLOSE: Final = 0x5D
+#: Bits of a REAL's first two octets, all of them set in infinities and what is no number.
+_NOT_FINITE: Final = 0x7F80
 _ANYWHERE: Final = 2
 _BEHIND: Final = 1
 #: By octet: where a character needs neither escape nor quotes in any output; what may begin a formula only `_BEHIND` others.
@@ -46,7 +49,9 @@ def is_usual(transaction: Transaction, places: Places) -> bool:
 def step_of(item: Item, octets: bytes, at: i64, size: i64) -> i64:
     """Return the octets of an element of ``octets[at:at + size]`` that `write_elements` can write; 0 where it cannot."""
     kind: i64 = item.transport_size
-    step: i64 = 1 if kind == BIT else number_size(kind)
+    step: i64 = 1
+    if kind != BIT:  # as one expression it would make int objects (mypyc)
+        step = number_size(kind)
     if step == 0 or size == 0 or size & (step - 1) or (item.size != size and not item.fits(size)):
         return 0
     if step == 1 and size > 1 and (kind == BIT or (size >= LEAST_TEXT and spelled(octets[at : at + size]))):
@@ -71,7 +76,7 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
             out.write(b", ")
         if kind != REAL:
             write_number(out, kind, octets, at)
-        elif finite and octets[at] & 0x7F == 0x7F and octets[at + 1] & 0x80:
+        elif finite and u16(octets, at) & _NOT_FINITE == _NOT_FINITE:
             return False
         else:
             write_real_repr(out, octets, at)
