@@ -16,11 +16,22 @@ from dissect.s7.singles import write_real_repr
 from dissect.s7.tables import BIT, CHAR, REAL
 from dissect.s7.values import LEAST_TEXT, number_size, spelled, time_size, write_number, write_time
 from dissect.transactions.transaction import Transaction
-from dissect.wire.digits import write_hexadecimal
+from dissect.wire.octets import u16
 
 _BLANK: Final = 0x20
-#: 1 for characters that no output has to escape or to quote, wherever they stand.
-_HARMLESS: Final = bytes([code < 128 and (chr(code).isalnum() or chr(code) in " _") for code in range(256)])
+_OPEN: Final = 0x5B
+_CLOSE: Final = 0x5D
+#: Bits of a REAL's first two octets, all of them set in infinities and what is no number.
+_NOT_FINITE: Final = 0x7F80
+_ANYWHERE: Final = 2
+_BEHIND: Final = 1
+#: By octet: where a character needs neither escape nor quotes in any output; what may begin a formula only `_BEHIND` others.
+_HARMLESS: Final = bytes(
+    [
+        0 if not " " <= chr(code) <= "~" or chr(code) in '",;' else _BEHIND if chr(code) in "=+-@" else _ANYWHERE
+        for code in range(256)
+    ]
+)
 
 
 def is_usual(transaction: Transaction, places: Places) -> bool:
@@ -38,7 +49,9 @@ def is_usual(transaction: Transaction, places: Places) -> bool:
 def step_of(item: Item, octets: bytes, at: i64, size: i64) -> i64:
     """Return the octets of an element of ``octets[at:at + size]`` that `write_elements` can write; 0 where it cannot."""
     kind: i64 = item.transport_size
-    step: i64 = 1 if kind == BIT else number_size(kind)
+    step: i64 = 1
+    if kind != BIT:  # as one expression it would make int objects (mypyc)
+        step = number_size(kind)
     if step == 0 or size == 0 or size & (step - 1) or (item.size != size and not item.fits(size)):
         return 0
     if step == 1 and size > 1 and (kind == BIT or (size >= LEAST_TEXT and spelled(octets[at : at + size]))):
@@ -55,11 +68,7 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
         out.write(b"true" if octets[at] & 1 else b"false")
         return True
     if step == 1 and end - at > 1:
-        while at < end:
-            write_hexadecimal(out, octets, at, at + 1)
-            out.append(_BLANK)
-            at += 1
-        out.truncate(len(out) - 1)
+        out.write(octets[at:end].hex(" ").encode("ascii"))
         return True
     begin: i64 = at
     while at < end:
@@ -67,7 +76,7 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
             out.write(b", ")
         if kind != REAL:
             write_number(out, kind, octets, at)
-        elif finite and octets[at] & 0x7F == 0x7F and octets[at + 1] & 0x80:
+        elif finite and u16(octets, at) & _NOT_FINITE == _NOT_FINITE:
             return False
         else:
             write_real_repr(out, octets, at)
@@ -86,14 +95,10 @@ def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, 
     if item.transport_size == CHAR:
         if size > most:
             return False
-        end: i64 = at + size
-        place: i64 = at
-        while place < end:
-            if not _HARMLESS[octets[place]]:
-                return False
-            place += 1
+        if not _is_harmless(octets, at, at + size):
+            return False
         out.write(quote)
-        out.write(octets[at:end])
+        out.write(octets[at : at + size])
     else:
         if time_size(item.transport_size) != size:
             return False
@@ -102,4 +107,42 @@ def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, 
             out.truncate(begin)
             return False
     out.write(quote)
+    return True
+
+
+def write_times(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, quote: bytes, none: bytes) -> bool:
+    """Write an array of times between quotes, ``none`` for those that are none.
+
+    False, and nothing is written, where it is anything else.
+    """
+    step = time_size(item.transport_size)
+    if step == 0 or size <= step or size & (step - 1) or (item.size != size and not item.fits(size)):
+        return False
+    out.append(_OPEN)
+    end: i64 = at + size
+    while at < end:
+        begin = len(out)
+        out.write(quote)
+        if write_time(out, step, octets, at):
+            out.write(quote)
+        else:
+            out.truncate(begin)
+            out.write(none)
+        at += step
+        if at < end:
+            out.write(b", ")
+    out.append(_CLOSE)
+    return True
+
+
+def _is_harmless(octets: bytes, at: i64, end: i64) -> bool:
+    """Tell whether characters are harmless where they stand; blanks are nothing to stand behind."""
+    least: i64 = _ANYWHERE
+    while at < end:
+        octet: i64 = octets[at]
+        if _HARMLESS[octet] < least:
+            return False
+        if octet != _BLANK:
+            least = _BEHIND
+        at += 1
     return True

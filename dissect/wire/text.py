@@ -23,9 +23,12 @@ _ENCODE: Final = encode_basestring_ascii
 #: Categories that are not shown as they are: control, format (bidi overrides, zero widths), surrogate, private, unassigned,
 #: line and paragraph separators.
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
+#: Surrogates and, next to them, private characters: all of them hidden, which takes no look at their category.
+_SURROGATES: Final = 0xD800
+_PRIVATE_END: Final = 0xF900
 
 #: What a spreadsheet takes for the beginning of a formula; some take the full-width forms for it too.
-_FORMULA: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+_FORMULA: Final = "=+-@\uff1d\uff0b\uff0d\uff20"
 # Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
 #: The same behind a semicolon, which separates cells where the comma separates decimals.
 _LATER_FORMULA: Final = "(;\\s*)(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
@@ -94,14 +97,14 @@ def printable(text: str) -> str:
 
 
 def _escape(character: str) -> str:
-    if unicodedata.category(character) not in _HIDDEN:
+    code: i64 = ord(character)
+    if not _SURROGATES <= code < _PRIVATE_END and unicodedata.category(character) not in _HIDDEN:
         return character
-    code = ord(character)
     if 0xDC80 <= code <= 0xDCFF:
         code -= 0xDC00  # an octet that is no UTF-8, as Python holds it in file names
     if code < 0x100:
-        return f"\\x{code:02x}"
-    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+        return f"\\x{HEX[code]}"
+    return f"\\u{HEX[code >> 8]}{HEX[code & 0xFF]}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 #: What `_escape` makes of the first 256 characters: texts from the wire that do not print are mostly padding and octets.
@@ -174,7 +177,7 @@ def cell(text: str) -> str:
     """Return ``text`` as a spreadsheet cell that is never taken for a formula; numbers stay numbers."""
     safe = printable(text)
     begun = safe.lstrip()  # some spreadsheets leave blanks out
-    if begun.startswith(_FORMULA) and not re.fullmatch(_NUMBER, begun):
+    if begun and begun[0] in _FORMULA and not re.fullmatch(_NUMBER, begun):
         safe = "'" + safe
     return re.sub(_LATER_FORMULA, r"\1'", safe) if ";" in safe else safe
 

@@ -164,11 +164,20 @@ def test_singles_are_written_as_json_writes_their_values() -> None:
         (Item(0x03, 6, 1, 0x84, 0), b"=Pump1", "'=Pump1"),
         (Item(0x03, 6, 1, 0x84, 0), b'Pu"mp,', 'Pu"mp,'),
         (Item(0x03, 3, 1, 0x84, 0), b"-12", "-12"),
+        (Item(0x03, 5, 1, 0x84, 0), b"A-=+@", "A-=+@"),  # no formula behind another character
+        (Item(0x03, 5, 1, 0x84, 0), b" =A-1", "' =A-1"),  # but behind blanks
+        (Item(0x03, 5, 1, 0x84, 0), b"A;=B1", "A;'=B1"),
+        (Item(0x03, 4, 1, 0x84, 0), b"\xe4\x00\xa0\x7f", "ä\\x00\xa0\\x7f"),
+        (Item(0x13, 3, 1, 0x84, 0), "ä\ue000\u4e00".encode("utf-16-be"), "ä\\ue000\u4e00"),
+        (Item(0x13, 2, 1, 0x84, 0), "\uff1d1".encode("utf-16-be"), "'\uff1d1"),
+        (Item(0x13, 1, 1, 0x84, 0), b"\xd8\x00", "\ufffd"),
         (Item(0x03, 60, 1, 0x84, 0), b"p" * 60, "p" * 60),
         (Item(0x0C, 1, 1, 0x84, 0), b"\x21\x23", "S5T#2m3s"),
         (Item(0x0C, 1, 1, 0x84, 0), b"\x2f\xff", ""),
         (Item(0x0C, 2, 1, 0x84, 0), b"\x21\x23\x2f\xff", '["S5T#2m3s", null]'),
+        (Item(0x0C, 2, 1, 0x84, 0), b"\x2f\xff\x2f\xff", "[null, null]"),
         (Item(0x0B, 1, 1, 0x84, 0), b"\xff\xff\xff\xff", "T#-1ms"),
+        (Item(0x0B, 2, 1, 0x84, 0), b"\xff\xff\xff\xff\0\0\0\1", '["T#-1ms", "T#1ms"]'),
     ],
 )
 def test_texts_and_times(item: Item, octets: bytes, value: str) -> None:
@@ -176,6 +185,16 @@ def test_texts_and_times(item: Item, octets: bytes, value: str) -> None:
     talk.send(1, dt(messages.read_answer(1, [Item(0x02, len(octets))], [octets])))
     (told,) = rows(transactions(talk.packets())[1])
     assert (told["value"], told["octets"]) == (value, octets.hex())
+
+
+@given(st.sampled_from([0x02, 0x03, 0x0B, 0x0C, 0x0F, 0x13]), st.binary(min_size=1, max_size=12))
+def test_values_of_any_octets_are_the_same_in_both_ways(kind: int, octets: bytes) -> None:
+    size = {0x02: 1, 0x03: 1, 0x0B: 4, 0x0F: 8}.get(kind, 2)
+    item = Item(kind, max(1, len(octets) // size), 1, 0x84, 0)
+    talk = begun().send(0, dt(messages.read_job(1, [item])))
+    talk.send(1, dt(messages.read_answer(1, [Item(0x02, len(octets))], [octets])))
+    (told,) = rows(transactions(talk.packets())[1])
+    assert told["octets"] == octets.hex()
 
 
 def test_a_transaction_without_items_says_what_it_is_about() -> None:

@@ -10,7 +10,7 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.report.facets import error_text, facet_of
-from dissect.report.item_octets import is_usual, step_of, write_elements, write_word
+from dissect.report.item_octets import is_usual, step_of, write_elements, write_times, write_word
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import Item, ItemResult
@@ -76,6 +76,10 @@ _ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,".encode("ascii")
 #: What becomes of what UTF-8 has no form for, as in all outputs.
 _ERRORS: Final = "backslashreplace"
 _COMMA: Final = 0x2C
+_QUOTE: Final = 0x22
+#: A quote within quotes, and what JSON has for nothing.
+_DOUBLED: Final = b'""'
+_NULL: Final = b"null"
 _LINE_FEED: Final = 0x0A
 
 
@@ -166,18 +170,8 @@ class CsvRows:
         if len(item.cell) == 0:  # for bytes that is quicker to ask (mypyc)
             item.cell = f"{self._cell(item.label)},,{self._good},".encode("utf-8", _ERRORS)
         out.write(item.cell)
-        step = step_of(item, octets, at, size)
-        if step == 0:
-            if not write_word(out, item, octets, at, size, b"", size):
-                return False
-        else:
-            several = size > step > 1
-            if several:
-                out.write(b'"[')
-            if not write_elements(out, item.transport_size, step, octets, at, at + size, True):
-                return False
-            if several:
-                out.write(b']"')
+        if not _write_value(out, item, octets, at, size):
+            return False
         out.write(b",,,")
         write_hexadecimal(out, octets, at, at + size)
         return True
@@ -302,7 +296,7 @@ class CsvRows:
             return f"{label},,{code},{value},{quoted(cell(text)) if text else ''},,{hexadecimal(data)}"
         texts = number_texts(item.transport_size, data, size)
         if not texts:
-            value = quoted(plain_cell(decode_value(item.transport_size, data)))
+            value = _any_value(item, data)
         else:
             if item.transport_size == REAL:
                 texts = [_NO_NUMBERS.get(text, text) for text in texts]
@@ -315,6 +309,40 @@ class CsvRows:
             f"{self._cell(known.address)},{self._cell(known.name)},{self._code(result.return_code)}"
             f",{quoted(plain_cell(known.value))},{quoted(cell(known.remark))},{self._cell(known.unit)},{known.data.hex()}"
         )
+
+
+def _write_value(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
+    """Write the cell of a value that no text stands beside; False, and too much may be written, where that cannot be."""
+    step = step_of(item, octets, at, size)
+    if step == 0:
+        return write_word(out, item, octets, at, size, b"", size) or _write_others(out, item, octets, at, size)
+    several = size > step > 1
+    if several:
+        out.write(b'"[')
+    if not write_elements(out, item.transport_size, step, octets, at, at + size, True):
+        return False
+    if several:
+        out.write(b']"')
+    return True
+
+
+def _write_others(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
+    """Write the cell of several times, or of what is a text before it is octets."""
+    if item.transport_size == BYTE or (item.size != size and not item.fits(size)):
+        return False
+    begin = len(out)
+    out.append(_QUOTE)
+    if write_times(out, item, octets, at, size, _DOUBLED, _NULL):
+        out.append(_QUOTE)
+    else:
+        out.truncate(begin)
+        out.write(_any_value(item, octets[at : at + size]).encode("utf-8", _ERRORS))
+    return True
+
+
+def _any_value(item: Item, data: bytes) -> str:
+    """Return the cell of any value."""
+    return quoted(plain_cell(decode_value(item.transport_size, data)))
 
 
 def _errors_of(errors: list[TransactionError], number: int, whole: str) -> str:
