@@ -1,22 +1,19 @@
 """Records as JSON lines: one object a line, keys in a fixed order (docs/json.md).
 
 This is the bulk output, so lines are put together from cached pieces: what a polled item or a request block looks like is
-written once and used for every transaction that repeats it (`dissect.report.item_json`). TPDUs that carry no S7 PDU (connects
-with their TSAPs, disconnects and errors with reasons) are rare and go through the standard library.
+written once and used for every transaction that repeats it (`dissect.report.item_json`, `dissect.report.plus_octets`).
 """
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.iso.cotp import parse_tpdu
-from dissect.iso.tables import DT, ED
-from dissect.iso.tsap import Tsap
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
 from dissect.report.item_json import (
@@ -31,8 +28,9 @@ from dissect.report.item_json import (
 )
 from dissect.report.operations import operation_json
 from dissect.report.plus import plus_pdu_line
+from dissect.report.plus_octets import PlusLines
 from dissect.report.scd import scd_json, scd_line_json
-from dissect.report.words import Places, carried
+from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.s7.items import DataItem
 from dissect.s7.message import Pdu, parse_pdu
@@ -47,6 +45,7 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.parameters import PLUS
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
@@ -61,12 +60,6 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 from dissect.wire.text import THREE, Clock, JsonTexts, decimal, json_text
 
-if TYPE_CHECKING:
-    from dissect.iso.cotp import Tpdu
-    from dissect.report.words import Places
-    from dissect.transactions.connection import Connection
-
-
 TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
@@ -77,6 +70,8 @@ _ITEMS: Final = ',"items":['
 _ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("ascii")
 _WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
 _NO_ERRORS: Final = b'],"errors":[]}'
+#: What stands between items and errors of any other.
+_ERRORS: Final = b'],"errors":['
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
 _SECOND_NS: Final = 1_000_000_000
@@ -134,6 +129,7 @@ class TransactionLines(Observer):
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
         self._texts: JsonTexts = JsonTexts()
+        self._plus_lines: PlusLines = PlusLines()
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -146,12 +142,16 @@ class TransactionLines(Observer):
 
     def line(self, transaction: Transaction) -> str:
         """Return the line of one transaction, without a line end."""
+        if transaction.rosctr == PLUS:
+            return self._plus(transaction).decode("ascii")
         if COMPILED and self._is_usual(transaction):
             return self._usual(transaction).decode("ascii")
         return self._any_line(transaction)
 
     def octets(self, transaction: Transaction) -> bytes:
         """Return the line of one transaction in UTF-8."""
+        if transaction.rosctr == PLUS:
+            return self._plus(transaction)
         if COMPILED and self._is_usual(transaction):
             return self._usual(transaction)
         return self._any_line(transaction).encode("utf-8", "backslashreplace")
@@ -197,6 +197,49 @@ class TransactionLines(Observer):
             told = f'{about}{_ITEMS}{self._items(transaction)}],"errors":[{self._errors(transaction)}]}}'
             out.write(told.encode("ascii"))
         return out.getvalue()
+
+    def _plus(self, transaction: Transaction) -> bytes:
+        """Return the line of a transaction of S7comm-plus."""
+        out = self._out
+        out.truncate(0)
+        out.write(_HEAD_OCTETS)
+        write_decimal(out, transaction.number)
+        out.write(self._start(transaction.connection, transaction.asked_by))
+        self._plus_lines.write_function(out, transaction)
+        self._write_when(out, transaction)
+        self._plus_lines.write_body(out, transaction)
+        out.write(_ERRORS)
+        if transaction.has_errors:
+            out.write(self._errors(transaction).encode("ascii"))
+        out.write(b"]}")
+        return out.getvalue()
+
+    def _write_when(self, out: BytesWriter, transaction: Transaction) -> None:
+        """Write the packets and times of a transaction of any outcome, and that."""
+        asked: i64 = transaction.request_frame
+        told: i64 = transaction.response_frame
+        if self.locate is not None:
+            out.write(self._places(asked, told, self.locate).encode("ascii"))
+        else:
+            _write_number(out, asked)
+            out.write(b',"response_frame":')
+            _write_number(out, told)
+        if asked:
+            out.write(b',"request_time":"')
+            self._times.write(out, transaction.request_ns)
+        else:  # nothing else tells when it was
+            out.write(b',"request_time":null,"response_time":"')
+            self._times.write(out, transaction.response_ns)
+        out.write(b'","latency_ns":')
+        if transaction.outcome == ANSWERED and not transaction.reason:
+            write_decimal(out, transaction.response_ns - transaction.request_ns)
+            out.write(_ANSWERED)
+            return
+        latency = (
+            decimal(transaction.response_ns - transaction.request_ns) if transaction.outcome == ANSWERED else "null"
+        )
+        reason = f'"{transaction.reason}"' if transaction.reason else "null"
+        out.write(f'{latency},"outcome":"{OUTCOMES[transaction.outcome]}","reason":{reason}'.encode("ascii"))
 
     def _write_polled(self, out: BytesWriter, transaction: Transaction) -> None:
         """Write what follows the latency of a read or write of which all is well."""
@@ -363,6 +406,14 @@ class TransactionLines(Observer):
         return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.results()])
 
 
+def _write_number(out: BytesWriter, packet: i64) -> None:
+    """Write the number of a packet, null for none."""
+    if packet:
+        write_decimal(out, packet)
+    else:
+        out.write(b"null")
+
+
 def _setup_text(setup: Setup | None) -> str:
     """Return `Setup.as_dict` as JSON."""
     if setup is None:
@@ -517,9 +568,11 @@ class JsonlWriter(Writer):
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of a TPDU that carries no S7 PDU."""
-        tpdu = parse_tpdu(octets[4:])
-        connection = side.connection
-        self.lines.append(tpdu_json_line(tpdu, int(frame), int(time_ns), connection, int(side.index), self.places))
+        from dissect.report.tpdu_json import tpdu_json_line  # late: rare
+
+        connection, tpdu = side.connection, parse_tpdu(octets[4:])
+        line = tpdu_json_line(PDU_SCHEMA, tpdu, int(frame), int(time_ns), connection, int(side.index), self.places)
+        self.lines.append(line)
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
@@ -538,56 +591,3 @@ class JsonlWriter(Writer):
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""
         self.lines.append(self._pdus.scd_line(found, connection))
-
-
-#: Header fields of S7comm, which a TPDU does not have.
-_NOT_S7 = (
-    "rosctr",
-    "rosctr_name",
-    "redundancy_id",
-    "pdu_ref",
-    "param_length",
-    "data_length",
-    "error_class",
-    "error_code",
-)
-
-
-def tpdu_json_line(tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, places: Places) -> str:
-    """Return a TPDU as the line of `show -T jsonl`, without a line end."""
-    ends = connection.tcp.ends
-    values: dict[str, object] = {"schema": PDU_SCHEMA, "frame": places.number(frame)}
-    if places.several:
-        values["file"] = places.locate(frame)[0]
-    values.update(
-        time=Clock().iso(time_ns),
-        connection=int(connection.number),
-        src=str(ends[side]),
-        dst=str(ends[1 - side]),
-        protocol="cotp",
-        **dict.fromkeys(_NOT_S7),
-        function={"code": None, "name": None},
-        cotp=_facts(tpdu),
-        cut=False,
-        malformed=[fact.as_dict() for fact in tpdu.malformed],
-    )
-    return json.dumps(values, separators=(",", ":")).replace("\x7f", "\\u007f")
-
-
-def _facts(tpdu: Tpdu) -> dict[str, object]:
-    """Return the type, the fields of the fixed part by name, and what the variable part says."""
-    facts: dict[str, object] = {"type": tpdu.name}
-    facts["fields"] = {value.field.label: int(value.value) for value in tpdu.fields if value.octets is None}
-    why = [value for value in tpdu.fields if value.field.name in {"reason", "cause"}]
-    facts["reason"] = {"code": int(why[0].value), "name": why[0].meaning or None} if why else None
-    facts["calling_tsap"] = _tsap(tpdu.tsap(0xC1))
-    facts["called_tsap"] = _tsap(tpdu.tsap(0xC2))
-    facts["tpdu_size"] = int(tpdu.tpdu_size) or None
-    if tpdu.type in {DT, ED}:
-        facts["carries"] = carried(tpdu) or None
-        facts["octets"] = len(tpdu.data)
-    return facts
-
-
-def _tsap(tsap: Tsap | None) -> dict[str, object] | None:
-    return tsap.as_dict() if tsap is not None else None
