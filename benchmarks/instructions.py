@@ -55,7 +55,7 @@ import json, os, sys
 said, calls = os.fdopen(os.dup(1), "w", buffering=1), json.loads(sys.argv[1])
 os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 def run(call):
-    from dissect.cli.main import main
+    from dissect.__main__ import main
     sys.argv[1:] = call
     try:
         main()

@@ -21,7 +21,8 @@ sys.path.append(str(ROOT))  # behind the package that is trained
 
 from benchmarks.generate import generate  # noqa: E402 - it is found from here on
 
-PACKETS = 20_000
+#: Enough for answer times to be counted in buckets, and findings to be packed.
+PACKETS = 100_000
 SEED = 20_001
 #: What is read with each capture, and what is only with the shipped ones.
 COMMANDS = (

@@ -459,6 +459,7 @@ def test_version_and_help_are_cheap(option: str) -> None:
     assert {name for name in imported if name.startswith("dissect")} == {
         "dissect",
         "dissect.cli",
+        "dissect.cli.collector",
         "dissect.cli.main",
         "dissect.wire",
         "dissect.wire.build",

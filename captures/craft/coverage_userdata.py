@@ -9,8 +9,9 @@ from captures.craft.case import Case, crafts
 from captures.craft.pdus import ASKED, MODE, PUSH, TOLD, USERDATA, ask, dt, s7, tell
 from captures.craft.talk import CLIENT, SERVER, Talk
 from dissect.layers import S7_ModeTransition
+from dissect.s7.szl import record_size
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS
-from dissect.s7.szl_records import COMPONENT_RECORDS, record_size
+from dissect.s7.szl_records import COMPONENT_RECORDS
 from dissect.s7.szl_tables import HEAD_ONLY, SZL_IDS
 from dissect.s7.tables import USERDATA_SUBFUNCTIONS
 

@@ -76,7 +76,6 @@ def command(
     """
     from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
-    from dissect.report.per_file import PerFile
     from dissect.report.summary import Summary
     from dissect.session import Run
 
@@ -102,15 +101,20 @@ def command(
         code = add_separately(files, jobs, sums, Analysis)
         write_outcome(format_, ANALYSIS, Summary(sums.found, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
         return gate_of(sums.found.finding_counts, fail_on, code)
-    rows = PerFile()
-    run = Run(files, chosen.sieve(rows if per_file else analysis), chosen.narrow(options))
-    rows.files = run.files
-    chosen.begin(run, files)
-    code = drive(run, files)
     if per_file:
+        from dissect.report.per_file import PerFile
+
+        rows = PerFile()
+        run = Run(files, chosen.sieve(rows), chosen.narrow(options))
+        rows.files = run.files
+        chosen.begin(run, files)
+        code = drive(run, files)
         write_lines(rows.lines())
         complain(run, code)
         return gate(run, fail_on, code, chosen.findings)
+    run = Run(files, chosen.sieve(analysis), chosen.narrow(options))
+    chosen.begin(run, files)
+    code = drive(run, files)
     analysis.take(run.pipeline, run.files)
     analysis.part = chosen.part(run)
     write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock(), hosts(), brief))

@@ -7,7 +7,6 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
 import click
-from click.shell_completion import CompletionItem
 
 from dissect.cli.look import write_lines
 from dissect.cli.run import write, write_octets
@@ -15,6 +14,8 @@ from dissect.config.hints import close_names
 from dissect.report.formats import FORMATS, Format, formats_for
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from dissect.report.outcome import Outcome
     from dissect.report.styled import Line, Written
 
@@ -53,6 +54,8 @@ class FormatType(_ParamType):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Return the names that begin so."""
+        from click.shell_completion import CompletionItem
+
         return [
             CompletionItem(row.name, help=row.about)
             for row in formats_for(self.kind)

@@ -10,7 +10,6 @@ written, 130 interrupted. A command returns its code; ``None`` means 0.
 from __future__ import annotations
 
 import errno
-import gc
 import importlib
 import io
 import os
@@ -29,9 +28,6 @@ EXIT_USAGE: Final = 2
 EXIT_DAMAGED: Final = 3
 EXIT_OUTPUT: Final = 5
 EXIT_INTERRUPTED: Final = 130
-
-#: How many objects are made before the collector looks at the young ones, and how often it looks at the older.
-RARELY: Final = (20_000, 20, 100)
 
 #: Each command and the line that the list of commands shows for it, in the order of that list.
 COMMANDS: Final = {
@@ -200,18 +196,11 @@ def group() -> None:
 
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line on ``arguments`` (default: those of the process) and end the process with its exit code."""
-    if arguments is not None:
-        sys.exit(_run(arguments))
-    # Modules are made for good: a collector that looks through them again and again takes a tenth of the time of a short
-    # run. At the end it would look through all results once more, although the process gives everything back at once.
-    gc.set_threshold(*RARELY)
-    code = _run(None)
-    gc.freeze()
-    sys.exit(code)
+    sys.exit(run(arguments))
 
 
-def _run(arguments: list[str] | None) -> int:
-    """Run one command and turn every expected end of it into an exit code and at most one line on stderr."""
+def run(arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit code; every expected end of it becomes one, and at most one line on stderr."""
     if sys.stdout is None:
         click.echo("s7dissect: standard output is closed", err=True)
         return EXIT_OUTPUT

@@ -24,7 +24,7 @@ from dissect.findings.session_rules import judge_grant
 from dissect.findings.station_rules import StationWatch
 from dissect.findings.transaction_rules import judge_szl, judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
-from dissect.s7.tables import GROUP_CPU, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7.tables import GROUP_CPU, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.stations.evidence import TELLING
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
@@ -218,6 +218,16 @@ class Exchange:
         if transaction is None:
             return
         function: i64 = transaction.parameters.function
+        if (
+            function == READ_VAR
+            and not transaction.flags
+            and not transaction.has_errors
+            and self.decoder is None
+            and transaction.rosctr == JOB
+            and transaction.response_ns - transaction.request_ns <= self._slow_ns
+        ):
+            self.observer.transaction(transaction)  # as most are, and there is nothing to say of it
+            return
         if function == SETUP_COMMUNICATION:
             judge_grant(self.reporter, transaction)
         if transaction.rosctr == USERDATA:

@@ -85,9 +85,14 @@ class IsoOnTcp(Protocol):
         end: i64 = at + size
         if framer.synced and framer.pending is None and framer.skip == 0:
             length: i64
+            longest: i64 = -1  # not asked yet
             while end - at >= 7:
-                if end - at > 16:
-                    length = self._usual(side, buf, at, end, frame, time_ns)
+                if end - at > 16 and buf[at + 7] == PROTOCOL_ID:
+                    if longest < 0:
+                        longest = self.longest(side)
+                    length = 0
+                    if longest:
+                        length = self.usual(side, buf, at, 0, min(end - at, longest), frame, time_ns)
                     if length > 0:
                         at += length
                         continue
@@ -113,6 +118,7 @@ class IsoOnTcp(Protocol):
                     if self._exchange.strict:
                         raise
                     self._exchange.note_bug(bug, frame, time_ns)
+                longest = -1  # it may be another now
             if at > start:
                 side.garbage = False
             if at == end:
@@ -138,12 +144,32 @@ class IsoOnTcp(Protocol):
                     self._exchange.note_bug(bug, frame, time_ns)
                 del framer.ends[0]
 
-    def _usual(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> i64:
+    def longest(self, side: Side) -> i64:
+        """Return the octets of the longest TPKT of ``side`` that `usual` may take next, 0 for none.
+
+        That needs a stream which stands between TPKTs, nobody who watches TPDUs, no decoder that asks for TSDUs, and nothing
+        that is assembled or decrypted. What `usual` takes changes none of it.
+        """
+        framer = side.framer
+        connection = side.connection
+        if (
+            not self._plain
+            or not framer.synced
+            or framer.pending is not None
+            or framer.skip
+            or not side.assembler.clear
+            or connection.tls is not None
+            or connection.state != ISO
+            or connection.dt_limit < 0
+        ):
+            return 0
+        return connection.dt_limit + 4
+
+    def usual(self, side: Side, buf: bytes, at: i64, least: i64, most: i64, frame: i64, time_ns: i64) -> i64:
         """Take the TPKT at ``at`` if it is one like nearly all: a DT with EOT, and in it one whole S7 PDU; return its size.
 
-        0 when it is not, and nothing was done. It goes past `_tpkt`, `_tsdu` and `message`, which would do no more than count:
-        nobody watches TPDUs, no decoder asks for the TSDU, no rule has something to say of a DT like this one, and nothing is
-        assembled or decrypted. 17 octets have to be there.
+        0 when it is not, or has fewer than ``least`` or more than ``most`` octets, and nothing was done. It goes past `_tpkt`,
+        `_tsdu` and `message`, which would do no more than count: `longest` says when. 17 octets have to be there.
         """
         length: i64
         rosctr: i64
@@ -169,14 +195,11 @@ class IsoOnTcp(Protocol):
         stated += 17
         if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
             stated += 2
-        if stated != length or at + length > end or rosctr < JOB or (rosctr > ACK_DATA and rosctr != USERDATA):
-            return 0
-        connection = side.connection
         if (
-            not self._plain
-            or length - 4 > connection.dt_limit
-            or connection.tls is not None
-            or not side.assembler.clear
+            stated != length
+            or not least <= length <= most
+            or rosctr < JOB
+            or (rosctr > ACK_DATA and rosctr != USERDATA)
         ):
             return 0
         side.framer.framed += length

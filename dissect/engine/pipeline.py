@@ -4,11 +4,11 @@ Read this file first. `Pipeline.frame` takes one packet, and everything it makes
 no clock, file or thread in here, time comes in with each packet. In the order in which a byte passes:
 
     Pipeline     frame → _packet → _segment           packets to octets in order, gaps reported as gaps
-    IsoOnTcp     feed → _tpkt → _tsdu                  octets to messages (`dissect.engine.iso`)
+    IsoOnTcp     feed → _tpkt → _tsdu, or usual       octets to messages (`dissect.engine.iso`)
     S7           take                                  messages to requests and responses (`dissect.engine.s7`)
     Exchange     completed                             transactions and findings, to the `Observer` (`dissect.engine.exchange`)
 
-The common case goes straight down: a segment that is the next one and holds whole TPKTs, each a DT with a whole S7 PDU.
+The common case goes straight down, from `_packet` to `IsoOnTcp.usual`: the next segment, one TPKT, a DT with a whole S7 PDU.
 Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
 can, in `Timers.chunks`, where all that needs time to pass is. A connection that does not speak ISO-on-TCP is fed to what it
 does speak (`Protocol`): every connection begins with `Recognition`, and another protocol is another row of ``streams``.
@@ -32,10 +32,11 @@ from dissect.engine.options import Options
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
-from dissect.engine.silent import SilentConnections, note_idle
+from dissect.engine.silent import SilentConnections, may_be_probe, note_idle, untold
 from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
+from dissect.findings.reporter import Reporter
 from dissect.iso.recognition import is_connect_request
 from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.source.packet import PacketSink
@@ -43,8 +44,10 @@ from dissect.tcp import stream
 from dissect.tcp.ip import UDP
 from dissect.tcp.stream import ACK, FIN, RST, SYN
 from dissect.transactions import accounts
+from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
 from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
+from dissect.transactions.pairing import Dialogue
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -53,35 +56,20 @@ from dissect.wire.text import duration_text
 
 __all__ = ["Observer", "Options", "Pipeline"]
 
-#: Ethernet, IPv4 without options, TCP, read at once when interpreted.
-_FUSED: Final = struct.Struct(">12xHBxHxxHxB2x12sIIH")
+#: Ethernet, IPv4 without options, TCP, read at once when interpreted: as few and as wide fields as there can be.
+_FUSED: Final = struct.Struct(">12xIH2xI2x12sIIH")
 _FUSED_SIZE: Final = 54
 
+#: A TPKT with a DT and the header of an S7 PDU.
+_LEAST: Final = 17
 #: Steps back of the clock up to this are what two capture queues do.
 _DISORDER_NS: Final = 1_000_000
 #: After a reset a segment this far ahead may have been captured out of order; anything else comes too late.
 _AFTER_RESET: Final = 65536
-
-
 #: A segment with one of these is no probe.
 _NO_PROBE: Final = SYN | FIN | RST
-
-
 #: What is kept is added up whenever so many octets were captured; it cannot have grown by more in between.
 LOOK_OCTETS: Final = 32 * 1024 * 1024
-
-
-def _silent(side: Side) -> bool:
-    """Return whether ``side`` is of a connection to port 102 of which no octet was looked at yet."""
-    return side.connection.state == PROBING and side.connection.probed == 0 and on_102(side)
-
-
-def _may_be_probe(side: Side, octets: bytes) -> bool:
-    """Return whether ``octets``, the first that were captured of ``side``, may be that of a keep-alive probe.
-
-    Its octet is arbitrary; but on a connection that carries something, one that is not zero is read.
-    """
-    return len(octets) == 1 and not side.tcp.known_start and (octets == b"\0" or _silent(side))
 
 
 class Pipeline(PacketSink):
@@ -118,10 +106,13 @@ class Pipeline(PacketSink):
             self.datagrams = Datagrams(self.counters, self.connections, chosen.decoder, payloads)
         self._recognition: Protocol = Recognition(self.connections, self.iso, streams)
         self.table: ConnectionTable = ConnectionTable(self._recognition)
+        self._dialogue: Dialogue = self.exchange.dialogue
+        self._reporter: Reporter = self.exchange.reporter
         self._strict: bool = chosen.strict
         self._checksums: bool = chosen.checksums
         self._room: Room = Room(chosen.memory)
         self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
+        self._look_at: i64 = LOOK_OCTETS  # how many of them there are to be; 0 while room is made
         self._link: bytes = b""  # the Ethernet addresses of a packet that may open a connection
 
     # ---- where it stands --------------------------------------------------------------------------------------------
@@ -183,21 +174,16 @@ class Pipeline(PacketSink):
         """Take one packet (see `PacketSink.frame`)."""
         counters = self.counters
         counters.frames += 1
-        self._taken += end - start
-        if self._taken >= LOOK_OCTETS:
-            self._taken = 0
-            self._room.begin(self.table.all_open())
-        if self._room.busy:
+        size: i64 = end - start
+        self._taken += size
+        if self._taken >= self._look_at:
             self._make_room()
-        if time_ns < counters.now_ns:
-            self._step_back(time_ns)
-        elif counters.frames == 1:
-            counters.first_ns = time_ns
-        counters.now_ns = time_ns
-        if time_ns >= self.timers.deadline_ns:
-            self._tick()
-        if wire_length > end - start:
-            counters.note_cut(end - start, wire_length)
+        if counters.now_ns <= time_ns < self.timers.deadline_ns and counters.first_ns:
+            counters.now_ns = time_ns
+        else:
+            self._turn(time_ns)
+        if wire_length > size:
+            counters.note_cut(size, wire_length)
         category: i64
         try:
             category = self._packet(buf, start, end, link_type)
@@ -206,25 +192,40 @@ class Pipeline(PacketSink):
                 raise
             category = accounts.FAILED
             self.exchange.note_bug(bug, counters.frames, time_ns)
-        if category == accounts.PAYLOAD:
+        if category == PAYLOAD:
             counters.packets.often_count += 1
-        elif category == accounts.NO_PAYLOAD:
+        elif category == NO_PAYLOAD:
             counters.packets.also_count += 1
         else:
             counters.packets.add(category)
-        dialogue = self.exchange.dialogue
+        dialogue = self._dialogue
         if dialogue.holding:
             for side in dialogue.holding:
                 self.timers.wait(side)
             dialogue.holding = []
-        if self.exchange.reporter.fresh:
+        if self._reporter.fresh:
             self.exchange.report_findings()
 
     def _make_room(self) -> None:
         """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
+        if self._taken >= LOOK_OCTETS:
+            self._taken = 0
+            self._room.begin(self.table.all_open())
         for held, side in self._room.step():
             self.table.evicted += 1
             self._evict(side, f"it held {held} bytes")
+        self._look_at = 0 if self._room.busy else LOOK_OCTETS
+
+    def _turn(self, time_ns: i64) -> None:
+        """Set the clock to a packet that is the first, is older than the one before it, or finds something due."""
+        counters = self.counters
+        if time_ns < counters.now_ns:
+            self._step_back(time_ns)
+        elif counters.frames == 1:
+            counters.first_ns = time_ns
+        counters.now_ns = time_ns
+        if time_ns >= self.timers.deadline_ns:
+            self._tick()
 
     def _evict(self, side: Side, detail: str) -> None:
         side.tcp.ended = side.tcp.ended or "evicted"
@@ -260,8 +261,8 @@ class Pipeline(PacketSink):
             ack = head & 0xFFFFFFFF
             word = i64(read_i16_be(buf, start + 46)) & 0xFFFF
         else:
-            ethertype, version, total, fragment, protocol, key, seq, ack, word = _FUSED.unpack_from(buf, start)
-            if ethertype != 0x0800 or version != 0x45 or protocol != 6 or fragment & 0x3FFF:
+            head, total, rest, key, seq, ack, word = _FUSED.unpack_from(buf, start)
+            if head >> 8 != 0x080045 or rest & 0x3FFF00FF != 6:
                 return self._slow_frame(buf, start, end, link_type)
             side = self.table.sides.get(key)
         data: i64 = start + 34 + ((word >> 12) << 2)
@@ -271,6 +272,25 @@ class Pipeline(PacketSink):
         if side is None or word & 7:  # SYN, FIN, RST
             self._link = buf[start : start + 12]
             return self._lifecycle(side, buf[start + 26 : start + 38], 0, seq, ack, word & 0x3F, buf[data:stop], 0)
+        if side.longest and word & ACK:
+            size: i64 = stop - data
+            half = side.stream
+            if size == 0 or (seq == half.next_seq and _LEAST <= size <= side.longest):
+                # `_segment` and `IsoOnTcp.feed` would do no more.
+                counters = self.counters
+                tcp = side.tcp
+                tcp.packets += 1
+                tcp.last_frame = counters.frames
+                tcp.last_ns = counters.now_ns
+                side.last_ack = ack
+                if size == 0:
+                    return NO_PAYLOAD
+                octets = buf[data:stop]
+                half.passed(octets, size)
+                side.end_seq = half.next_seq
+                if self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
+                    self._feed(side, octets, size)
+                return PAYLOAD
         if data == stop:
             return self._segment(side, seq, ack, word, b"", 0)
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
@@ -308,7 +328,7 @@ class Pipeline(PacketSink):
                 self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns, self._link)
                 if self.table.half_open_evicted > evicted:
                     self.counters.note("stream.half_open_evicted")
-                return accounts.NO_PAYLOAD
+                return NO_PAYLOAD
             if flags & RST and self.table.refused(key):
                 server, client = endpoints(key)
                 if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
@@ -320,7 +340,7 @@ class Pipeline(PacketSink):
                     self.silent.end(key)
                 elif flags & ACK:
                     self.silent.take(key, seq, ack)
-                return accounts.NO_PAYLOAD
+                return NO_PAYLOAD
             side = self._open(key, vlan)
             self.silent.begin(side)
             if flags & SYN and flags & ACK and side.tcp.initiator < 0:
@@ -384,6 +404,8 @@ class Pipeline(PacketSink):
         tcp.last_ns = counters.now_ns
         peer = side.peer
         assert peer is not None
+        side.longest = 0
+        peer.longest = 0
         if side.waiting or peer.waiting:
             self.timers.passing(side, peer, ack, flags & ACK != 0)
         if flags & ACK:
@@ -394,14 +416,24 @@ class Pipeline(PacketSink):
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
                 side.probes += 1
-            return accounts.NO_PAYLOAD
+            return NO_PAYLOAD
         half = side.stream
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
             half.passed(octets, size)
             side.end_seq = half.next_seq
-            self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
-            return accounts.PAYLOAD
+            self._feed(side, octets, size)
+            return PAYLOAD
         return self._irregular(side, seq, octets, missing)
+
+    def _feed(self, side: Side, octets: bytes, size: i64) -> None:
+        """Hand the next octets of a connection to ISO-on-TCP, and find out whether those after them may come straight."""
+        counters = self.counters
+        self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
+        peer = side.peer
+        if peer is not None and not side.waiting and not peer.waiting and side.connection.plus is None:
+            side.longest = self.iso.longest(side)
+            if peer.stream.held is None:
+                peer.longest = self.iso.longest(peer)
 
     def _irregular(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
         """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""
@@ -427,8 +459,8 @@ class Pipeline(PacketSink):
                 side.protocol.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
             if side.connection.state == LEFT_OUT:
                 return accounts.LEFT_OUT
-            return accounts.PAYLOAD
-        if half.next_seq < 0 and missing == 0 and _may_be_probe(side, octets):
+            return PAYLOAD
+        if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
             # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
             half.start(seq + 1)
             side.probes += 1
@@ -457,7 +489,7 @@ class Pipeline(PacketSink):
             self.timers.chunks(side)
         if half.held is not None:
             self.timers.wait(side)
-        if what == stream.KEEP_ALIVE and (side.probes or _silent(side)):
+        if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
             side.probes += 1
             return accounts.KEEP_ALIVE
         if connection.state == LEFT_OUT:
@@ -465,7 +497,7 @@ class Pipeline(PacketSink):
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
             return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
         if what == stream.NEW:
-            return accounts.PAYLOAD
+            return PAYLOAD
         if what == stream.OLD:
             return accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START

@@ -112,8 +112,13 @@ class S7(Protocol):
             judge_length(exchange.reporter, connection, parameters, size, frame, time_ns)
         if buf[at + 2] or buf[at + 3] or (rosctr == ACK and size > head):
             judge_header(exchange.reporter, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
+        dialogue = exchange.dialogue
         if rosctr == JOB:
-            self._request(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+            done = dialogue.ask(side, JOB, pdu_ref, parameters, buf, at, size, frame, time_ns)  # `_request` in place
+            if connection.granted is None or function == SETUP_COMMUNICATION or dialogue.several:
+                self._judge(side, parameters, frame, time_ns)
+            if done is not None or dialogue.also:
+                exchange.completed(done, frame, time_ns)
             return
         if rosctr == USERDATA:
             userdata = parameters.userdata
@@ -129,7 +134,7 @@ class S7(Protocol):
             if kind != RESPONSE:
                 self.unpaired += 1
                 return
-        done = exchange.dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
+        done = dialogue.answer(side, rosctr, pdu_ref, parameters, buf, at, size, data_at, frame, time_ns)
         exchange.completed(done, frame, time_ns)
 
     def _pushed(
@@ -178,7 +183,15 @@ class S7(Protocol):
         time_ns: i64,
     ) -> None:
         exchange = self._exchange
-        done = exchange.dialogue.ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+        dialogue = exchange.dialogue
+        done = dialogue.ask(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+        self._judge(side, parameters, frame, time_ns)
+        if done is not None or dialogue.also:
+            exchange.completed(done, frame, time_ns)
+
+    def _judge(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
+        """Judge a request that was just asked, as the rules of a session want it."""
+        exchange = self._exchange
         connection = side.connection
         if connection.granted is None or parameters.function == SETUP_COMMUNICATION:
             judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
@@ -189,8 +202,6 @@ class S7(Protocol):
                 if peer is not None:
                     open_now = _surely_open(side, peer, open_now)
                 judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
-        if done is not None or exchange.dialogue.also:
-            exchange.completed(done, frame, time_ns)
 
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
 

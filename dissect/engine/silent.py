@@ -13,9 +13,10 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.connections import on_102
 from dissect.engine.counters import Counters
 from dissect.tcp.stream import MASK, Endpoint
-from dissect.transactions.connection import ISO_TSAP_PORT
+from dissect.transactions.connection import ISO_TSAP_PORT, PROBING
 from dissect.transactions.table import Side, endpoints, reverse_key
 from dissect.wire.octets import u16
 
@@ -151,3 +152,16 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: i64
     """Report a connection of which only ``probes`` keep-alive probes were captured."""
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
     counters.note("session.idle", f"{client} and {server}: {probes} {'probe' if probes == 1 else 'probes'}")
+
+
+def untold(side: Side) -> bool:
+    """Return whether ``side`` is of a connection to port 102 of which no octet was looked at yet."""
+    return side.connection.state == PROBING and side.connection.probed == 0 and on_102(side)
+
+
+def may_be_probe(side: Side, octets: bytes) -> bool:
+    """Return whether ``octets``, the first that were captured of ``side``, may be that of a keep-alive probe.
+
+    Its octet is arbitrary; but on a connection that carries something, one that is not zero is read.
+    """
+    return len(octets) == 1 and not side.tcp.known_start and (octets == b"\0" or untold(side))

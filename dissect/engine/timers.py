@@ -180,6 +180,9 @@ class Timers:
         """Look at ``side`` again when time passes or its connection shows another packet."""
         if not side.waiting:
             side.waiting = True
+            side.longest = 0
+            if side.peer is not None:
+                side.peer.longest = 0
             self._waiting.append(side)
             if len(self._waiting) > _MANY_WAITING:
                 self._waiting = [one for one in self._waiting if one.waiting]

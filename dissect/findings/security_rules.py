@@ -10,7 +10,7 @@ from typing import Final
 
 from dissect.findings.reporter import Reporter
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
+from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, written_areas
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
 from dissect.s7.services import NC_PREFIX, PI_SERVICES
@@ -97,12 +97,18 @@ class SecurityWatch:
     # ---- writes -----------------------------------------------------------------------------------------------------
 
     def write(self, transaction: Transaction) -> None:
-        """A write to areas that this connection did not write before."""
+        """A write to areas that this connection did not write before; what the PLC refused was not written."""
         connection = transaction.connection
-        areas = transaction.parameters.written
-        fresh = areas & ~connection.traits.written
         if transaction.error_code or transaction.outcome == UNANSWERED:
             return  # one that is carried out later is told all the same
+        areas = transaction.parameters.written
+        if transaction.has_errors:
+            areas = written_areas(
+                [one.item for one in transaction.results() if one.item is not None and not one.refused]
+            )
+        fresh = areas & ~connection.traits.written
+        if not fresh:
+            return
         connection.traits.written |= areas
         items = subject(transaction)
         if fresh & WRITTEN_IO:

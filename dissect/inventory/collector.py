@@ -12,14 +12,23 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.inventory.model import Area, Device, Talk
+from dissect.inventory.model import Device, Talk, Use
 from dissect.inventory.roles import LISTS_BLOCKS, judge_client, judge_server
-from dissect.mc7.block import CODE_BLOCKS
 from dissect.program.carved import CarvedBlock, carve
 from dissect.report.analysis import Part
 from dissect.report.latencies import Latencies
 from dissect.s7.items import Item
-from dissect.s7.tables import AREA_LETTERS, DB_AREAS, GROUP_BLOCKS, JOB, NUMBERED_AREAS, READ_VAR, USERDATA, WRITE_VAR
+from dissect.s7.tables import (
+    AREA_LETTERS,
+    CODE_BLOCKS,
+    DB_AREAS,
+    GROUP_BLOCKS,
+    JOB,
+    NUMBERED_AREAS,
+    READ_VAR,
+    USERDATA,
+    WRITE_VAR,
+)
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS
 from dissect.s7plus.items import READS, WRITES
 from dissect.s7plus.tables import V3
@@ -341,22 +350,19 @@ class Inventory(Observer):
                 whose.writes += target.count + target.refused
             else:
                 whose.reads += target.count + target.refused
-            areas: dict[str, Area] = {}
+            uses: dict[str, Use] = {}
             for name, low, high in target.places:
                 area = whose.area(name)
                 if area is not None:
-                    areas[name] = area
+                    uses[name] = use = area.written if target.writes else area.read
                     if low >= 0:
-                        area.reach(low, high)
+                        use.reach(low, high)
             for name, tag in target.tags:
-                if name in areas:
-                    areas[name].tag(tag)
-            for area in areas.values():
-                if target.writes:
-                    area.writes += target.count
-                else:
-                    area.reads += target.count
-                area.refused += target.refused
+                if name in uses:
+                    uses[name].tag(tag)
+            for use in uses.values():
+                use.count += target.count
+                use.refused += target.refused
 
 
 def _blocks_of(operation: Operation) -> list[str]:

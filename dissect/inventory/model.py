@@ -30,7 +30,9 @@ CERTAINTIES: Final = (STATED, BEHAVIOUR, TSAP)
 
 MAX_REASONS: Final = 32
 MAX_AREAS: Final = 128
+#: Tags and separate pieces of an area that was read, or written.
 MAX_TAGS: Final = 64
+MAX_PIECES: Final = 16
 MAX_NAMES: Final = 16
 MAX_BLOCKS: Final = 1024
 #: Of what has no room, so many different texts are counted once each; no more than that are counted at all.
@@ -103,31 +105,45 @@ class Reason:
         return CERTAINTIES.index(self.certainty), ROLES.index(self.role), self.text
 
 
-class Area:
-    """A data block or another area at a device: how often it was read and written, from which byte to which, and as which tags.
+class Use:
+    """What was read of an area, or written: in how many requests, which bytes of it, and which tags.
 
-    ``low`` and ``high`` are -1 where no byte is known (symbols of S7comm-plus). ``refused`` requests are counted in neither.
+    ``pieces`` are the bytes, first and last of each piece, in order. More than `MAX_PIECES` are joined to one that spans
+    them, and ``joined`` tells that there may be others between its ends. It is empty where no byte is known (symbols of
+    S7comm-plus). Requests that were ``refused`` are not in ``count``.
     """
 
-    __slots__ = ("high", "low", "more_tags", "name", "reads", "refused", "tags", "writes")
+    __slots__ = ("count", "joined", "more_tags", "pieces", "refused", "tags")
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.reads = 0
-        self.writes = 0
+    def __init__(self) -> None:
+        self.count = 0
         self.refused = 0
-        self.low = -1
-        self.high = -1
+        self.pieces: list[tuple[int, int]] = []
+        self.joined = False
         self.tags: list[str] = []
         self.more_tags = Beyond()
 
+    @property
+    def whole(self) -> bool:
+        """True when all of it is one piece."""
+        return len(self.pieces) == 1 and not self.joined
+
     def reach(self, low: int, high: int) -> None:
         """Bytes ``low`` to ``high`` belong to it as well."""
-        self.low = low if self.low < 0 else min(self.low, low)
-        self.high = max(self.high, high)
+        apart: list[tuple[int, int]] = []
+        for first, last in self.pieces:
+            if last < low - 1 or first > high + 1:
+                apart.append((first, last))
+            else:
+                low, high = min(low, first), max(high, last)
+        insort(apart, (low, high))
+        if len(apart) > MAX_PIECES:
+            apart = [(apart[0][0], apart[-1][1])]
+            self.joined = True
+        self.pieces = apart
 
     def tag(self, name: str) -> None:
-        """A tag lies in it."""
+        """A tag was among it."""
         if name in self.tags:
             return
         if len(self.tags) < MAX_TAGS:
@@ -135,16 +151,73 @@ class Area:
         else:
             self.more_tags.add(name)
 
-    def merge(self, later: Area) -> None:
-        """Add what was read and written of the same area in packets behind those of this one."""
-        self.reads += later.reads
-        self.writes += later.writes
+    def merge(self, later: Use) -> None:
+        """Add what packets behind these did."""
+        self.count += later.count
         self.refused += later.refused
-        if later.low >= 0:
-            self.reach(later.low, later.high)
+        self.joined = self.joined or later.joined
+        for low, high in later.pieces:
+            self.reach(low, high)
         for name in later.tags:
             self.tag(name)
         self.more_tags.merge(later.more_tags, self.tags)
+
+
+class Area:
+    """A data block or another area at a device: what was ``read`` of it and ``written``; the other numbers are of both.
+
+    ``low`` and ``high`` are the first and the last byte, -1 where no byte is known (symbols of S7comm-plus).
+    """
+
+    __slots__ = ("name", "read", "written")
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.read = Use()
+        self.written = Use()
+
+    @property
+    def reads(self) -> int:
+        """Requests that read there; those that were refused are not among them."""
+        return self.read.count
+
+    @property
+    def writes(self) -> int:
+        """Requests that wrote there; those that were refused are not among them."""
+        return self.written.count
+
+    @property
+    def refused(self) -> int:
+        """Requests of which something was refused."""
+        return self.read.refused + self.written.refused
+
+    @property
+    def low(self) -> int:
+        """The first byte that is known."""
+        return min([low for low, _ in self.read.pieces + self.written.pieces], default=-1)
+
+    @property
+    def high(self) -> int:
+        """The last byte that is known."""
+        return max([high for _, high in self.read.pieces + self.written.pieces], default=-1)
+
+    @property
+    def tags(self) -> list[str]:
+        """The tags that were read or written."""
+        return list(dict.fromkeys(self.read.tags + self.written.tags))
+
+    @property
+    def more_tags(self) -> Beyond:
+        """Those that had no room."""
+        found, known = Beyond(), self.tags
+        for use in (self.read, self.written):
+            found.merge(use.more_tags, known)
+        return found
+
+    def merge(self, later: Area) -> None:
+        """Add what was read and written of the same area in packets behind those of this one."""
+        self.read.merge(later.read)
+        self.written.merge(later.written)
 
 
 class Talk:

@@ -9,7 +9,7 @@ from typing import Final
 
 from dissect.inventory.code import code_lines
 from dissect.inventory.collector import Inventory, talks_between
-from dissect.inventory.model import BEHAVIOUR, STATED, TSAP, Area, Device, Names, Reason, Talk
+from dissect.inventory.model import BEHAVIOUR, STATED, TSAP, Area, Device, Names, Reason, Talk, Use
 from dissect.inventory.outcome import Devices
 from dissect.inventory.vendors import vendor
 from dissect.report import words
@@ -254,13 +254,15 @@ def _talk(talk: Talk) -> str:
     if protocols:
         said[0] += f" ({printable(', '.join(protocols))})"
     areas = sorted(talk.areas.values(), key=lambda area: (-area.reads - area.writes - area.refused, area.name))
-    for number, verb in ((talk.reads, "reads"), (talk.writes, "writes")):
+    reads = [(area, area.read) for area in areas]
+    writes = [(area, area.written) for area in areas]
+    for number, noun, uses in ((talk.reads, "read", reads), (talk.writes, "write", writes)):
         if number:
-            mine = [area for area in areas if (area.reads if verb == "reads" else area.writes)]
-            refused = [area for area in areas if area.refused and not area.reads and not area.writes]
-            names = ", ".join([_area(area) for area in (mine or refused)[:_AREAS]])
+            mine = [(area, use) for area, use in uses if use.count]
+            refused = [(area, use) for area, use in uses if use.refused]
+            names = ", ".join([_area(area, use) for area, use in (mine or refused)[:_AREAS]])
             more = len(mine) - _AREAS + len(talk.more_areas)
-            said.append(f"{words.count(number, verb[:-1])}: {names}{f' and {more} more areas' if more > 0 else ''}")
+            said.append(f"{words.count(number, noun)}: {names}{f' and {more} more areas' if more > 0 else ''}")
     others = [f"{NAMES[kind]} ({count})" for kind, count in sorted(talk.operations.items()) if kind != CONNECT]
     if others:
         said.append(", ".join(others))
@@ -269,15 +271,17 @@ def _talk(talk: Talk) -> str:
     return "; ".join(said)
 
 
-def _area(area: Area) -> str:
-    if area.tags:
-        more = len(area.tags) - _TAGS + len(area.more_tags)
-        names = ", ".join([shortened(tag.removeprefix(f"{area.name}."), _TEXT) for tag in area.tags[:_TAGS]])
+def _area(area: Area, use: Use) -> str:
+    """Return what was read of an area, or written."""
+    if use.tags:
+        more = len(use.tags) - _TAGS + len(use.more_tags)
+        names = ", ".join([shortened(tag.removeprefix(f"{area.name}."), _TEXT) for tag in use.tags[:_TAGS]])
         return f"{printable(area.name)} {{{names}{f' and {more} more' if more > 0 else ''}}}"
-    if area.low < 0:
+    if not use.pieces:
         return shortened(area.name, _TEXT)
-    reach = str(area.low) if area.low == area.high else f"{area.low}..{area.high}"
-    return f"{printable(area.name)}[{reach}]"
+    low, high = use.pieces[0][0], use.pieces[-1][1]
+    reach = str(low) if low == high else f"{low}..{high}"
+    return f"{'' if use.whole else 'within '}{printable(area.name)}[{reach}]"
 
 
 def _host(address: str, places: Places) -> str:

@@ -66,7 +66,7 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "CarvedBlock": frozenset(("activation", "operation")),
     "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),
-    "Parameters": frozenset(("good_answer",)),
+    "Parameters": frozenset(("good_answer", "good_heads", "good_layout")),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),
     "Direction": frozenset(("_keys", "messages")),
     "Transaction": frozenset(("earlier", "known_body", "superseded")),

@@ -12,15 +12,12 @@ from typing import Final, NamedTuple
 from dissect.mc7.code import Instruction, decode
 from dissect.mc7.interface import Interface, parse_interface
 from dissect.s7.blocks import FOOTER, HEADER
-from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES
+from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, CODE_BLOCKS
 from dissect.wire.layout import Layout
 from dissect.wire.octets import u16
 from dissect.wire.part import Part
 
 MARK: Final = b"pp"
-#: Types whose bytes behind the header are code; those of a DB are values, an SDB's are of the system.
-CODE_BLOCKS: Final = frozenset(("OB", "FC", "FB", "SFC", "SFB"))
-DATA_BLOCKS: Final = frozenset(("DB",))
 #: The language whose code nobody outside the CPU reads.
 ENCRYPTED: Final = 0x29
 SCL: Final = 4

@@ -240,7 +240,10 @@ class Analysis(Observer):
     def transaction(self, transaction: Transaction) -> None:
         """Count a transaction."""
         self.total += 1
-        statistics = self._statistics(transaction.parameters)
+        parameters = transaction.parameters
+        statistics = self._latest
+        if statistics is None or parameters.function != self._latest_key or parameters.userdata is not None:
+            statistics = self._statistics(parameters)
         statistics.total += 1
         outcome: i64 = transaction.outcome
         if outcome == ANSWERED:

@@ -7,6 +7,8 @@ from typing import Final
 from librt.strings import BytesWriter, read_i64_le, write_i64_le
 from mypy_extensions import i64
 
+from dissect.wire.build import COMPILED
+
 #: Answer times kept as they are; from then on they are counted in buckets.
 EXACT: Final = 16384
 #: How many of these are counted there with each one that comes then: no packet waits for all of them.
@@ -190,6 +192,9 @@ def _bucket(latency_ns: i64) -> i64:
     """Return the bucket number: the doubling times `_STEPS`, plus the step within it."""
     if latency_ns < _STEPS:
         return max(0, latency_ns)
+    if not COMPILED:
+        shift = int(latency_ns).bit_length() - _STEPS.bit_length()
+        return shift * _STEPS + (latency_ns >> shift)
     doubling: i64 = 0
     value: i64 = latency_ns
     while value >= _STEPS << 16:  # answer times of milliseconds would be halved a dozen times

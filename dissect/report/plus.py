@@ -61,10 +61,6 @@ class PlusFacet(Facet):
         """Return what a transaction is about: the session, or the subscription that tells it."""
         return plus_subject(transaction)
 
-    def function_json(self, parameters: Parameters) -> str:
-        """Return the ``function`` object of a transaction, and the protocol after it."""
-        return plus_function(parameters)
-
     def statistics(self, code: int) -> dict[str, object]:
         """Return the function code, None for rows of several functions."""
         return {"code": f"0x{code & 0xFFFF:04x}" if names_function(code) else None, "protocol": PROTOCOL}

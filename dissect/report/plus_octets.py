@@ -38,14 +38,18 @@ from dissect.wire.text import json_text
 _COMMA: Final = 0x2C
 _QUOTE: Final = 0x22
 _CLOSE: Final = 0x7D
-#: What is remembered is forgotten together when it takes so much: of each PDU some times its own octets, and what any takes.
+#: What is remembered is forgotten together when it takes so much: of each PDU some times its own octets, and what any takes;
+#: of items their octets, and what any take.
 _MAX_KEPT: Final = 4 * 1024 * 1024
 _COST: Final = 2048
 _TIMES: Final = 8
+_ITEMS_COST: Final = 256
 #: Bits of the number of what is known, and of a stamp of a session or a program; those that need more are not remembered.
 _NUMBER_BITS: Final = 12
 _STAMP_BITS: Final = 24
 _MAX_STAMP: Final = 1 << _STAMP_BITS
+#: What is added to the stamp of a session, which stands where a request has its number: above every such number.
+_FIRST_STAMP: Final = 1 << _NUMBER_BITS
 #: Heads of requests that are remembered.
 _MAX_HEADS: Final = 4096
 
@@ -137,10 +141,7 @@ class PlusLines:
         if not seen.read(octets):
             return _read(seen, octets, False)
         alike = self._known.get(int(seen.kind))
-        if alike is None:
-            alike = {}
-            self._known[int(seen.kind)] = alike
-        found = alike.get(seen.body)
+        found = alike.get(seen.body) if alike is not None else None
         if found is not None:
             if not seen.has_id:
                 seen.integrity_id = found.half.contents.integrity_id
@@ -153,6 +154,9 @@ class PlusLines:
         self._count += 1
         if self._count < 1 << _NUMBER_BITS:
             found.number = self._count
+            if alike is None:
+                alike = {}
+                self._known[int(seen.kind)] = alike
             alike[seen.body] = found
             self._kept += _COST + _TIMES * len(octets)
         return found
@@ -212,6 +216,8 @@ class PlusLines:
         self, out: BytesWriter, asked: Known | None, told: Known | None, session: PlusSession | None
     ) -> None:
         """Write the items; those of a request and an answer that met before, while the same was known, as they were then."""
+        if asked is None and (told is None or told.half.pdu.opcode != NOTIFICATION):
+            return  # nobody knows what it answers
         key = _key(asked, told, session)
         if key >= 0:
             found = self._items.get(int(key))
@@ -230,21 +236,21 @@ class PlusLines:
         octets = part.getvalue()
         if key >= 0:
             self._items[int(key)] = octets
-            self._kept += len(octets) + _TIMES
+            self._kept += len(octets) + _ITEMS_COST
         out.write(octets)
 
 
 def _key(asked: Known | None, told: Known | None, session: PlusSession | None) -> i64:
     """Return a number that two transactions have in common only if their items are the same, -1 for none.
 
-    A notification has no request; what it is about is known of the session.
+    What a request asks for, it says itself. Without one it is a notification: what that is about is known of the session.
     """
     program: i64 = 0
-    other: i64 = 0
+    other: i64 = _FIRST_STAMP
     number: i64 = 0
     if session is not None:
         program = session.program.stamp + 1
-        other = session.stamp
+        other += session.stamp
     if asked is not None:
         other = asked.number
         if other == 0:

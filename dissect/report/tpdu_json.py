@@ -1,4 +1,4 @@
-"""A TPDU that carries no S7 PDU as a line of JSON: connects with TSAPs, disconnects and errors with reasons (docs/json.md).
+"""TPDUs that carry no S7 PDU as JSON: connects with their TSAPs, disconnects and errors with reasons.
 
 They are rare, and go through the standard library.
 """
@@ -6,6 +6,7 @@ They are rare, and go through the standard library.
 from __future__ import annotations
 
 import json
+from typing import Final
 
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import DT, ED
@@ -13,6 +14,8 @@ from dissect.iso.tsap import Tsap
 from dissect.report.words import Places, carried
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock
+
+PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 #: Header fields of S7comm, which a TPDU does not have.
 _NOT_S7 = (
@@ -27,12 +30,10 @@ _NOT_S7 = (
 )
 
 
-def tpdu_json_line(
-    schema: str, tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, places: Places
-) -> str:
-    """Return a TPDU as the line of `show -T jsonl`, without a line end; ``schema`` is that of PDUs."""
+def tpdu_json_line(tpdu: Tpdu, frame: int, time_ns: int, connection: Connection, side: int, places: Places) -> str:
+    """Return a TPDU as the line of `show -T jsonl`, without a line end."""
     ends = connection.tcp.ends
-    values: dict[str, object] = {"schema": schema, "frame": places.number(frame)}
+    values: dict[str, object] = {"schema": PDU_SCHEMA, "frame": places.number(frame)}
     if places.several:
         values["file"] = places.locate(frame)[0]
     values.update(

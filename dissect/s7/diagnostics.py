@@ -13,6 +13,7 @@ from dissect.s7.values import date_and_time
 from dissect.wire.codes import CodeTable
 from dissect.wire.layout import HOLDS_TIME, Field, Layout
 from dissect.wire.part import Cursor, Part
+from dissect.wire.text import hex_number
 
 #: Whether an event came or went.
 DIRECTIONS: Final = CodeTable("direction of an event", 1, [(0, "going", ""), (1, "coming", "")])
@@ -53,7 +54,7 @@ def event_note(part: Part) -> str:
     if number < 0:
         return ""
     time = part.text("time")
-    told = f"0x{number:04x} {event_name(number)}"
+    told = f"{hex_number(number, 4)} {event_name(number)}"
     return f"{told}, {time}" if time else told
 
 

@@ -272,6 +272,20 @@ def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
     return True
 
 
+def answer_layout(heads: bytes) -> struct.Struct:
+    """Return what reads the answer that ``heads`` (`item_heads`) is of, from its error code to its end.
+
+    That is the error code, function and item count, and the four octets that each item begins with.
+    """
+    (size,) = _SIZE.unpack_from(heads)
+    form = ">HH"
+    at = 0
+    for place, _ in _PLACED.iter_unpack(heads[_SIZE.size :]):
+        form += f"{place - at}xI"
+        at = place + DATA_HEAD
+    return struct.Struct(f"{form}{size - at}x")
+
+
 class DataItem:
     """A data item: ``return_code``, the data ``transport_size``, the ``length`` field as it stands, and the content."""
 

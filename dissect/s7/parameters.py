@@ -12,7 +12,7 @@ from typing import Final
 from librt.strings import read_i64_be
 from mypy_extensions import i64
 
-from dissect.s7.items import SPECIFICATION, Item, item_fill, parse_items, written_areas
+from dissect.s7.items import SPECIFICATION, Item, answer_layout, item_fill, parse_items, written_areas
 from dissect.s7.tables import (
     ACK,
     ACK_DATA,
@@ -39,6 +39,9 @@ from dissect.wire.octets import same, u16
 PROTOCOL_ID: Final = 0x32
 HEADER_SIZE: Final = 10
 ACK_HEADER_SIZE: Final = 12
+
+#: Where the data of an answer begins whose parameter block is function and item count.
+_ANSWER_DATA_AT: Final = ACK_HEADER_SIZE + 2
 
 _HEADER: Final = struct.Struct(">BxxHHH")
 
@@ -170,6 +173,8 @@ class Parameters:
         "fragment",
         "function",
         "good_answer",
+        "good_heads",
+        "good_layout",
         "item_count",
         "items",
         "malformed",
@@ -198,6 +203,9 @@ class Parameters:
         # Of a read: what the data items of a good answer began with, and where, for the next one to be compared with
         # (`dissect.transactions.transaction`); in one place, as the items themselves are spread over the memory.
         self.good_answer: bytes = b""
+        # The same where calls are dear, interpreted: what reads all of it at once, and what that read.
+        self.good_layout: struct.Struct | None = None
+        self.good_heads: tuple[int, ...] = ()
         self.unjudged: bool = True  # nobody looked at codes and addresses yet
         self.answer_unjudged: bool = False  # of a read: nobody looked at the transport sizes of a good answer yet
 
@@ -206,6 +214,28 @@ class Parameters:
         if not self.malformed:
             self.malformed = []
         self.malformed.append(wrong)
+
+    def keep_layout(self, buf: bytes, at: i64, data_at: i64) -> None:
+        """Keep what reads a good answer like the one at ``at`` of ``buf``, of which ``good_answer`` is, at once.
+
+        That of a usual one, whose parameter block is function and item count, and whose header says that all is well.
+        """
+        if data_at == at + _ANSWER_DATA_AT and buf[at + HEADER_SIZE] == 0 and buf[at + HEADER_SIZE + 1] == 0:
+            self.good_layout = answer_layout(self.good_answer)
+            self.good_heads = self.good_layout.unpack_from(buf, at + HEADER_SIZE)
+
+    def like_good(self, buf: bytes, at: i64, size: i64, data_at: i64) -> bool:
+        """Return whether all is well in an answer to a read, Ack_Data, because it begins as a good one did.
+
+        What `dissect.transactions.transaction.check_answer` finds by steps, where calls are dear: interpreted.
+        """
+        layout = self.good_layout
+        return (
+            layout is not None
+            and layout.size == size - HEADER_SIZE
+            and data_at - at == _ANSWER_DATA_AT
+            and layout.unpack_from(buf, at + HEADER_SIZE) == self.good_heads
+        )
 
     @property
     def userdata_extended(self) -> bool:
@@ -393,7 +423,9 @@ class ParameterCache:
                 return short
         if COMPILED and rosctr == JOB and end - at >= _ONE_ITEM:  # interpreted, a dictionary takes less
             return self._asked(buf, at, end)
-        return self._distinct(buf[at:end], rosctr)
+        octets = buf[at:end]
+        parameters = self._young[rosctr].get(octets)
+        return self._distinct(octets, rosctr) if parameters is None else parameters
 
     def _asked(self, buf: bytes, at: i64, end: i64) -> Parameters:
         """Return the parsed block of a job with items: what the end of the last one refers to tells most of them apart."""

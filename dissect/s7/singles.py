@@ -64,6 +64,10 @@ _GENERAL: Final = 0
 _JSON: Final = 1
 _REPR: Final = 2
 _POINT: Final = 0x2E
+#: Between these `real_text` begins with seven digits everywhere, writes no exponent, and no number of seven or eight digits is
+#: in the middle of two singles: there it takes those that read back.
+_PLAIN_LEAST: Final = 0.002
+_PLAIN_END: Final = 1e6
 
 
 def real(octets: bytes) -> float:
@@ -120,6 +124,14 @@ def real_json(octets: bytes, at: i64 = 0) -> str:
         found = _shortest(word)
         if found != _UNDECIDED:
             return _written(word, found, _JSON)
+    exact: float = _FLOAT.unpack_from(octets, at)[0]
+    if _PLAIN_LEAST <= exact < _PLAIN_END or _PLAIN_LEAST <= -exact < _PLAIN_END:
+        text = f"{exact:.7g}"
+        if _FLOAT.unpack(_FLOAT.pack(float(text)))[0] != exact:
+            text = f"{exact:.8g}"
+            if _FLOAT.unpack(_FLOAT.pack(float(text)))[0] != exact:
+                text = f"{exact:.9g}"
+        return text if "." in text else text + ".0"
     text = real_text(octets[at : at + 4])
     if "." in text or "e" in text:
         return text

@@ -12,12 +12,14 @@ from typing import Final
 from dissect.s7.diagnostic_tables import event_name
 from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, event_note
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
-from dissect.s7.szl_communication import PROTECTION
+from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION, STATUS_RECORDS
 from dissect.s7.szl_modules import DP_MASTER, DP_MASTER_EXTENDED, MANY_STATIONS, MODULE_STATUS, STATIONS
 from dissect.s7.szl_records import (
     BLANK,
     BLOCK_TYPE,
     CHARACTERISTIC,
+    COMPONENT,
+    COMPONENT_RECORDS,
     ETHERNET,
     IDENTIFICATION,
     LED,
@@ -25,16 +27,16 @@ from dissect.s7.szl_records import (
     OPERATING_MODE,
     RECORD,
     RECORD_REST,
+    RECORDS,
     SYSTEM_AREA,
     SZL_ID,
-    record_layout,
-    record_size,
     version_text,
 )
 from dissect.s7.szl_tables import HEAD_ONLY, INDEXES, MODULE_CLASSES, SZL_IDS
 from dissect.wire.layout import Field, Layout
 from dissect.wire.octets import u16
 from dissect.wire.part import Cursor, Part
+from dissect.wire.text import hex_number
 
 _ID: Final = Field("szl_id", 2, "Which list, and which extract of it.", "s7comm.data.userdata.szl_id", SZL_IDS)
 _INDEX: Final = Field("szl_index", 2, "What to pick from the list, 0 nothing.", "s7comm.data.userdata.szl_index")
@@ -56,6 +58,12 @@ SZL_HEAD: Final = Layout(
 #: Lists of small records that say something only together; their records have no note.
 _PLAIN: Final = (SZL_ID, CHARACTERISTIC, RECORD)
 
+_COMPONENTS: Final = 0x1C
+_CAPABILITY: Final = 0x31
+_COMMUNICATION: Final = 0x32
+#: Octets of every record of these lists.
+_INDEXED_SIZES: Final[dict[int, int]] = {_COMPONENTS: 34, _CAPABILITY: 40, _COMMUNICATION: 40}
+
 
 def module_class(szl_id: int) -> int:
     """Return the kind of module that a list is of (`MODULE_CLASSES`)."""
@@ -69,7 +77,7 @@ def extract(szl_id: int) -> int:
 
 def list_note(szl_id: int, index: int) -> str:
     """Return what a list is for a person, for example ``SZL 0x0131 communication capability, index 1 general``."""
-    told = f"SZL 0x{szl_id:04x}"
+    told = f"SZL {hex_number(szl_id, 4)}"
     row = SZL_IDS.get(szl_id)
     if row is not None:
         told += f" {row.name}"
@@ -81,7 +89,7 @@ def list_note(szl_id: int, index: int) -> str:
     table = INDEXES.get(szl_id & 0xFF)
     if index and table is not None and part not in {0, HEAD_ONLY} and index in table:
         return f"{told}, {table.name(index)}"
-    return f"{told}, index 0x{index:04x}" if index else told
+    return f"{told}, index {hex_number(index, 4)}" if index else told
 
 
 def parse_szl(cursor: Cursor, head: UserdataHead) -> None:
@@ -120,6 +128,30 @@ def starts_list(cursor: Cursor) -> bool:
         and (known == 0 or known == length)
         and length * count > cursor.left - SZL_HEAD.size
     )
+
+
+def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
+    """Return the layout of the record ``octets[at:end]`` of a list; `RECORD` when it is not known."""
+    partial = szl_id & 0xFF
+    if partial not in _INDEXED_SIZES:
+        return RECORDS.get(partial, RECORD)
+    if end - at < 2:
+        return RECORD
+    index = u16(octets, at)
+    if partial == _COMPONENTS:
+        return COMPONENT_RECORDS.get(index & 0xFF, COMPONENT)
+    known = CAPABILITY_RECORDS if partial == _CAPABILITY else STATUS_RECORDS
+    return known.get(index, RECORD)
+
+
+def record_size(szl_id: int) -> int:
+    """Return the octets that a record of a list has by its layout, 0 when it is not known or open."""
+    partial = szl_id & 0xFF
+    size = _INDEXED_SIZES.get(partial)
+    if size is not None:
+        return size
+    layout = RECORDS.get(partial)
+    return layout.size if layout is not None and not layout.open else 0
 
 
 def _take_list(cursor: Cursor, whole: bool) -> None:
@@ -194,7 +226,7 @@ def _counted(part: Part) -> str:
     if layout is BLOCK_TYPE:
         return f"{_name(part, 'index')}: at most {part.number('blocks')}"
     if layout is MODULE_STATUS:
-        return f"module at 0x{max(0, part.number('place')):04x}/0x{max(0, part.number('slot')):04x}"
+        return f"module at {hex_number(max(0, part.number('place')), 4)}/{hex_number(max(0, part.number('slot')), 4)}"
     if layout is DP_MASTER or layout is DP_MASTER_EXTENDED:
         return f"DP master system {part.number('system_id')}"
     text = part.text("text")
@@ -205,7 +237,7 @@ def _counted(part: Part) -> str:
 
 def _name(part: Part, field: str) -> str:
     """Return the meaning of a field, or its number."""
-    return part.text(field) or f"0x{max(0, part.number(field)):04x}"
+    return part.text(field) or hex_number(max(0, part.number(field)), 4)
 
 
 def _identification(part: Part) -> str:
@@ -235,4 +267,4 @@ def _operating_mode(part: Part) -> str:
     told = part.text("mode") or f"mode {part.number('mode')}"
     if part.number("previous") > 0:
         told += f", before: {_name(part, 'previous')}"
-    return f"{told}, event 0x{event:04x} {event_name(event)}" if event > 0 else told
+    return f"{told}, event {hex_number(event, 4)} {event_name(event)}" if event > 0 else told

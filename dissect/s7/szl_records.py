@@ -11,7 +11,7 @@ from typing import Final
 
 from dissect.s7.diagnostic_tables import EVENTS
 from dissect.s7.diagnostics import DIAGNOSTIC_EVENT
-from dissect.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS, flags, reserved
+from dissect.s7.szl_communication import flags, reserved
 from dissect.s7.szl_modules import (
     DP_MASTER,
     DP_MASTER_EXTENDED,
@@ -55,7 +55,6 @@ from dissect.wire.layout import (
     latin,
     plain,
 )
-from dissect.wire.octets import u16
 
 _SECTION: Final = "reference section 4.5"
 _MANUAL: Final = "Siemens system status list"
@@ -348,33 +347,3 @@ RECORDS: Final[dict[int, Layout]] = {
     0x96: SUBMODULE_STATUS,
     0xA0: DIAGNOSTIC_EVENT,
 }
-
-_COMPONENTS: Final = 0x1C
-_CAPABILITY: Final = 0x31
-_COMMUNICATION: Final = 0x32
-#: Octets of every record of these lists.
-_INDEXED_SIZES: Final[dict[int, int]] = {_COMPONENTS: 34, _CAPABILITY: 40, _COMMUNICATION: 40}
-
-
-def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
-    """Return the layout of the record ``octets[at:end]`` of a list; `RECORD` when it is not known."""
-    partial = szl_id & 0xFF
-    if partial not in _INDEXED_SIZES:
-        return RECORDS.get(partial, RECORD)
-    if end - at < 2:
-        return RECORD
-    index = u16(octets, at)
-    if partial == _COMPONENTS:
-        return COMPONENT_RECORDS.get(index & 0xFF, COMPONENT)
-    known = CAPABILITY_RECORDS if partial == _CAPABILITY else STATUS_RECORDS
-    return known.get(index, RECORD)
-
-
-def record_size(szl_id: int) -> int:
-    """Return the octets that a record of a list has by its layout, 0 when it is not known or open."""
-    partial = szl_id & 0xFF
-    size = _INDEXED_SIZES.get(partial)
-    if size is not None:
-        return size
-    layout = RECORDS.get(partial)
-    return layout.size if layout is not None and not layout.open else 0

@@ -562,6 +562,9 @@ BLOCK_KINDS: Final = CodeTable(
     [(0x00, "not set", "No block."), *[(int(digits, 16), name, "") for digits, name in BLOCK_TYPES.items()]],
 )
 
+#: Types whose bytes behind the header are code; those of a DB are values, an SDB's are of the system.
+CODE_BLOCKS: Final = frozenset(("OB", "FC", "FB", "SFC", "SFB"))
+
 #: Areas of a Sinumerik, as people write them (reference section 3.5).
 NCK_AREAS: Final = CodeTable(
     "S7 NCK area",

@@ -102,7 +102,7 @@ def _element(transport_size: i64, octets: bytes) -> bool | int | float | str | N
 
 #: Octets of one element by transport size, 0 for those that `write_numbers` does not write; and how `struct` knows them.
 _TEXT_SIZES: Final = bytes([{BYTE: 1, WORD: 2, INT: 2, DWORD: 4, DINT: 4, REAL: 4}.get(code, 0) for code in range(256)])
-_LETTERS: Final[dict[int, str]] = {BYTE: "B", WORD: "H", INT: "h", DWORD: "I", DINT: "i"}
+NUMBER_LETTERS: Final[dict[int, str]] = {BYTE: "B", WORD: "H", INT: "h", DWORD: "I", DINT: "i"}
 
 
 def number_texts(transport_size: i64, octets: bytes, most: i64) -> list[str]:
@@ -114,7 +114,7 @@ def number_texts(transport_size: i64, octets: bytes, most: i64) -> list[str]:
         return texts
     end: i64 = min(size, most * step)
     if transport_size != REAL and not COMPILED:
-        return [str(number) for number in struct.unpack_from(f">{end // step}{_LETTERS[transport_size]}", octets)]
+        return [str(number) for number in struct.unpack_from(f">{end // step}{NUMBER_LETTERS[transport_size]}", octets)]
     at: i64 = 0
     if transport_size == BYTE:
         while at < end:
@@ -142,7 +142,7 @@ def numbers_json(transport_size: i64, octets: bytes) -> str:
     if transport_size == REAL:
         told = ",".join([real_json(octets, at) for at in range(0, size, 4)])
     else:
-        told = ",".join(map(str, struct.unpack(f">{size // step}{_LETTERS[transport_size]}", octets)))
+        told = ",".join(map(str, struct.unpack(f">{size // step}{NUMBER_LETTERS[transport_size]}", octets)))
     return f"[{told}]" if size > step else told
 
 

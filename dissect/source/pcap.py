@@ -289,13 +289,13 @@ class PcapReader(ChunkReader):
                     captured, wire = pair & 0xFFFFFFFF, pair >> 32 & 0xFFFFFFFF
                 if wire < captured and self._old:
                     captured, wire = wire, captured
-                if captured > limit:
-                    absurd = captured
-                    break
                 start = pos + header
                 end = start + captured
-                if end > size:
-                    need = header + captured
+                if end > size or captured > limit:
+                    if captured > limit:
+                        absurd = captured
+                    else:
+                        need = header + captured
                     break
                 if wire < captured:
                     self._note(SHORT_WIRE, wire, pos)

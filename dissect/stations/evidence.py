@@ -13,7 +13,7 @@ from dissect.s7.clock import CLOCK as CLOCK_LAYOUT
 from dissect.s7.clock import SETTING
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.szl import SZL_HEAD, extract
+from dissect.s7.szl import SZL_HEAD, extract, record_layout
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION
 from dissect.s7.szl_records import (
     BLANK,
@@ -21,7 +21,6 @@ from dissect.s7.szl_records import (
     ETHERNET,
     IDENTIFICATION,
     OPERATING_MODE,
-    record_layout,
     version_text,
 )
 from dissect.s7.szl_tables import HEAD_ONLY
@@ -42,6 +41,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.part import Part
+from dissect.wire.text import hex_number
 
 #: Groups of userdata that say something of a station.
 TELLING: Final = frozenset((GROUP_MODE, GROUP_BLOCKS, GROUP_CPU, GROUP_TIME))
@@ -62,6 +62,10 @@ _COMPONENTS: Final[dict[int, str]] = {
 }
 _COMPONENT_LAYOUTS: Final = frozenset([id(layout) for layout in COMPONENT_RECORDS.values()])
 _GENERAL: Final = CAPABILITY_RECORDS[0x01]
+#: Records that say something of a station; lists have others as well, which need not be cut.
+_TELLING_RECORDS: Final = _COMPONENT_LAYOUTS | frozenset(
+    [id(layout) for layout in (IDENTIFICATION, OPERATING_MODE, PROTECTION, _GENERAL, ETHERNET)]
+)
 #: What list 0x11 identifies, by index.
 _MODULE: Final = 0x0001
 _HARDWARE: Final = 0x0006
@@ -112,7 +116,7 @@ class Evidence:
             szl_id = int.from_bytes(operation.content[:2], "big")
             if szl_id & 0xFF not in _LISTS:
                 return []
-            source = f"SZL 0x{szl_id:04x}"
+            source = f"SZL {hex_number(szl_id, 4)}"
         elif head.group != GROUP_BLOCKS:
             return []
         said = said_by(operation.content_parts(), wanted)
@@ -124,7 +128,7 @@ class Evidence:
         if len(payload) < SZL_HEAD.size or payload[1] not in _LISTS:
             return []
         szl_id = u16(payload, 0)
-        return _facts(transaction, self._said(transaction, b"", payload), f"SZL 0x{szl_id:04x}")
+        return _facts(transaction, self._said(transaction, b"", payload), f"SZL {hex_number(szl_id, 4)}")
 
     def _blocks(self, transaction: Transaction) -> list[Fact]:
         asked, payload = _asked(transaction), _answered(transaction)
@@ -154,13 +158,15 @@ class Evidence:
 
 
 def _records(payload: bytes) -> list[Part]:
-    """Cut the records of a list that is whole; those that are not there are left out."""
+    """Cut the telling records of a list that is whole; those that are not there are left out."""
     szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
     if extract(szl_id) == HEAD_ONLY or not length:
         return []
     parts = []
     for at in range(SZL_HEAD.size, min(len(payload) - length, SZL_HEAD.size + (count - 1) * length) + 1, length):
         layout = record_layout(szl_id, payload, at, at + length)
+        if id(layout) not in _TELLING_RECORDS:
+            continue
         parts.append(Part(layout, payload, at, at + (length if layout.open else min(length, layout.size))))
     return parts
 

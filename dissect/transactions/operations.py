@@ -489,10 +489,7 @@ class Operations(OperationBook):
         job = told.sequence if told is not None else head.sequence
         going = transaction.connection.operations
         if head.subfunction in _CYCLIC_STARTS:
-            operation = self.begin(CYCLIC, str(job), transaction, subject_of(transaction))
-            operation.octets = payload_size(transaction)
-            if transaction.outcome != ANSWERED or transaction.error_code:
-                self.settle(operation, transaction, DONE, REFUSED)
+            self._begin_job(CYCLIC, str(job), transaction)
         elif head.subfunction == CHANGE_DRIVEN_MODIFY:
             changed = going.find(CYCLIC, str(head.sequence))
             if changed is not None:
@@ -508,14 +505,22 @@ class Operations(OperationBook):
                 stopped.add(transaction)
                 self.settle(stopped, transaction, DONE, FAILED)
 
+    def _begin_job(self, kind: str, key: str, transaction: Transaction) -> None:
+        """Begin a job with the number that the PLC assigned; the one that had this number is over."""
+        accepted = _went_well(transaction)
+        older = transaction.connection.operations.find(kind, key) if accepted else None
+        if older is not None:
+            self.close(older, DONE, "number reused")
+        operation = self.begin(kind, key, transaction, subject_of(transaction))
+        operation.octets = payload_size(transaction)
+        if not accepted:
+            self.settle(operation, transaction, DONE, REFUSED)
+
     def _test_job(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> None:
         going = transaction.connection.operations
         if head.subfunction in _TEST_STARTS:
             number = told.sequence if told is not None else head.sequence
-            operation = self.begin(TEST_JOB, f"{head.subfunction}/{number}", transaction, subject_of(transaction))
-            operation.octets = payload_size(transaction)
-            if transaction.outcome != ANSWERED or transaction.error_code:
-                self.settle(operation, transaction, DONE, REFUSED)
+            self._begin_job(TEST_JOB, f"{head.subfunction}/{number}", transaction)
             return
         from dissect.s7.programmer_layouts import JOB
 

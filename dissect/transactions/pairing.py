@@ -22,16 +22,15 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import Parameters, header_size
-from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, USERDATA, WRITE_VAR
+from dissect.s7.parameters import Parameters
+from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.transactions.contradictions import contradicts, is_strange
 from dissect.transactions.results import (
-    COUNT_MISMATCH,
     EXPECTED,
     FUNCTION_MISMATCH,
     REORDERED,
-    SIZE_MISMATCH,
     check_notification,
     check_other_answer,
     check_written,
@@ -51,6 +50,7 @@ from dissect.transactions.transaction import (
     check_answer,
     check_data_codes,
 )
+from dissect.wire.build import COMPILED
 
 if TYPE_CHECKING:
     from dissect.transactions.table import Side
@@ -73,6 +73,9 @@ GIVEN_UP_NS: Final = 2_000_000_000
 
 #: Sides that asked are sought out of those whose connection is over when there are this many; more than can be open.
 _MANY_ASKING: Final = MAX_OPEN_ALL
+
+#: So many of the longest open are looked at before the latest ones.
+_FEW_OLD: Final = 8
 
 #: Requests given up from the front of a table before it is made anew.
 _FRESH: Final = 1024
@@ -113,11 +116,11 @@ class OpenRequests:
     whose answers were not captured.
     """
 
-    __slots__ = ("_given_up", "_latest", "_latest_key", "_table", "count", "orphans")
+    __slots__ = ("_given_up", "_table", "count", "latest", "latest_key", "orphans")
 
     def __init__(self) -> None:
-        self._latest: Transaction | None = None  # asked after all those of `_table`, until another one is
-        self._latest_key: i64 = 0
+        self.latest: Transaction | None = None  # asked after all those of `_table`, until another one is
+        self.latest_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
@@ -126,30 +129,30 @@ class OpenRequests:
     @property
     def table(self) -> dict[int, Transaction]:
         """The open requests by their keys, in the order of asking; to be looked at, and changed in here only."""
-        latest = self._latest
+        latest = self.latest
         if latest is not None:
-            self._latest = None
-            self._table[self._latest_key] = latest
+            self.latest = None
+            self._table[self.latest_key] = latest
         return self._table
 
     def find(self, key: i64) -> Transaction | None:
         """Return what is open under ``key``, the latest of several that are identical; None when nothing is."""
-        latest = self._latest
-        if latest is not None and key == self._latest_key:
+        latest = self.latest
+        if latest is not None and key == self.latest_key:
             return latest
         return self._table.get(key) if self._table else None
 
     def add(self, key: i64, transaction: Transaction) -> Transaction | None:
         """Open a request, unless something is open under its key (`find`): then return that."""
-        before = self._latest
-        if before is not None and key == self._latest_key:
+        before = self.latest
+        if before is not None and key == self.latest_key:
             return before
         if self._table and (found := self._table.get(key)) is not None:
             return found
         self.count += 1
         if before is not None:
-            self._table[self._latest_key] = before
-        self._latest, self._latest_key = transaction, key
+            self._table[self.latest_key] = before
+        self.latest, self.latest_key = transaction, key
         return None
 
     def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
@@ -222,8 +225,8 @@ class OpenRequests:
         self.count -= 1
         if found.earlier is not None:
             return _earliest_of(found)
-        if found is self._latest:
-            self._latest = None
+        if found is self.latest:
+            self.latest = None
         else:
             del self._table[key]
         return found
@@ -266,9 +269,7 @@ class OpenRequests:
             while behind is not None and behind.superseded is not None:
                 newer = behind
                 behind = behind.superseded
-            if behind is not None:
-                return self._take_behind(newer, behind)
-            return self.take(key, found)
+            return self._take_behind(newer, behind) if behind is not None else self.take(key, found)
         return None
 
     def asked_after(self, number: i64) -> list[Transaction]:
@@ -305,11 +306,18 @@ class OpenRequests:
     def open_since(self, time_ns: i64, frame: i64, enough: i64) -> i64:
         """Return how many requests were asked at ``time_ns`` or later, after packet ``frame``, and are still open.
 
-        Stops counting at ``enough``, so that it costs no more when there are thousands.
-        An identical request has the place of the one before it, so that some of them may be overlooked.
+        Stops counting at ``enough``. Of identical requests, which have the place of the first, some may be overlooked.
         """
+        # A lost answer leaves its request open, and every later one asks here: often the longest open show that it is fewer.
+        spare: i64 = self.count - enough
+        for transaction in self._table.values():
+            if not 0 <= spare <= _FEW_OLD or (transaction.request_ns >= time_ns and transaction.request_frame > frame):
+                break
+            if spare == 0:
+                return enough - 1
+            spare -= 1
         count: i64 = 0
-        latest = self._latest
+        latest = self.latest
         if latest is not None:
             if latest.request_ns < time_ns or latest.request_frame <= frame:
                 return 0
@@ -335,8 +343,7 @@ class OpenRequests:
         """Keep an answer without request for a moment; return one that had to leave for it."""
         orphans = self.orphans
         if orphans is None:
-            orphans = []
-            self.orphans = orphans
+            orphans = self.orphans = []
         orphans.append(Orphan(key, answer, ack, packet))
         if len(orphans) > MAX_ORPHANS:
             return orphans.pop(0).transaction
@@ -344,34 +351,27 @@ class OpenRequests:
 
     def find_orphan(self, key: i64, end_seq: i64) -> Orphan | None:
         """Return the held answer that fits a request ending at sequence number ``end_seq``, None when there is none."""
-        orphans = self.orphans
-        if orphans is not None:
-            for orphan in orphans:
-                if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
-                    return orphan
+        for orphan in self.orphans or []:
+            if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
+                return orphan
         return None
 
     def release_orphan(self, orphan: Orphan) -> None:
         """Stop holding an answer: its request turned up."""
-        orphans = self.orphans
-        if orphans is not None:
-            orphans.remove(orphan)
-            if not orphans:
-                self.orphans = None
+        if self.orphans is not None:
+            self.orphans.remove(orphan)
+            self.orphans = self.orphans or None
 
     def expired_orphans(self, time_ns: i64, packet: i64) -> list[Transaction]:
         """Remove and return the held answers whose time is over."""
         orphans = self.orphans
         gone: list[Transaction] = []
-        if orphans is None:
-            return gone
         while orphans and (
             time_ns - orphans[0].transaction.response_ns > ORPHAN_HOLD_NS
             or packet - orphans[0].packet > ORPHAN_HOLD_FRAMES
         ):
             gone.append(orphans.pop(0).transaction)
-        if not orphans:
-            self.orphans = None
+        self.orphans = orphans or None
         return gone
 
 
@@ -393,6 +393,7 @@ class Dialogue:
         self.open: i64 = 0  # requests without answer on all connections
         self.also: list[Transaction] = []
         self.holding: list[Side] = []  # sides with an answer held since somebody last looked
+        self.several: bool = False  # beside the request at hand others may be open
         self.watching: bool = False  # somebody looks after `asking`
         self.asking: list[Side] = []  # sides that asked since somebody last looked, and are not `Side.watched`
 
@@ -414,7 +415,8 @@ class Dialogue:
         connection.last_request = parameters
         connection.last_request_ns = time_ns
         self.count += 1
-        transaction = Transaction(self.count, connection, side.index, rosctr, pdu_ref, parameters)
+        asked_by: i64 = side.index
+        transaction = Transaction(self.count, connection, asked_by, rosctr, pdu_ref, parameters)
         transaction.request_frame = frame
         transaction.request_ns = time_ns
         transaction.request_ack = side.last_ack
@@ -426,19 +428,25 @@ class Dialogue:
         if parameters.function == WRITE_VAR:
             transaction.flags |= check_written(parameters, buf, at, size)
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
-        requests = connection.open_requests[side.index]
+        requests = connection.open_requests[asked_by]
+        self.several = requests.count > 0
         if requests.orphans is not None:
             orphan = requests.find_orphan(key, side.end_seq)
-            if orphan is not None and not (_holes(side) and _strange(transaction, orphan.transaction)):
+            if orphan is not None and not (_holes(side) and is_strange(transaction, orphan.transaction)):
                 requests.release_orphan(orphan)
                 if orphan.transaction.response_frame < frame:
                     transaction.flags |= REORDERED
                 self._join(transaction, orphan.transaction)
                 return transaction
-        answering = side.peer
         self.open += 1
         if self.watching and not side.watched:
             self._watch(side)
+        if requests.count == 0:  # nearly always
+            requests.count = 1
+            requests.latest = transaction
+            requests.latest_key = key
+            return None
+        answering = side.peer
         waiting = requests.add(key, transaction)
         if waiting is not None:
             expected: bool = answering is not None and _unseen(transaction, answering)
@@ -472,11 +480,17 @@ class Dialogue:
         time_ns: i64,
     ) -> Transaction | None:
         """An answer: complete the oldest request it fits, or hold it for a moment. Returns the completed transaction."""
-        connection = side.connection
-        requests = connection.open_requests[1 - side.index]
+        requests = side.connection.open_requests[1 - side.index]
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
-        waiting = requests.find(key)
-        if waiting is not None and waiting.acknowledged(side.end_seq) and waiting.earlier is None:
+        waiting = requests.latest
+        if waiting is None or key != requests.latest_key:
+            waiting = requests.find(key)
+        if (
+            waiting is not None
+            and (waiting.request_ack - side.end_seq) & MASK < HALF_SPACE  # most are told from that
+            and waiting.acknowledged(side.end_seq)
+            and waiting.earlier is None
+        ):
             # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
             older = requests.take_superseded(waiting, side.end_seq)
             if older is not None and not (
@@ -491,18 +505,25 @@ class Dialogue:
             if older is not None:
                 self._give_up(older, side, REFERENCE_REUSED)
             waiting = None
-        if waiting is None or (_holes(side) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
+        asking = side.peer
+        holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes` in place
+        if waiting is None or (holes and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
             # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
-        if waiting.earlier is not None and side.hole_frame:
-            lost = requests.lose(waiting, frame, side.hole_frame)
-            if lost is not None:
-                self._replace(lost, side)
-        if waiting.superseded is not None:  # what was asked before it would have been answered by now
-            for lost in requests.drop_superseded(waiting):
-                self._give_up(lost, side, REFERENCE_REUSED)
-        asked = requests.take(key, waiting)
+        asked = waiting
+        if waiting is requests.latest and waiting.earlier is None and waiting.superseded is None:  # nearly always
+            requests.latest = None
+            requests.count -= 1
+        else:
+            if waiting.earlier is not None and side.hole_frame:
+                lost = requests.lose(waiting, frame, side.hole_frame)
+                if lost is not None:
+                    self._replace(lost, side)
+            if waiting.superseded is not None:  # what was asked before it would have been answered by now
+                for lost in requests.drop_superseded(waiting):
+                    self._give_up(lost, side, REFERENCE_REUSED)
+            asked = requests.take(key, waiting)
         self.open -= 1
         if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
             if mismatch(waiting.parameters, parameters):
@@ -514,12 +535,20 @@ class Dialogue:
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """Look at the answer that a request has got, and count it."""
         transaction.outcome = ANSWERED
-        check_answer(transaction, parameters, data_at)
-        if transaction.parameters.answer_unjudged:
+        asked = transaction.parameters
+        if (
+            COMPILED
+            or transaction.response_rosctr != ACK_DATA
+            or not asked.like_good(
+                transaction.response_buf, transaction.response_offset, transaction.response_size, data_at
+            )
+        ):
+            check_answer(transaction, parameters, data_at)
+        if asked.answer_unjudged:
             check_data_codes(transaction)
         connection = transaction.connection
         connection.answered += 1
-        connection.last_answer = transaction.parameters
+        connection.last_answer = asked
         connection.last_answer_ns = transaction.response_ns
 
     def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
@@ -663,45 +692,6 @@ class Dialogue:
         )
         head: i64 = 12 if rosctr == ACK or rosctr == ACK_DATA else 10
         self._answered(transaction, parameters, at + head + len(parameters.octets))
-
-
-def _strange(request: Transaction, answer: Transaction) -> bool:
-    """Return whether a held answer cannot be that of a request."""
-    rosctr: i64 = answer.response_rosctr
-    at: i64 = answer.response_offset
-    parameters = answer.parameters
-    data_at: i64 = at + header_size(rosctr) + len(parameters.octets)
-    return contradicts(request, rosctr, parameters, answer.response_buf, at, answer.response_size, data_at)
-
-
-def contradicts(
-    request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
-) -> bool:
-    """Return whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
-
-    For when gaps make it likely that an answer belongs to a request that was not seen.
-    """
-    if mismatch(request.parameters, parameters):
-        return True
-    if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
-        return False
-    # It has the answer on trial, and is left as it was: to make a transaction for that would cost more than to look.
-    flags: i64 = request.flags
-    request.flags = 0
-    request.response_buf = buf
-    request.response_offset = at
-    request.response_size = size
-    request.response_rosctr = rosctr
-    check_answer(request, parameters, data_at)
-    found: i64 = request.flags
-    request.flags = flags
-    request.has_errors = False
-    request.error_code = 0
-    request.response_buf = b""
-    request.response_offset = 0
-    request.response_size = 0
-    request.response_rosctr = 0
-    return found & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
 
 
 def _unseen(request: Transaction, answering: Side) -> bool:

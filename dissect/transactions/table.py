@@ -215,6 +215,7 @@ class Side:
         "kept",
         "key",
         "last_ack",
+        "longest",
         "missing",
         "peer",
         "place",
@@ -249,6 +250,8 @@ class Side:
         self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
+        #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 where more has to be looked at.
+        self.longest: i64 = 0
         self.requests: i64 = 0
         self.probes: i64 = 0  # keep-alives before anything else was captured
         self.holes: i64 = 0

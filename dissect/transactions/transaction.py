@@ -68,6 +68,7 @@ from dissect.transactions.results import (
     has_items,
     userdata_results,
 )
+from dissect.wire.build import COMPILED
 from dissect.wire.octets import u16, u32
 from dissect.wire.text import printable
 
@@ -100,9 +101,6 @@ REASON_TEXTS: Final[dict[str, str]] = {
     TABLE_FULL: "too many requests were pending at once; this one was dropped",
     CONNECTION_EVICTED: "too many connections were open at once; this one was dropped",
 }
-
-
-#: A data item of a read answer up to its octets, as one number: return code, transport size, length.
 
 
 @mypyc_attr(free_list_len=1)  # the memory of one that is gone serves the next: most are over before another one begins
@@ -541,6 +539,8 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
         transaction.flags |= BAD_DATA
     elif good:
         parameters.good_answer = item_heads(count, buf, begin, end)
+        if not COMPILED:
+            parameters.keep_layout(buf, transaction.response_offset, begin)
 
 
 def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size: i64, end: i64) -> bool:

@@ -134,6 +134,18 @@ class Field:
             return (value & mask) >> shift
         return value
 
+    def number_meaning(self, value: int) -> str:
+        """Return what a number says to a person beside itself; empty when there is nothing to say."""
+        if self.says is not None:
+            return self.says(value)
+        row = self.codes.get(value) if self.codes is not None else None
+        return row.name if row is not None else ""
+
+    def octets_meaning(self, octets: bytes) -> str:
+        """Return what octets say to a person beside themselves; empty when there is nothing to say."""
+        told = self.means(octets) if self.means is not None else None
+        return told if told is not None else ""
+
 
 class FieldValue:
     """A field read from octets: its place and its meaning.
@@ -154,14 +166,8 @@ class FieldValue:
     def meaning(self) -> str:
         """What the value says to a person beside the number or octets themselves; empty when there is nothing to say."""
         if self.octets is not None:
-            told = self.field.means(self.octets) if self.field.means is not None else None
-            return told if told is not None else ""
-        says = self.field.says
-        if says is not None:
-            return says(self.value)
-        codes = self.field.codes
-        row = codes.get(self.value) if codes is not None else None
-        return row.name if row is not None else ""
+            return self.field.octets_meaning(self.octets)
+        return self.field.number_meaning(self.value)
 
 
 class Layout:
@@ -233,6 +239,25 @@ class Layout:
         start += offset
         behind = start + field.size
         return _value(field, octets, start, behind) if behind <= min(end, len(octets)) else None
+
+    def number(self, name: str, octets: bytes, offset: int, end: int) -> int:
+        """Return the value of what `find` returns, -1 where that is None, without making it."""
+        start, field = self.numbers[name]
+        start += offset
+        if start + field.size > min(end, len(octets)):
+            return -1
+        return field.read(octets, start) if field.means is None else 0
+
+    def text(self, name: str, octets: bytes, offset: int, end: int) -> str:
+        """Return the meaning of what `find` returns, empty where that is None, without making it."""
+        start, field = self.numbers[name]
+        start += offset
+        behind = start + field.size
+        if behind > min(end, len(octets)):
+            return ""
+        if field.means is not None:
+            return field.octets_meaning(octets[start:behind])
+        return field.number_meaning(field.read(octets, start))
 
 
 def _value(field: Field, octets: bytes, start: int, end: int) -> FieldValue:

@@ -71,6 +71,8 @@ class Part:
 
     def number(self, name: str) -> int:
         """Return the number in a field, -1 when it is not there."""
+        if self._values is None and name in self.layout.numbers:
+            return self.layout.number(name, self._octets, self.offset, self.end)
         found = self.find(name)
         return -1 if found is None else found.value
 
@@ -87,6 +89,8 @@ class Part:
 
     def text(self, name: str) -> str:
         """Return what a field says to a person, empty when it is not there."""
+        if self._values is None and name in self.layout.numbers:
+            return self.layout.text(name, self._octets, self.offset, self.end)
         found = self.find(name)
         return "" if found is None else found.meaning
 

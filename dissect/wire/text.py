@@ -86,7 +86,11 @@ def printable(text: str) -> str:
     r"""Return ``text`` on one line with everything that does not simply print escaped (``\x1b``, ``\u202e`` …)."""
     if text.isprintable():  # to Python, characters of no hidden category
         return text
-    return "".join([_escape(character) for character in text])
+    parts: list[str] = []
+    for character in text:
+        code: i64 = ord(character)
+        parts.append(_LATIN[code] if code < 0x100 else _escape(character))
+    return "".join(parts)
 
 
 def _escape(character: str) -> str:
@@ -98,6 +102,10 @@ def _escape(character: str) -> str:
     if code < 0x100:
         return f"\\x{code:02x}"
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+#: What `_escape` makes of the first 256 characters: texts from the wire that do not print are mostly padding and octets.
+_LATIN: Final[list[str]] = [_escape(chr(code)) for code in range(256)]
 
 
 def json_text(value: str) -> str:
@@ -160,7 +168,8 @@ def shortened(text: str, most: int) -> str:
 def cell(text: str) -> str:
     """Return ``text`` as a spreadsheet cell that is never taken for a formula; numbers stay numbers."""
     safe = printable(text)
-    if safe.startswith(_FORMULA) and not re.fullmatch(_NUMBER, safe):
+    begun = safe.lstrip()  # some spreadsheets leave blanks out
+    if begun.startswith(_FORMULA) and not re.fullmatch(_NUMBER, begun):
         safe = "'" + safe
     return re.sub(_LATER_FORMULA, r"\1'", safe) if ";" in safe else safe
 

@@ -83,12 +83,10 @@ def test_a_missing_library_is_named_with_what_to_type(
 
 
 def test_csv_and_sqlite_need_no_library(tmp_path: Path) -> None:
-    code = (
-        "import sys\nfor name in ('pyarrow', 'duckdb'): sys.modules[name] = None\nfrom dissect.cli.main import _run\n"
-    )
+    code = "import sys\nfor name in ('pyarrow', 'duckdb'): sys.modules[name] = None\nfrom dissect.cli.main import run\n"
     calls = [["export", str(ERRORS), "-o", str(tmp_path / out)] for out in ("a.csv", "a.sqlite")]
     ran = subprocess.run(
-        [sys.executable, "-c", f"{code}sys.exit(sum(map(_run, {calls!r})))"],
+        [sys.executable, "-c", f"{code}sys.exit(sum(map(run, {calls!r})))"],
         capture_output=True,
         text=True,
         check=False,

@@ -15,7 +15,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.inventory import collector
 from dissect.inventory.collector import Inventory
 from dissect.inventory.contract import inventory_as_dict
-from dissect.inventory.model import MAX_AREAS, MAX_BEYOND, MAX_NAMES, MAX_TAGS, Area, Device, Names
+from dissect.inventory.model import MAX_AREAS, MAX_BEYOND, MAX_NAMES, MAX_PIECES, MAX_TAGS, Device, Names, Use
 from dissect.inventory.model import Talk as Both
 from dissect.session import Run
 from dissect.stations import facts
@@ -211,14 +211,17 @@ def test_what_has_no_room_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_a_device_holds_is_bounded() -> None:
-    both, area, names, device = Both("a", "b"), Area("DB1"), Names(), Device("10.0.0.1")
+    both, use, names, device = Both("a", "b"), Use(), Names(), Device("10.0.0.1")
     for number in [*range(500), *range(500)]:  # what has no room is counted once, however often it comes
         both.area(f"DB{number}")
-        area.tag(str(number))
+        use.tag(str(number))
+        use.reach(3 * number, 3 * number)
         names.add(str(number))
         device.because("CPU", "behaviour", str(number), 1)
     assert (len(both.areas), len(both.more_areas)) == (MAX_AREAS, 500 - MAX_AREAS)
-    assert (len(area.tags), len(area.more_tags)) == (MAX_TAGS, 500 - MAX_TAGS)
+    assert (len(use.tags), len(use.more_tags)) == (MAX_TAGS, 500 - MAX_TAGS)
+    assert len(use.pieces) <= MAX_PIECES
+    assert (use.pieces[0][0], use.pieces[-1][1], use.whole) == (0, 3 * 499, False)
     assert (len(names.texts), len(names.more)) == (MAX_NAMES, 500 - MAX_NAMES)
     assert len(device.reasons) < 500
 

@@ -10,6 +10,7 @@ import pytest
 
 from dissect.inventory import text as cards
 from dissect.inventory.collector import Inventory
+from dissect.inventory.model import Area
 from dissect.inventory.outcome import Devices
 from dissect.inventory.rows import COLUMNS, device_row
 from dissect.report.outcome import csv_outcome
@@ -17,7 +18,7 @@ from dissect.session import Run
 from tests.inventory.support import inventory_of
 from tests.report.support import ROOT, UNSAFE
 from tests.stations.answers import components, identification, mode, szl
-from tests.transactions.talk import Talk, dbw, read, words
+from tests.transactions.talk import Talk, ack_data, dbw, item, read, words, write, written
 
 EVIL = "\x1b[31mred\u202e=cmd()"
 
@@ -61,6 +62,30 @@ def test_a_card() -> None:
     assert lines[4] == "  mode        RUN (12:26:40.013000, packet 13, 2 times) → STOP (12:26:40.017000, packet 17)"
     assert "  asked by    10.0.0.1: 1 connection (S7comm)" in lines
     assert lines[-2:] == ["            Press", "  10.0.0.1      6"]
+
+
+def test_what_is_read_and_what_is_written_are_told_apart() -> None:
+    """Of an area both are done to; where there are gaps between the pieces the ends of all of it are said to be that."""
+
+    def scene(talk: Talk) -> None:
+        talk.open()
+        for reference, octet in enumerate((0, 2, 300), 1):
+            talk.ask(read(reference, item(0x83, 0, octet * 8, 4)))
+            talk.tell(words(reference, 5))
+        for reference, octet in enumerate((10, 8), 11):
+            talk.ask(write(reference, [item(0x83, 0, octet * 8, 4)], written(4, b"\0\1")))
+            talk.tell(ack_data(reference, b"\x05\x01", b"\xff"))
+
+    lines = shown(inventory_of(scene))
+    assert "  asked by    10.0.0.1: 1 connection (S7comm); 3 reads: within M[0..301]; 2 writes: M[8..11]" in lines
+
+
+def test_tags_that_are_read_and_tags_that_are_written_are_told_apart() -> None:
+    area = Area("DB1")
+    area.read.tag("DB1.Level")
+    area.written.tag("DB1.Speed")
+    assert area.tags == ["DB1.Level", "DB1.Speed"]
+    assert [cards._area(area, use) for use in (area.read, area.written)] == ["DB1 {Level}", "DB1 {Speed}"]
 
 
 def test_a_card_that_several_stations_send_with_is_said_to_be_so() -> None:

@@ -152,9 +152,9 @@ def test_areas_of_two_have_their_bounds() -> None:
         for talk, more in ((one, 0), (two, 1)):
             area = talk.area(f"DB{number + more}")
             assert area is not None
-            area.reads += 1
-            area.reach(10 * more, 10 * more + 3)
-            area.tag(f"tag {more}")
+            area.read.count += 1
+            area.read.reach(10 * more, 10 * more + 3)
+            area.read.tag(f"tag {more}")
     one.merge(two)
     assert (len(one.areas), len(one.more_areas)) == (model.MAX_AREAS, 1)
     shared = one.areas["DB1"]

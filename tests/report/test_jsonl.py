@@ -13,8 +13,9 @@ from mypy_extensions import i64
 
 from dissect.engine.pipeline import Options
 from dissect.report.item_json import item_json, octets_value, value_text, write_good_item
+from dissect.report.pdu_json import PduLines
 from dissect.report.writer import TransactionFeed
-from dissect.report.writers.jsonl import JsonlWriter, PduLines, TransactionLines
+from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.s7.items import parse_item
 from dissect.s7.message import parse_pdu
 from dissect.s7.tables import SUCCESS

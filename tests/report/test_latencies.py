@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.report.latencies import EXACT, Latencies
+from dissect.report.latencies import EXACT, Latencies, _bucket
 from dissect.wire.build import COMPILED
 from tests.growth import UNCOUNTED, lines
 
@@ -173,3 +173,14 @@ def test_no_answer_waits_for_all_the_others() -> None:
 
 def lines_of(latencies: Latencies, value: int) -> int:
     return lines(lambda: latencies.add(value))
+
+
+@given(st.integers(-5, 2**63 - 1))
+def test_buckets_are_found_alike_by_either_way(latency_ns: int) -> None:
+    """Compiled, the doubling is counted; interpreted, bits are. Where this is compiled both are the same way."""
+    found: list[int] = []
+    for compiled in (True, False):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("dissect.report.latencies.COMPILED", compiled)
+            found.append(_bucket(latency_ns))
+    assert found[0] == found[1]

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from dissect.s7 import diagnostic_tables, szl_communication, szl_modules, szl_records, szl_tables
 from dissect.s7.diagnostic_tables import EVENTS, event_name
+from dissect.s7.szl import record_layout, record_size
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS, flags
-from dissect.s7.szl_records import COMPONENT_RECORDS, RECORDS, record_layout, record_size
+from dissect.s7.szl_records import COMPONENT_RECORDS, RECORDS
 from dissect.s7.szl_tables import CAPABILITIES, COMPONENTS, INDEXES, PARTIAL_LISTS, STATUS_SECTIONS, SZL_IDS
 from dissect.wire.codes import CodeTable
 from dissect.wire.layout import Layout

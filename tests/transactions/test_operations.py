@@ -280,6 +280,30 @@ def test_a_test_job_that_is_enabled_pushes_and_is_deleted(talk: Talk) -> None:
     assert told.subject == "MW0"
 
 
+def test_a_job_with_the_number_of_another_ends_it(talk: Talk) -> None:
+    """Pushes and steps belong to the later one; a job that is refused has no number."""
+    for reference, code in ((1, 0), (2, 0), (3, 0xD805)):
+        talk.ask(events.asks(reference, 1, 2, events.TEST_JOB))
+        talk.tell(events.tells(reference, 1, 2, sequence=4, code=code))
+        talk.tell(events.pushes(1, 2, bytes(8), sequence=4))
+    talk.close()
+    told = [(one.first_frame, one.parts, one.pushes, one.result, one.reason) for one in talk.operations]
+    first = talk.operations[0].first_frame
+    assert told == [
+        (first, 2, 1, "done", "number reused"),
+        (first + 6, 1, 0, "refused", ""),
+        (first + 3, 3, 2, "running", "connection_closed"),
+    ]
+
+
+def test_a_cyclic_job_with_the_number_of_another_ends_it(talk: Talk) -> None:
+    subscribe(talk, 5, 1)
+    subscribe(talk, 5, 2)
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.close()
+    assert [(one.pushes, one.result) for one in talk.operations] == [(0, "done"), (1, "running")]
+
+
 def test_a_password_is_an_operation_of_its_own(talk: Talk) -> None:
     talk.ask(events.asks(1, 5, 1, events.PASSWORD))
     talk.tell(events.tells(1, 5, 1, code=0xD602))

@@ -191,6 +191,26 @@ def test_requests_open_since() -> None:
     assert OpenRequests().open_since(0, 0, 99) == 0
 
 
+@pytest.mark.parametrize("lost", [1, 2, 5, 12])
+def test_requests_that_are_long_open_do_not_count(lost: int) -> None:
+    """A request whose answer was lost stays open for ever, and each later one asks how many are open beside it."""
+    requests = OpenRequests()
+    for number in range(1, lost + 1):
+        put(requests, number, request(number, b"lost", number))
+    allowed = 2
+    for number in range(100, 106):
+        put(requests, number, request(number, b"x", number * 1000))
+        recent = min(number - 99, 3)
+        assert requests.open_since(500, 0, lost + 99) == recent
+        assert requests.open_since(500, 0, allowed + 1) <= allowed or recent > allowed
+        assert requests.open_since(500, lost, allowed + 1) <= allowed or recent > allowed
+        assert requests.open_since(0, 0, 1) >= 1  # all are recent
+        if number >= 102:
+            assert requests.open_since(500, 0, allowed + 1) == allowed + 1
+            assert take(requests, number - 2) == number - 2
+            assert requests.open_since(500, 0, allowed + 1) == allowed
+
+
 class Model:
     """What the table must do, written plainly: a list of (key, number, octets, time) in the order of asking."""
 
@@ -230,7 +250,9 @@ def test_any_course_of_asking_and_answering(steps: list[tuple[bool, int, int, in
         assert set(requests.table) == {one[0] for one in model.open}
         assert all(len(chain(one)) <= MAX_REPEATS for one in requests.table.values())
         for since in (0, now // 2, now):
-            assert requests.open_since(since, -1, 999) <= sum(1 for one in model.open if one[3] >= since)
+            true = sum(1 for one in model.open if one[3] >= since)
+            assert requests.open_since(since, -1, 999) <= true
+            assert requests.open_since(since, -1, len(model.open)) < len(model.open) or true == len(model.open)
     assert [one.number for one in requests.drain()] == [one[1] for one in model.open]
 
 

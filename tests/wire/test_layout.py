@@ -57,6 +57,8 @@ def test_one_field_is_found_as_it_is_read(
         if value is not None and there is not None:
             assert (value.field, value.offset, value.end) == (there.field, there.offset, there.end)
             assert (value.value, value.octets, value.meaning) == (there.value, there.octets, there.meaning)
+        number, text = layout.number(name, octets, start, end), layout.text(name, octets, start, end)
+        assert (number, text) == ((-1, "") if there is None else (there.value, there.meaning))
 
 
 @given(layouts())

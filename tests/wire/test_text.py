@@ -100,6 +100,8 @@ def test_no_cell_is_taken_for_a_formula(text: str, safe: str) -> None:
 
 
 @given(ANY)
+@example(" =1+1")
+@example("\xa0@x")
 def test_a_cell_is_safe_in_any_row(text: str) -> None:
     safe = cell(text)
     row = io.StringIO()

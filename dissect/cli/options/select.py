@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from click.shell_completion import CompletionItem
 
 from dissect.cli.look import plain
 from dissect.cli.task import current
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Options
     from dissect.live.selected import SelectedEvents
@@ -161,6 +162,8 @@ class ExpressionType(_ParamType):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Return what has been typed with the names of fields that begin as its last word does."""
+        from click.shell_completion import CompletionItem
+
         from dissect.select.fields import FIELDS
 
         head, word = _last_word(incomplete)

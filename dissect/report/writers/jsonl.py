@@ -6,7 +6,6 @@ written once and used for every transaction that repeats it (`dissect.report.ite
 
 from __future__ import annotations
 
-import json
 from typing import Final
 
 from librt.strings import BytesWriter
@@ -17,34 +16,32 @@ from dissect.iso.cotp import parse_tpdu
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
 from dissect.report.item_json import (
-    CODE,
     errors_json,
+    function_text,
     item_json,
-    item_text,
-    userdata_text,
-    value_json,
+    setup_text,
     with_tags,
     write_good_item,
 )
 from dissect.report.operations import operation_json
-from dissect.report.plus import plus_pdu_line
+from dissect.report.pdu_json import PduLines
 from dissect.report.plus_octets import PlusLines
-from dissect.report.scd import scd_json, scd_line_json
+from dissect.report.read_plan import ReadPlan
+from dissect.report.scd import scd_json
+from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.s7.items import DataItem
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import Parameters, Setup
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters
 from dissect.s7.tables import (
-    FUNCTIONS,
+    ACK_DATA,
     JOB,
     READ_VAR,
-    ROSCTR,
     SETUP_COMMUNICATION,
     SUCCESS,
     WRITE_VAR,
 )
-from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.message import parse_plus
 from dissect.s7plus.parameters import PLUS
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
@@ -55,13 +52,9 @@ from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import Times, write_decimal
-from dissect.wire.layout import FieldValue
-from dissect.wire.malformed import Malformed
-from dissect.wire.part import Part
 from dissect.wire.text import THREE, Clock, JsonTexts, decimal, json_text
 
 TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
-PDU_SCHEMA: Final = "s7dissect.pdu/1"
 
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 _CONNECTION: Final = ',"connection":'
@@ -69,9 +62,11 @@ _ITEMS: Final = ',"items":['
 #: What stands between latency and items of a transaction that was answered, and behind those where all is well.
 _ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("ascii")
 _WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
+_WELL_TEXT: Final = _WELL.decode("ascii")
 _NO_ERRORS: Final = b'],"errors":[]}'
 #: What stands between items and errors of any other.
 _ERRORS: Final = b'],"errors":['
+_NO_ERRORS_TEXT: Final = _NO_ERRORS.decode("ascii")
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
 _SECOND_NS: Final = 1_000_000_000
@@ -84,20 +79,6 @@ _PLACES: Final = 1024
 _REFERENCE_AT: Final = 4
 _REFERENCE_END: Final = 6
 _SHORT: Final = 240
-
-
-def function_text(parameters: Parameters) -> str:
-    """Return the ``function`` object of a parameter block of S7comm, and for userdata the ``userdata`` object after it."""
-    if not parameters.fragment:
-        code: i64 = parameters.function
-        text = (
-            '{"code":null,"name":null}' if code < 0 else f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
-        )
-        userdata = parameters.userdata
-        if userdata is not None:
-            text += f',"userdata":{userdata_text(userdata)}'
-        parameters.fragment = text
-    return parameters.fragment
 
 
 class _Start:
@@ -130,6 +111,7 @@ class TransactionLines(Observer):
         self._short: dict[bytes, str] = {}
         self._texts: JsonTexts = JsonTexts()
         self._plus_lines: PlusLines = PlusLines()
+        self._plans: dict[Parameters, ReadPlan] = {}  # interpreted
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -155,6 +137,48 @@ class TransactionLines(Observer):
         if COMPILED and self._is_usual(transaction):
             return self._usual(transaction)
         return self._any_line(transaction).encode("utf-8", "backslashreplace")
+
+    def _polled(self, transaction: Transaction) -> str:
+        """Return the line of a read in which all is well, put together at once; empty for another one."""
+        parameters = transaction.parameters
+        layout = parameters.good_layout
+        if (
+            layout is None
+            or transaction.flags
+            or transaction.has_errors
+            or transaction.outcome != ANSWERED
+            or transaction.response_rosctr != ACK_DATA
+            or transaction.rosctr != JOB
+            or transaction.carried is not None
+            or self.locate is not None
+            or transaction.connection.naming is not None
+        ):
+            return ""
+        buf = transaction.response_buf
+        at: i64 = transaction.response_offset
+        data_at: i64 = at + ACK_HEADER_SIZE
+        if transaction.response_parameters is not None:
+            data_at += len(transaction.response_parameters.octets)
+        if not parameters.like_good(buf, at, transaction.response_size, data_at):
+            return ""
+        plan = self._plans.get(parameters)
+        if plan is None or plan.layout is not layout:
+            plan = self._plan(parameters)
+        time_ns: i64 = transaction.request_ns
+        return (
+            f"{_HEAD}{transaction.number}{self._connection(transaction.connection, transaction.asked_by)}"
+            f'{transaction.pdu_ref},"rosctr":{JOB},"function":{parameters.fragment or function_text(parameters)}'
+            f',"request_frame":{transaction.request_frame},"response_frame":{transaction.response_frame}'
+            f',"request_time":"{self._clock.iso_second(time_ns)}{time_ns % _SECOND_NS:09d}Z"'
+            f',"latency_ns":{transaction.response_ns - time_ns}{_WELL_TEXT}{plan.text(buf, data_at)}{_NO_ERRORS_TEXT}'
+        )
+
+    def _plan(self, parameters: Parameters) -> ReadPlan:
+        if len(self._plans) >= _MAX_CACHED:
+            self._plans.clear()
+        plan = ReadPlan(parameters)
+        self._plans[parameters] = plan
+        return plan
 
     def _is_usual(self, transaction: Transaction) -> bool:
         """Tell whether a transaction is a job that was answered, as most are."""
@@ -277,6 +301,10 @@ class TransactionLines(Observer):
         return found.octets
 
     def _any_line(self, transaction: Transaction) -> str:
+        if not COMPILED:
+            line = self._polled(transaction)
+            if line:
+                return line
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
         outcome: i64 = transaction.outcome
@@ -360,7 +388,7 @@ class TransactionLines(Observer):
         granted = answer.setup if answer is not None else None
         if asked is None and granted is None:
             return ""
-        return f',"setup":{{"asked":{_setup_text(asked)},"granted":{_setup_text(granted)}}}'
+        return f',"setup":{{"asked":{setup_text(asked)},"granted":{setup_text(granted)}}}'
 
     def _notes(self, transaction: Transaction) -> str:
         """Return what request and answer are about, for functions whose items do not tell it."""
@@ -414,134 +442,6 @@ def _write_number(out: BytesWriter, packet: i64) -> None:
         out.write(b"null")
 
 
-def _setup_text(setup: Setup | None) -> str:
-    """Return `Setup.as_dict` as JSON."""
-    if setup is None:
-        return "null"
-    if not setup.fragment:
-        setup.fragment = (
-            f'{{"max_amq_calling":{setup.max_amq_calling},"max_amq_called":{setup.max_amq_called}'
-            f',"pdu_length":{setup.pdu_length}}}'
-        )
-    return setup.fragment
-
-
-class PduLines:
-    """Writes S7 PDUs as lines of JSON. With ``locate`` packets are numbered within their file, which is named."""
-
-    def __init__(self) -> None:
-        self._clock: Clock = Clock()
-        self.locate: Locate | None = None
-
-    def line(self, pdu: Pdu, connection: Connection) -> str:
-        """Return the line of one PDU, without a line end."""
-        ends = connection.tcp.ends
-        frame = str(pdu.frame)
-        if self.locate is not None:
-            name, number = self.locate(pdu.frame)
-            frame = f'{number},"file":{json_text(name)}'
-        error = f'{pdu.error_class},"error_code":{pdu.error_code}' if pdu.error_class >= 0 else 'null,"error_code":null'
-        told = ",".join([_malformed(fact) for fact in pdu.malformed])
-        return (
-            f'{{"schema":"{PDU_SCHEMA}","frame":{frame},"time":"{self._clock.iso(pdu.time_ns)}"'
-            f',"connection":{pdu.connection},"src":{json_text(str(ends[pdu.side]))},"dst":{json_text(str(ends[1 - pdu.side]))}'
-            f',"protocol":"s7comm",{_header(pdu)}'
-            f',"error_class":{error},"function":{function_text(pdu.parameters)}'
-            f"{_body(pdu)}"
-            f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
-        )
-
-    def scd_line(self, found: ScdMessage, connection: Connection) -> str:
-        """Return the line of one SCD message, without a line end."""
-        place = self.locate(found.frame) if self.locate is not None else None
-        return scd_line_json(found, self._clock.iso(found.time_ns), connection, place)
-
-    def plus_line(self, pdu: PlusPdu, connection: Connection) -> str:
-        """Return the line of one S7comm-plus PDU, without a line end."""
-        place = self.locate(pdu.frame) if self.locate is not None else None
-        return plus_pdu_line(pdu, self._clock.iso(pdu.time_ns), connection, place)
-
-
-def _header(pdu: Pdu) -> str:
-    """Return the header's fields; what a cut header does not hold is null."""
-    rosctr = f'{pdu.rosctr},"rosctr_name":{json_text(ROSCTR.name(pdu.rosctr))}'
-    if pdu.rosctr < 0:
-        rosctr = 'null,"rosctr_name":null'
-    if pdu.pdu_ref < 0:
-        return f'"rosctr":{rosctr},"redundancy_id":null,"pdu_ref":null,"param_length":null,"data_length":null'
-    return (
-        f'"rosctr":{rosctr},"redundancy_id":{pdu.redundancy_id},"pdu_ref":{pdu.pdu_ref}'
-        f',"param_length":{pdu.param_length},"data_length":{pdu.data_length}'
-    )
-
-
-def _malformed(fact: Malformed) -> str:
-    return json.dumps(fact.as_dict(), separators=(",", ":"))
-
-
-def _body(pdu: Pdu) -> str:
-    """Return what the PDU carries: setup, request items, data items, return codes, and what is kept as octets."""
-    parameters = pdu.parameters
-    text = ""
-    if parameters.item_count >= 0:
-        text += f',"item_count":{parameters.item_count}'
-    if parameters.setup is not None:
-        text += f',"setup":{_setup_text(parameters.setup)}'
-    if parameters.items:
-        items = ",".join([item_text(item)[: -len(CODE)] + "}" for item in parameters.items])
-        text += f',"items":[{items}]'
-    data_items = pdu.data_items()
-    if data_items:
-        text += f',"data_items":[{",".join([_data_item(pdu, index, item) for index, item in enumerate(data_items)])}]'
-    elif codes := pdu.return_codes():
-        text += f',"return_codes":[{",".join([str(code) for code in codes])}]'
-    else:
-        if parameters.setup is None and not parameters.items and len(parameters.octets) > 2:
-            text += f',"parameters":"{parameters.octets.hex()}"'
-        if pdu.data:
-            text += f',"data":"{pdu.data.hex()}"'
-        if parameters.setup is None and not parameters.items:
-            body = pdu.body
-            parts = [_part("parameters", part) for part in body.parameters] + [
-                _part("data", part) for part in body.data
-            ]
-            text += f',"parts":[{",".join(parts)}]'
-    if pdu.malformed or pdu.cut:
-        text += f',"octets":"{pdu.octets.hex()}"'  # what was read of it may not be all
-    return text
-
-
-def _part(block: str, part: Part) -> str:
-    """Return a part of a body with its fields."""
-    note = json_text(part.note) if part.note else "null"
-    return (
-        f'{{"name":{json_text(part.layout.name)},"block":"{block}","offset":{part.offset}'
-        f',"size":{part.end - part.offset},"note":{note},"fields":[{",".join([_field(value) for value in part.values])}]}}'
-    )
-
-
-def _field(value: FieldValue) -> str:
-    said = str(value.value) if value.octets is None else f'"{value.octets.hex()}"'
-    meaning = value.meaning
-    text = json_text(meaning) if meaning else "null"
-    return (
-        f'{{"name":{json_text(value.field.name)},"offset":{value.offset},"size":{value.end - value.offset}'
-        f',"value":{said},"text":{text}}}'
-    )
-
-
-def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
-    """Return a data item; in a write request, where the type is known, with its value."""
-    text = (
-        f'{{"return_code":{answer.return_code},"transport_size":{answer.transport_size},"length":{answer.length}'
-        f',"data":"{answer.data.hex()}"'
-    )
-    if index < len(pdu.parameters.items):
-        item = pdu.parameters.items[index]
-        text += f',"value":{value_json(item, answer.data)}'
-    return text + "}"
-
-
 class JsonlWriter(Writer):
     """Writes an object for each record, all of them with everything that is known."""
 
@@ -568,11 +468,9 @@ class JsonlWriter(Writer):
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of a TPDU that carries no S7 PDU."""
-        from dissect.report.tpdu_json import tpdu_json_line  # late: rare
-
-        connection, tpdu = side.connection, parse_tpdu(octets[4:])
-        line = tpdu_json_line(PDU_SCHEMA, tpdu, int(frame), int(time_ns), connection, int(side.index), self.places)
-        self.lines.append(line)
+        tpdu = parse_tpdu(octets[4:])
+        connection = side.connection
+        self.lines.append(tpdu_json_line(tpdu, int(frame), int(time_ns), connection, int(side.index), self.places))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""

@@ -1,0 +1,49 @@
+"""Whether an answer cannot be that of a request: asked where gaps make it likely that one of the two was not seen."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.s7.parameters import Parameters, header_size
+from dissect.s7.tables import READ_VAR, WRITE_VAR
+from dissect.transactions.results import COUNT_MISMATCH, SIZE_MISMATCH, mismatch
+from dissect.transactions.transaction import Transaction, check_answer
+
+
+def is_strange(request: Transaction, answer: Transaction) -> bool:
+    """Return whether a held answer cannot be that of a request."""
+    rosctr: i64 = answer.response_rosctr
+    at: i64 = answer.response_offset
+    parameters = answer.parameters
+    data_at: i64 = at + header_size(rosctr) + len(parameters.octets)
+    return contradicts(request, rosctr, parameters, answer.response_buf, at, answer.response_size, data_at)
+
+
+def contradicts(
+    request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
+) -> bool:
+    """Return whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
+
+    For when gaps make it likely that an answer belongs to a request that was not seen.
+    """
+    if mismatch(request.parameters, parameters):
+        return True
+    if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
+        return False
+    # It has the answer on trial, and is left as it was: to make a transaction for that would cost more than to look.
+    flags: i64 = request.flags
+    request.flags = 0
+    request.response_buf = buf
+    request.response_offset = at
+    request.response_size = size
+    request.response_rosctr = rosctr
+    check_answer(request, parameters, data_at)
+    found: i64 = request.flags
+    request.flags = flags
+    request.has_errors = False
+    request.error_code = 0
+    request.response_buf = b""
+    request.response_offset = 0
+    request.response_size = 0
+    request.response_rosctr = 0
+    return found & (COUNT_MISMATCH | SIZE_MISMATCH) != 0
