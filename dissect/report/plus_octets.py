@@ -23,7 +23,6 @@ from dissect.report.plus import (
     subscription_note,
 )
 from dissect.report.plus_items import write_item
-from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import said_half
 from dissect.s7plus.items import Half, join_items
 from dissect.s7plus.message import DIGEST_SIZE, parse_plus
@@ -44,7 +43,8 @@ _MAX_KEPT: Final = 4 * 1024 * 1024
 _COST: Final = 2048
 _TIMES: Final = 8
 _ITEMS_COST: Final = 256
-#: Bits of the number of what is known, and of a stamp of a session or a program; those that need more are not remembered.
+#: Bits of the number of what is known, of which there is never more than that allows; and of a stamp of a session or a
+#: program: items of those that need more are not remembered.
 _NUMBER_BITS: Final = 12
 _STAMP_BITS: Final = 24
 _MAX_STAMP: Final = 1 << _STAMP_BITS
@@ -59,7 +59,7 @@ class Known:
 
     ``half`` is the first of them, ``notes`` are what it says beside its function, as elements of an array, ``head`` is how
     `head_json` begins. Of a request and a notification both are without what each has for itself. ``number`` is 0 for a PDU
-    that is not remembered, whose ``head`` is whole.
+    that is alike to none, whose ``head`` is whole.
     """
 
     __slots__ = ("alarms", "half", "head", "notes", "number")
@@ -138,27 +138,30 @@ class PlusLines:
 
     def _find(self, seen: Seen, octets: bytes) -> Known:
         """Return what is known of a PDU, and leave in ``seen`` what it has for itself."""
-        if not seen.read(octets):
-            return _read(seen, octets, False)
-        alike = self._known.get(int(seen.kind))
-        found = alike.get(seen.body) if alike is not None else None
-        if found is not None:
-            if not seen.has_id:
-                seen.integrity_id = found.half.contents.integrity_id
-            return found
-        found = _read(seen, octets, True)
-        contents = found.half.contents
-        if not _is_sound(contents) or (seen.has_id and contents.integrity_id != seen.integrity_id):
-            return _read(seen, octets, False)
-        seen.integrity_id = contents.integrity_id
+        alike: dict[bytes, Known] | None = None
+        if seen.read(octets):
+            alike = self._known.get(int(seen.kind))
+            known = alike.get(seen.body) if alike is not None else None
+            if known is not None:
+                if not seen.has_id:
+                    seen.integrity_id = known.half.contents.integrity_id
+                return known
+        half = said_half(parse_plus(octets))
+        contents = half.contents
+        if not seen.alike or not contents.whole or contents.malformed:
+            return _alone(seen, half)
+        if not seen.has_id:
+            seen.integrity_id = contents.integrity_id
+        elif contents.integrity_id != seen.integrity_id:
+            return _alone(seen, half)
+        found = _of_all(half)
         self._count += 1
-        if self._count < 1 << _NUMBER_BITS:
-            found.number = self._count
-            if alike is None:
-                alike = {}
-                self._known[int(seen.kind)] = alike
-            alike[seen.body] = found
-            self._kept += _COST + _TIMES * len(octets)
+        found.number = self._count
+        if alike is None:
+            alike = {}
+            self._known[int(seen.kind)] = alike
+        alike[seen.body] = found
+        self._kept += _COST + _TIMES * len(octets)
         return found
 
     def _write_notes(self, out: BytesWriter, seen: Seen, known: Known) -> None:
@@ -216,8 +219,6 @@ class PlusLines:
         self, out: BytesWriter, asked: Known | None, told: Known | None, session: PlusSession | None
     ) -> None:
         """Write the items; those of a request and an answer that met before, while the same was known, as they were then."""
-        if asked is None and (told is None or told.half.pdu.opcode != NOTIFICATION):
-            return  # nobody knows what it answers
         key = _key(asked, told, session)
         if key >= 0:
             found = self._items.get(int(key))
@@ -243,7 +244,7 @@ class PlusLines:
 def _key(asked: Known | None, told: Known | None, session: PlusSession | None) -> i64:
     """Return a number that two transactions have in common only if their items are the same, -1 for none.
 
-    What a request asks for, it says itself. Without one it is a notification: what that is about is known of the session.
+    What a request asks for, it says itself; what a notification is about is known of the session.
     """
     program: i64 = 0
     other: i64 = _FIRST_STAMP
@@ -268,24 +269,25 @@ def _subscription_note(subscription: i64) -> bytes:
     return f'"{subscription_note(subscription)}"'.encode("ascii")
 
 
-def _is_sound(contents: Contents) -> bool:
-    return contents.whole and not contents.malformed
+def _alone(seen: Seen, half: Half) -> Known:
+    """Return what a line says of a PDU that is compared with no other."""
+    seen.alike = False
+    pdu = half.pdu
+    texts = plus_notes(pdu) + summary(pdu, half.contents) + malformed_note(half)
+    return Known(half, _elements(texts), head_json(pdu, half.contents.integrity_id).encode("ascii"))
 
 
-def _read(seen: Seen, octets: bytes, alike: bool) -> Known:
-    """Read a PDU, as one of those that are ``alike`` or by itself."""
-    seen.alike = alike
-    pdu = parse_plus(octets)
-    half = said_half(pdu)
+def _of_all(half: Half) -> Known:
+    """Return what a line says of a PDU, and of all that are alike."""
+    pdu = half.pdu
     texts = summary(pdu, half.contents)
-    if not alike:
-        texts = plus_notes(pdu) + texts + malformed_note(half)
-        return Known(half, _elements(texts), head_json(pdu, half.contents.integrity_id).encode("ascii"))
-    if pdu.opcode == REQUEST:
-        return Known(half, _elements(texts), b"")
+    head = ""
     if pdu.opcode == NOTIFICATION:
-        return Known(half, _elements(texts), notification_begin(pdu).encode("ascii"))
-    return Known(half, _elements(plus_notes(pdu) + texts), head_begin(pdu).encode("ascii"))
+        head = notification_begin(pdu)
+    elif pdu.opcode != REQUEST:
+        texts = plus_notes(pdu) + texts
+        head = head_begin(pdu)
+    return Known(half, _elements(texts), head.encode("ascii"))
 
 
 def _elements(texts: list[str]) -> bytes:
