@@ -240,6 +240,7 @@ def coverage_items(case: Case) -> None:
     case.find("transaction.item_error", 2 * len(errors))
     case.find("s7.odd_address", 2)  # counters and timers of the 300 family read as octets
     case.find("security.write")
+    case.find("security.write_refused")
     talk.close()
 
 

@@ -168,7 +168,7 @@ def refusals(case: Case) -> None:
     talk.send(SERVER, dt(bytes(S7(rosctr=2, pdu_ref=number))))
     case.pdu(WRITE, NO_FUNCTION)
     case.count(answered=1)
-    for slug in ("clock_set", "plc_stop", "protected", "write"):
+    for slug in ("clock_set", "plc_stop", "protected", "write", "write_refused"):
         case.find(f"security.{slug}")
     talk.close()
 

@@ -12,6 +12,7 @@ from dissect.cli.gate import fail_on_option, gate, gate_of
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.nothing import complain_impossible
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -119,4 +120,5 @@ def command(
     analysis.part = chosen.part(run)
     write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
     complain(run, code)
+    complain_impossible(run, chosen)
     return gate(run, fail_on, code, chosen.findings)

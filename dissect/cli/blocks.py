@@ -11,6 +11,7 @@ import click
 from dissect.cli.formats import format_option, write_out, write_outcome
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.cli.nothing import complain_impossible
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
@@ -122,7 +123,7 @@ def command(
     if output is not None:
         _write(output, told, force)
     write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
-    if not blocks:
+    if not blocks and not chosen.impossible:
         click.echo("s7dissect: no block was downloaded or uploaded", err=True)
     return code
 
@@ -161,6 +162,7 @@ def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Seque
     chosen.begin(run, files)
     code = drive(run, files)
     complain(run, code)
+    complain_impossible(run, chosen)
     return collector.ordered(), collector.lost, places_of(run, files), code
 
 

@@ -12,6 +12,7 @@ from dissect.cli.gate import fail_on_option, gate, gate_of
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.nothing import complain_impossible
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -87,4 +88,5 @@ def command(
     inventory.part = chosen.part(run)
     write_outcome(format_, DEVICES, Devices(inventory, code == EXIT_INTERRUPTED, clock(), hosts()))
     complain(run, code)
+    complain_impossible(run, chosen)
     return gate(run, fail_on, code, chosen.findings)

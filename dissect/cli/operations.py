@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import click
 
-from dissect.cli.formats import format_option, write_out
+from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
+from dissect.cli.nothing import Shown
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
@@ -67,8 +68,10 @@ def command(
     run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
+    shown = Shown("operation", len(writer.lines))
+    code = drive(run, files, lambda: shown.write(writer.take()), lambda: chosen.full)
     complain(run, code)
+    shown.explain(run, chosen, [f"--kind {kind}" for kind in kinds])
     return gate(run, fail_on, code, chosen.findings)
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import click
 
-from dissect.cli.formats import format_option, write_out
+from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
+from dissect.cli.nothing import Shown
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -76,8 +77,11 @@ def command(
     run = Run(files, shown, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(writer.take()), lambda: chosen.full)
+    shown_lines = Shown("message", len(writer.lines))
+    code = drive(run, files, lambda: shown_lines.write(writer.take()), lambda: chosen.full)
     complain(run, code)
+    if not frames:
+        shown_lines.explain(run, chosen)
     most = max([int(file.packets) for file in run.files], default=0)
     for frame in dict.fromkeys(frames):
         if code != EXIT_OK or frame in shown.found or chosen.where is not None or chosen.full:

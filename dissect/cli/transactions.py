@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect.cli.formats import format_option, write_out
+from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
+from dissect.cli.nothing import Shown
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -34,6 +35,7 @@ from dissect.report.writer import Choice, TransactionFeed, Writer
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.naming import Naming
+from dissect.transactions.results import went_wrong
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
@@ -43,7 +45,11 @@ if TYPE_CHECKING:
 @click.command("transactions", epilog=EXIT_CODES)
 @files_argument
 @format_option(TRANSACTIONS)
-@click.option("--failed", is_flag=True, help="Only transactions with errors or without an answer.")
+@click.option(
+    "--failed",
+    is_flag=True,
+    help="Only transactions with errors, without an answer, or with one that does not fit the request.",
+)
 @click.option(
     "--slow",
     "slow_ns",
@@ -103,12 +109,19 @@ def command(
     run = Run(files, chosen.sieve(feed) if fail_on else feed, chosen.narrow(options))
     chosen.begin(run, files)
     writer.begin(places_of(run, files))
-    code = drive(run, files, lambda: write_out(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full)
+    shown = Shown("transaction", len(writer.lines))
+    code = drive(
+        run, files, lambda: shown.write(feed.take(int(run.pipeline.timers.oldest_held()))), lambda: chosen.full
+    )
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         pipeline = run.pipeline
         said = _instead(pipeline.frames, pipeline.counters.packet_counts(), feed.protocols)
         click.echo(f"s7dissect: no S7 transaction: {said}", err=True)
+    else:
+        shown.explain(
+            run, chosen, [name for name, given in (("--failed", failed), ("--slow", slow_ns is not None)) if given]
+        )
     return gate(run, fail_on, code, chosen.findings)
 
 
@@ -153,10 +166,10 @@ _NOT_S7 = {
 def _choice(failed: bool, slow_ns: int | None) -> Choice | None:
     """Return what tells whether a transaction is wanted; None when all are."""
     if slow_ns is None:
-        return (lambda transaction: transaction.failed) if failed else None
+        return went_wrong if failed else None
 
     def wanted(transaction: Transaction) -> bool:
         latency = transaction.latency_ns
-        return (latency is not None and latency > slow_ns) or (failed and transaction.failed)
+        return (latency is not None and latency > slow_ns) or (failed and went_wrong(transaction))
 
     return wanted

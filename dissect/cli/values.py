@@ -14,6 +14,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
+from dissect.cli.nothing import Shown
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -130,19 +131,25 @@ def command(
     chosen.begin(run, captures)
     writer.begin(places_of(run, captures))
 
+    if not summary:
+        writer.values([])  # what the output begins with
+    shown = Shown("value", len(writer.lines))
+
     def write() -> None:
         writer.values(collector.take())
-        write_out(writer.take())
+        shown.write(writer.take())
 
     code = drive(run, captures, None if summary else write)
     if summary:
         made = Summary(collector, sys.stdout.isatty())
         writer.summary(made)
-        write_out(writer.take())
+        (shown.write if made.variables else write_out)(writer.take())
         if text := limits_text(made):
             click.echo(f"s7dissect: {text}", err=True)
     complain(run, code)
     _miss(wanted, collector.found)
+    if wanted is None:
+        shown.explain(run, chosen)
     return gate(run, fail_on, code, chosen.findings)
 
 

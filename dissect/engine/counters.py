@@ -33,6 +33,10 @@ class Counters:
             frames.append(self.frames)
         self._reporter.note(slug, connection, frames, self.now_ns, detail)
 
+    def note_of(self, slug: str, frames: list[int], time_ns: i64, detail: str) -> None:
+        """Count and, within the bounds, detail a finding about packets that came before the one at hand."""
+        self._reporter.note(slug, 0, frames, time_ns, detail)
+
     def packet_counts(self) -> dict[str, int]:
         """Return what became of every packet, by category; the numbers add up to ``frames``."""
         counts = dict(zip(CATEGORIES, self.packets.counts(), strict=True))
@@ -82,7 +86,11 @@ class Counters:
     def note_damaged(self, side: Side | None, found: Segment) -> None:
         """A segment or datagram has a wrong checksum; connections that are not followed are left out."""
         if side is not None and side.connection.followed:
-            self.note("stream.bad_checksum", f"{len(found.octets)} bytes at {found.seq}", side.connection.number)
+            self.note(
+                "stream.bad_checksum",
+                f"{len(found.octets)} bytes at TCP sequence number {found.seq}",
+                side.connection.number,
+            )
         elif side is None and found.protocol == TCP:
             sender, receiver = endpoints(found.key)
             if ISO_TSAP_PORT in {sender.port, receiver.port}:

@@ -22,6 +22,7 @@ from typing import Final
 from librt.strings import read_i16_be, read_i32_be, read_i64_be
 from mypy_extensions import i64
 
+from dissect.engine import attempts
 from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
@@ -45,11 +46,12 @@ from dissect.tcp.ip import UDP
 from dissect.tcp.stream import ACK, FIN, RST, SYN
 from dissect.transactions import accounts
 from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
-from dissect.transactions.connection import FOREIGN, ISO, ISO_TSAP_PORT, LEFT_OUT, PROBING
+from dissect.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
 from dissect.transactions.pairing import Dialogue
+from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import ConnectionTable, Side, endpoints
+from dissect.transactions.table import ConnectionTable, Side
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
 from dissect.wire.text import duration_text
@@ -324,15 +326,10 @@ class Pipeline(PacketSink):
         if side is None:
             if flags & SYN and not flags & ACK and not octets:
                 self.silent.end(key)
-                evicted: i64 = self.table.half_open_evicted
-                self.table.note_syn(key, seq, self.counters.frames, self.counters.now_ns, self._link)
-                if self.table.half_open_evicted > evicted:
-                    self.counters.note("stream.half_open_evicted")
+                attempts.note_syn(self.counters, self.table, key, seq, self._link)
                 return NO_PAYLOAD
-            if flags & RST and self.table.refused(key):
-                server, client = endpoints(key)
-                if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
-                    self.counters.note("stream.refused", f"{server} refuses {client}")
+            if flags & RST:
+                attempts.note_reset(self.counters, self.table, key)
             if not (
                 octets or missing or flags & SYN
             ):  # only octets, or a handshake, make a connection worth remembering
@@ -415,7 +412,7 @@ class Pipeline(PacketSink):
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
-                side.probes += 1
+                side.note_probe(counters.frames, counters.now_ns)
             return NO_PAYLOAD
         half = side.stream
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
@@ -463,7 +460,7 @@ class Pipeline(PacketSink):
         if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
             # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
             half.start(seq + 1)
-            side.probes += 1
+            side.note_probe(self.counters.frames, self.counters.now_ns)
             return accounts.KEEP_ALIVE
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
@@ -480,7 +477,9 @@ class Pipeline(PacketSink):
         elif half.next_seq < 0:
             half.start(seq)
         if half.conflicts > conflicts and connection.followed:
-            self.counters.note("stream.conflict", f"{len(octets)} bytes at {seq}", connection.number)
+            self.counters.note(
+                "stream.conflict", f"{len(octets)} bytes at TCP sequence number {seq}", connection.number
+            )
         if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
             self.timers.chunks(side)
             half.skip(missing, self.counters.frames, self.counters.now_ns)
@@ -490,7 +489,7 @@ class Pipeline(PacketSink):
         if half.held is not None:
             self.timers.wait(side)
         if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
-            side.probes += 1
+            side.note_probe(self.counters.frames, self.counters.now_ns)
             return accounts.KEEP_ALIVE
         if connection.state == LEFT_OUT:
             return accounts.LEFT_OUT
@@ -572,7 +571,7 @@ class Pipeline(PacketSink):
             side.protocol.end(side, self.counters.frames, self.counters.now_ns)
         elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
             first, second = side.tcp.ends
-            note_idle(self.counters, first, second, side.probes + peer.probes)
+            note_idle(self.counters, first, second, Probes().join(side.probes).join(peer.probes))
 
     def _end_stream(self, side: Side) -> None:
         side.stream.finish()
@@ -593,6 +592,7 @@ class Pipeline(PacketSink):
         for side in self.table.all_open():
             self._finish(side, CAPTURE_ENDED)
         self.silent.finish()
+        attempts.finish(self.counters, self.table)
         if self.datagrams is not None:
             self.datagrams.finish()
         self.timers.finish()

@@ -13,7 +13,18 @@ from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.message import SHORT_HEADS, PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
 from dissect.s7plus.plain import Head
-from dissect.s7plus.tables import CREATE_OBJECT, FUNCTIONS, INIT_SSL, NOTIFICATION, REQUEST, RESPONSE2, V1, V2, V3
+from dissect.s7plus.tables import (
+    CREATE_OBJECT,
+    FUNCTIONS,
+    INIT_SSL,
+    NOTIFICATION,
+    REQUEST,
+    RESPONSE2,
+    SYSTEM_EVENT,
+    V1,
+    V2,
+    V3,
+)
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import Side
@@ -143,6 +154,8 @@ class S7Plus(Protocol):
         head = self._head
         if not head.begins:
             self.unpaired += 1  # a system event, a keep-alive, or the rest of a PDU whose beginning is missing
+            if head.version == SYSTEM_EVENT:
+                side.connection.system_events += 1
             return
         exchange = self._exchange
         connection = side.connection

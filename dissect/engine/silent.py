@@ -17,6 +17,7 @@ from dissect.engine.connections import on_102
 from dissect.engine.counters import Counters
 from dissect.tcp.stream import MASK, Endpoint
 from dissect.transactions.connection import ISO_TSAP_PORT, PROBING
+from dissect.transactions.probes import Probes
 from dissect.transactions.table import Side, endpoints, reverse_key
 from dissect.wire.octets import u16
 
@@ -29,13 +30,12 @@ _PAUSE_NS: Final = 900_000_000
 class _Way:
     """One direction: what it acknowledges, and its probes."""
 
-    __slots__ = ("ack", "last_ns", "probes", "seq")
+    __slots__ = ("ack", "probes", "seq")
 
     def __init__(self) -> None:
         self.seq: i64 = -1  # of its packets before the other direction was seen; -1 for none
         self.ack: i64 = -1
-        self.probes: i64 = 0
-        self.last_ns: i64 = 0
+        self.probes: Probes = Probes()
 
 
 class Silent:
@@ -48,13 +48,13 @@ class Silent:
         self._ways: list[_Way] = [_Way(), _Way()]
         self.moved: bool = False  # something was sent that the capture does not hold, or that is no probe
 
-    def take(self, way: i64, seq: i64, ack: i64, now_ns: i64) -> None:
-        """Take an empty segment; ``way`` is 0 in the direction of the first packet."""
+    def take(self, way: i64, seq: i64, ack: i64, frame: i64, now_ns: i64) -> None:
+        """Take an empty segment, packet ``frame``; ``way`` is 0 in the direction of the first packet."""
         mine, other = self._ways[way], self._ways[1 - way]
         if mine.ack < 0:
             mine.ack = ack
             if other.seq == ack:
-                other.probes = 0  # what was taken for probes are acknowledgements
+                other.probes = Probes()  # what was taken for probes are acknowledgements
             elif other.seq >= 0 and (other.seq + 1) & MASK != ack:
                 self.moved = True
         elif mine.ack != ack:
@@ -66,21 +66,23 @@ class Silent:
             return
         elif (seq + 1) & MASK != other.ack:
             self.moved = True
-        if mine.probes == 0 or now_ns - mine.last_ns >= _PAUSE_NS:
-            mine.probes += 1
-            mine.last_ns = now_ns
+        if mine.probes.count == 0 or now_ns - mine.probes.last_ns >= _PAUSE_NS:
+            mine.probes.add(frame, now_ns)
 
     @property
-    def likely(self) -> int:
-        """How many packets both sides sent that look like probes."""
+    def likely(self) -> Probes:
+        """The packets of both sides that look like probes."""
         first, second = self._ways
-        return 0 if self.moved or first.ack < 0 or second.ack < 0 else int(first.probes + second.probes)
+        found = Probes()
+        if self.moved or first.ack < 0 or second.ack < 0:
+            return found
+        return found.join(first.probes).join(second.probes)
 
     @property
-    def probes(self) -> int:
-        """How many probes both sides sent; 0 when it is not certain that they are probes."""
+    def probes(self) -> Probes:
+        """The probes of both sides; none when it is not certain that they are probes."""
         first, second = self._ways
-        return self.likely if max(first.probes, second.probes) > 1 else 0
+        return self.likely if max(first.probes.count, second.probes.count) > 1 else Probes()
 
 
 class SilentConnections:
@@ -108,7 +110,7 @@ class SilentConnections:
         else:
             known.move_to_end(entry.key)
         if not entry.moved:
-            entry.take(way, seq, ack, self._counters.now_ns)
+            entry.take(way, seq, ack, self._counters.frames, self._counters.now_ns)
         if len(known) > MAX_SILENT:
             _, longest = known.popitem(last=False)
             if longest.probes:
@@ -120,7 +122,9 @@ class SilentConnections:
         """The connection of ``side`` carries octets now; they may be those of a probe, so the probes before them count."""
         entry = self._leave(side.key)
         if entry is not None:
-            side.probes += entry.likely
+            likely = entry.likely
+            if likely:
+                side.probes = likely.join(side.probes)
 
     def end(self, key: bytes) -> None:
         """The connection with ``key`` is over, or another one takes its addresses."""
@@ -148,10 +152,11 @@ class SilentConnections:
         note_idle(self._counters, first, second, entry.probes)
 
 
-def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: i64) -> None:
-    """Report a connection of which only ``probes`` keep-alive probes were captured."""
+def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Probes) -> None:
+    """Report a connection of which only keep-alive probes were captured, by the first and the last of them."""
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
-    counters.note("session.idle", f"{client} and {server}: {probes} {'probe' if probes == 1 else 'probes'}")
+    detail = f"{client} and {server}: {probes.count} {'probe' if probes.count == 1 else 'probes'}"
+    counters.note_of("session.idle", probes.frames, probes.last_ns, detail)
 
 
 def untold(side: Side) -> bool:

@@ -171,8 +171,7 @@ class PlusWatch:
             return
         area = _AREAS.get(kind, 0)
         if area:
-            if code in {0, PARTIAL_ERROR}:
-                self._wrote(session, slug, area, event, transaction, code)
+            self._wrote(session, slug, area, event, transaction, code)
         elif kind not in _ONCE or transaction.connection.traits.first(slug):
             became = accepted(transaction, code) if kind in _COMMANDS else ""
             self._security.tell(slug, transaction, shortened(event.text, _TEXT) + became, code)
@@ -180,15 +179,15 @@ class PlusWatch:
     def _wrote(
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
     ) -> None:
-        """A write to areas of a kind that this connection did not write before; told unless it was refused."""
+        """A write to areas of a kind that this connection did not write before, or that was refused."""
         traits = transaction.connection.traits
-        if traits.written & area or transaction.outcome == UNANSWERED:
-            return
-        traits.written |= area
-        session.outputs_told = traits.written & WRITTEN_IO != 0
-        session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
-        self._security.tell(slug, transaction, shortened(event.text, _TEXT), code)
-        self._security.writer(transaction)
+        what = shortened(event.text, _TEXT)
+        if code in {0, PARTIAL_ERROR}:
+            self._security.wrote(slug, area, transaction, what, code, transaction.outcome != UNANSWERED)
+            session.outputs_told = traits.written & WRITTEN_IO != 0
+            session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
+        elif traits.first("security.write_refused"):
+            self._security.tell("security.write_refused", transaction, what, code)
 
     def programs(self) -> dict[str, Program]:
         """Return what passed of the programs of CPUs, by their hosts; those of which nothing did are left out."""

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.findings.reporter import Reporter
 from dissect.s7.errors import ERROR_CODES
-from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, written_areas
+from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
 from dissect.s7.services import NC_PREFIX, PI_SERVICES
@@ -43,15 +45,16 @@ from dissect.s7.tables import (
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
-from dissect.transactions.naming import named_items, subject, written
+from dissect.transactions.naming import items_said, subject
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
+from dissect.wire.codes import coded
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, titled
 
 #: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
 #: communication (0x31, 0x32) panels ask at each start.
 _TELLING: Final = frozenset((0x00, 0x11, 0x1C))
-#: Inquiries on one connection that make it a reconnaissance, and distinct lists.
+#: Inquiries on one connection that make it a reconnaissance, the third, and distinct lists, the tenth.
 _INQUIRIES: Final = 3
 _MANY_LISTS: Final = 10
 
@@ -59,8 +62,8 @@ _MANY_LISTS: Final = 10
 _GUESSES: Final = 3
 #: Errors that say that a protection level stands against a request.
 _PROTECTED: Final = frozenset((0xD241, 0xD602))
-#: What S7-1200/1500 say to reads and writes while PUT/GET access is off; to other requests: that there is no such service.
-_PROTECTED_VARIABLES: Final = _PROTECTED | {0x8104}
+#: What S7-1200/1500 say to reads and writes while PUT/GET access is off, and any device that does not support a request.
+_MAYBE_PROTECTED: Final = 0x8104
 _ACCESS_DENIED: Final = 0x03
 #: Refused reads and writes of a connection that are looked at.
 _LOOKED_AT: Final = 100
@@ -76,11 +79,12 @@ _WRITES_NS: Final = 5_000_000_000
 _MOST: Final = 0.75
 _FEW_VARIABLES: Final = 4
 _BUSY: Final = 0.5
-#: Variables that the finding of a modification or force names, and octets of each.
+#: Variables that the finding of a modification or force names, and return codes that one of a refused write does.
 _NAMED: Final = 8
-_NAMED_OCTETS: Final = 16
 _SECOND_NS: Final = 1_000_000_000
 
+#: Kinds of areas that are written, and the slug of each.
+_WRITES_TO: Final = ((WRITTEN_IO, "security.write_outputs"), (WRITTEN_ELSEWHERE, "security.write"))
 #: Clients, servers and pairs of them that are remembered.
 _MAX_REMEMBERED: Final = 4096
 
@@ -97,27 +101,43 @@ class SecurityWatch:
     # ---- writes -----------------------------------------------------------------------------------------------------
 
     def write(self, transaction: Transaction) -> None:
-        """A write to areas that this connection did not write before; what the PLC refused was not written."""
-        connection = transaction.connection
-        if transaction.error_code or transaction.outcome == UNANSWERED:
-            return  # one that is carried out later is told all the same
-        areas = transaction.parameters.written
-        if transaction.has_errors:
-            areas = written_areas(
-                [one.item for one in transaction.results() if one.item is not None and not one.refused]
-            )
-        fresh = areas & ~connection.traits.written
-        if not fresh:
+        """A write to kinds of areas that this connection did not write before: what became of each item is what counts."""
+        traits = transaction.connection.traits
+        unanswered = transaction.outcome == UNANSWERED
+        if unanswered and not transaction.parameters.written & ~(traits.written | traits.sent):
             return
-        connection.traits.written |= areas
-        items = subject(transaction)
-        if fresh & WRITTEN_IO:
-            self.tell("security.write_outputs", transaction, items)
-        if fresh & WRITTEN_ELSEWHERE:
-            self.tell("security.write", transaction, items)
-        self.writer(transaction)
+        became = _Became(transaction)
+        naming = transaction.connection.naming
+        for area, slug in _WRITES_TO:
+            for found, said in ((became.written, ""), (became.unsure, "" if unanswered else ", without a return code")):
+                items = [result for result in found if result.item is not None and written_areas([result.item]) & area]
+                if items:
+                    what = f"{transaction.function_name} {items_said(naming, items, True)}{said}"
+                    self.wrote(slug, area, transaction, what, sure=not said and not unanswered)
+        if became.refused and traits.first("security.write_refused"):
+            codes = "" if transaction.error_code else _item_codes(became.refused)
+            what = f"{transaction.function_name} {items_said(naming, became.refused, True)}{codes}"
+            self.tell("security.write_refused", transaction, what)
 
-    def writer(self, transaction: Transaction) -> None:
+    def wrote(
+        self, slug: str, area: i64, transaction: Transaction, what: str, code: int = -1, sure: bool = True
+    ) -> None:
+        """A write to areas of a kind, told when it is the first of this connection.
+
+        One that is not ``sure`` to have been carried out is told as well, and hides none that was.
+        """
+        traits = transaction.connection.traits
+        if (traits.written if sure else traits.written | traits.sent) & area:
+            return
+        if sure:
+            traits.written |= area
+        else:
+            traits.sent |= area
+        self.tell(slug, transaction, what, code)
+        if sure:
+            self._writer(transaction)
+
+    def _writer(self, transaction: Transaction) -> None:
         """Take a write: a client other than the first that wrote to a PLC is reported."""
         client, server = _ends(transaction)
         if len(self._writers) >= _MAX_REMEMBERED or len(self._pairs) >= _MAX_REMEMBERED:
@@ -149,7 +169,8 @@ class SecurityWatch:
             if connection.traits.first("security.flood"):
                 each = duration_text(int(writes.answer_ns) * SAMPLED // _WRITES)
                 what = f"{_WRITES} writes within {duration_text(took_ns)}, each answered after {each}"
-                self.tell("security.flood", transaction, f"{subject(transaction)}: {what}")
+                items = items_said(connection.naming, transaction.results(), False)
+                self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
         writes.since_ns = now_ns
         writes.pdus = connection.pdus
         writes.answer_ns = 0
@@ -176,10 +197,12 @@ class SecurityWatch:
         codes = [result.return_code for result in transaction.results()]
         # Where other items of it succeeded, it is these addresses that the device does not give.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
-        if transaction.error_code in _PROTECTED_VARIABLES or denied:
-            what = subject(transaction)
-            name = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
-            self.tell("security.protected", transaction, what + name)
+        perhaps = transaction.error_code == _MAYBE_PROTECTED
+        if transaction.error_code in _PROTECTED or perhaps or denied:
+            why = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
+            if perhaps:
+                why = " (protected, or not supported)"
+            self.tell("security.protected", transaction, subject(transaction) + why)
         else:
             traits.told.discard("security.protected")
 
@@ -236,15 +259,15 @@ class SecurityWatch:
         if (traits.inquiries >= _INQUIRIES or len(traits.szl_ids) >= _MANY_LISTS) and traits.first(
             "security.reconnaissance"
         ):
-            self.tell("security.reconnaissance", transaction, f"inquiry {traits.inquiries}: {_named(transaction)}")
+            which = "third inquiry" if traits.inquiries >= _INQUIRIES else f"{_MANY_LISTS}th list"
+            self.tell("security.reconnaissance", transaction, f"{which}: {_named(transaction)}")
 
     def password(self, transaction: Transaction, code: int = -1) -> None:
         """Take a password that was sent, and count those that were refused; ``code`` as for `tell`."""
         client, server = _ends(transaction)
         if not (transaction.error_code if code < 0 else code):
             self._failures.pop((client, server), None)
-            became = "accepted" if transaction.response_frame else "not answered"
-            self.tell("security.password", transaction, became, code)
+            self.tell("security.password", transaction, f"password{accepted(transaction, code)}", code)
             return
         if len(self._failures) >= _MAX_REMEMBERED:
             self._failures.clear()
@@ -283,10 +306,37 @@ class SecurityWatch:
             part = " in part" if transaction.is_plus and code == PARTIAL_ERROR else ""
             result = f", refused{part}: 0x{code:04x} {codes.name(code)}"
         elif transaction.outcome == UNANSWERED:
-            result = ", not answered"
+            result = ", answer not captured" if transaction.unseen else ", not answered"
         what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         self._judge.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
+
+
+class _Became:
+    """The items of a write by what became of them: written, refused, or without a word about it."""
+
+    __slots__ = ("refused", "unsure", "written")
+
+    def __init__(self, transaction: Transaction) -> None:
+        self.written: list[ItemResult] = []
+        self.refused: list[ItemResult] = []
+        self.unsure: list[ItemResult] = []
+        for result in transaction.results():
+            if result.item is None:
+                continue  # a return code too many
+            if transaction.error_code or result.refused:
+                self.refused.append(result)
+            elif result.return_code == SUCCESS:
+                self.written.append(result)
+            else:
+                self.unsure.append(result)
+
+
+def _item_codes(refused: list[ItemResult]) -> str:
+    """Return with which return codes items were refused; empty where they have none, as the whole request was refused."""
+    codes = sorted({int(result.return_code) for result in refused if result.refused})
+    said = [coded(RETURN_CODES.hex(code), RETURN_CODES.name(code)) for code in codes[:_NAMED]]
+    return f", refused: {', '.join(said)}" if said else ""
 
 
 def _ends(transaction: Transaction) -> tuple[str, str]:
@@ -314,25 +364,8 @@ def _named(transaction: Transaction) -> str:
 
 def _forced(transaction: Transaction) -> str:
     """Return the function, and which variables it sets to which value; empty where the request does not say it."""
-    results = transaction.results()
-    said: list[str] = []
-    named = named_items(transaction)
-    for index, result in enumerate(results[:_NAMED]):
-        tags = [value for value in named[index] if value.name] if named else []
-        if tags:
-            said.append(", ".join([written(value) for value in tags[:_NAMED]]))
-            continue
-        name = result.item.label if result.item is not None else "?"
-        if result.data is None:
-            said.append(name)
-            continue
-        value = result.value
-        if value is None or isinstance(value, (list, str)):
-            said.append(f"{name} = {result.data[:_NAMED_OCTETS].hex(' ')}")
-        else:
-            said.append(f"{name} = {'true' if value is True else 'false' if value is False else value}")
-    more = f" and {len(results) - _NAMED} more" if len(results) > _NAMED else ""
-    return f"{transaction.function_name} {', '.join(said)}{more}" if said else ""
+    said = items_said(transaction.connection.naming, transaction.results(), True, _NAMED)
+    return f"{transaction.function_name} {said}" if said else ""
 
 
 def accepted(transaction: Transaction, code: int = -1) -> str:

@@ -39,6 +39,7 @@ from dissect.s7.tables import (
     TRANSPORT_SIZES,
     USERDATA_GROUPS,
     USERDATA_SUBFUNCTIONS,
+    WRITE_VAR,
 )
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.naming import item_subject, subject
@@ -71,7 +72,7 @@ from dissect.transactions.transaction import (
 )
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
-from dissect.wire.text import distance_text, duration_text
+from dissect.wire.text import distance_text, duration_text, over_limit
 
 #: Areas that have an element of their own, by the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
@@ -162,7 +163,7 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
                 judge,
                 "transaction.slow",
                 transaction,
-                f"{duration_text(latency)}, the limit is {duration_text(int(slow_ns))}",
+                over_limit(latency, int(slow_ns)),
             )
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(judge, "transaction.orphan", transaction, _orphan(transaction))
@@ -366,8 +367,9 @@ def _in_part(transaction: Transaction) -> bool:
 
 
 def _about(transaction: Transaction, error: TransactionError) -> str:
-    """Return what an item is about: its tags where it has some, its address, or where it stands."""
-    address = error.address
-    if transaction.connection.naming is not None:
-        address = item_subject(transaction, error.item, error.address)
-    return address or error.where
+    """Return what an item is about: its tags where it has some, its address and length, or where it stands."""
+    results = transaction.results()
+    known = results[error.item - 1].item if 0 < error.item <= len(results) else None
+    if known is not None and transaction.connection.naming is None and transaction.parameters.function != WRITE_VAR:
+        return known.label
+    return item_subject(transaction, error.item, error.address) or error.where

@@ -25,7 +25,7 @@ def other_items(one: Exchange, other: Exchange) -> Change:
         was, is_ = subject(one), subject(other)
         if was == is_:  # then it is the type that differs
             was, is_ = before[0], after[0]
-        text = f"{verb} {is_} instead of {was}"
+        text = f"{verb} {_without_verb(is_)} instead of {_without_verb(was)}"
     elif gone and new:
         was, is_ = _listed(gone), _listed(new)
         text = f"{verb} {is_} instead of {was}"
@@ -39,6 +39,11 @@ def other_items(one: Exchange, other: Exchange) -> Change:
         was, is_ = _listed(before), _listed(after)
         text = f"{verb} the same items in a different order"
     return Change("requests", text, was, is_, targets=(one.function_name,))
+
+
+def _without_verb(what: str) -> str:
+    """Return the items alone of a subject: ``DB10.DBW2`` of ``READ DB10.DBW2``."""
+    return what.removeprefix("READ ").removeprefix("WRITE ")
 
 
 def _names(exchange: Exchange) -> list[str]:

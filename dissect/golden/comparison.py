@@ -54,11 +54,12 @@ def _alone(one: Link | None, other: Link | None, options: DiffOptions) -> Iterat
         yield Difference("connections", text, (0, link.number), values=("", what))
 
 
-def _who(link: Link) -> str:
+def _who(link: Link, protocol: str = "") -> str:
+    """Return the TSAPs of a connection as its ``protocol`` has them, or as that of another one to compare with."""
     calling = Tsap(link.calling) if link.calling is not None else None
     called = Tsap(link.called) if link.called is not None else None
     return (
-        words.tsaps(calling, called, True)
+        words.tsaps(calling, called, protocol or link.protocol)
         if calling or called
         else (words.PROTOCOLS.get(link.protocol) or printable(link.protocol or "no TSAPs"))
     )
@@ -68,7 +69,7 @@ def _link(one: Link, other: Link, options: DiffOptions) -> Iterator[Difference]:
     facts = (
         ("tsaps", "protocol", one.protocol, other.protocol),
         ("tsaps", "carrier", one.carrier, other.carrier),
-        ("tsaps", "TSAPs", _who(one), _who(other)),
+        ("tsaps", "TSAPs", _who(one, one.protocol), _who(other, one.protocol)),
         ("negotiation", "TPDU size", _size(one), _size(other)),
         ("endings", "beginning", _begun(one), _begun(other)),
         ("endings", "refusal", one.refused, other.refused),

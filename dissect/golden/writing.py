@@ -155,7 +155,7 @@ def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
         yield f"  carrier {printable(link.carrier)}"
     for role, octets, address in zip(("client", "server"), (link.calling, link.called), link.addresses, strict=True):
         if octets is not None:
-            said = printable(Tsap(octets).describe(role == "server"))
+            said = printable(Tsap(octets).means(link.protocol, role == "server"))
             yield f"  {role} TSAP {hex_text(octets)}  # {said}"
         if addresses and address:
             yield f"  {role} address {address}"

@@ -435,9 +435,9 @@ def _negotiated(connection: Connection, client: Device, server: Device) -> None:
         server.pdu_lengths.add(str(granted.pdu_length))
         server.parallel_jobs.add(str(connection.jobs_allowed(connection.client_side)))
     if connection.tsap_calling is not None:
-        client.tsaps.add(connection.tsap_calling.describe(False))
+        client.tsaps.add(connection.tsap_calling.means(connection.protocol, False))
     if connection.tsap_called is not None:
-        server.tsaps.add(connection.tsap_called.describe())
+        server.tsaps.add(connection.tsap_called.means(connection.protocol))
 
 
 def talks_between(talks: Sequence[Talk], clients: Sequence[str], servers: Sequence[str]) -> list[list[int]]:

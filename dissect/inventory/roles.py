@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, STATED, TSAP, Device
-from dissect.iso.tsap import Tsap
+from dissect.iso.tsap import SIEMENS
 from dissect.stations import facts
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CYCLIC, DELETE, DOWNLOAD, MESSAGES, SESSION, TEST_JOB, UPLOAD
@@ -74,18 +74,19 @@ def judge_client(
             client.because(OPC, STATED, f"its session says {where}", first)
         elif session.role_name in _SESSIONS:
             client.because(_SESSIONS[session.role_name], STATED, f"its session says {session.role_name}", first)
-    _judge_tsaps(client, connection.tsap_calling, connection.tsap_called, int(tcp.first_frame))
+    _judge_tsaps(client, connection)
 
 
-def _judge_tsaps(client: Device, calling: Tsap | None, called: Tsap | None, frame: int) -> None:
-    for tsap in (called, calling):
+def _judge_tsaps(client: Device, connection: Connection) -> None:
+    frame = int(connection.tcp.first_frame)
+    for tsap in (connection.tsap_called, connection.tsap_calling):
         if tsap is None:
             continue
         for mark, role in _TSAP_TEXTS:
             if mark in str(tsap).upper():
                 client.because(role, TSAP, f"TSAP {tsap}", frame)
                 return
-        if tsap.connection_type in {_PG, _OP}:
+        if tsap.connection_type in {_PG, _OP} and connection.protocol in SIEMENS:
             role = ENGINEERING if tsap.connection_type == _PG else PANEL
             client.because(role, TSAP, f"TSAP {tsap.describe(False)}", frame)
             return

@@ -9,7 +9,21 @@ from typing import Final
 
 from dissect.inventory.code import code_lines
 from dissect.inventory.collector import Inventory, talks_between
-from dissect.inventory.model import BEHAVIOUR, STATED, TSAP, Area, Device, Names, Reason, Talk, Use
+from dissect.inventory.model import (
+    BEHAVIOUR,
+    CPU,
+    ENGINEERING,
+    OPC,
+    PANEL,
+    STATED,
+    TSAP,
+    Area,
+    Device,
+    Names,
+    Reason,
+    Talk,
+    Use,
+)
 from dissect.inventory.outcome import Devices
 from dissect.inventory.vendors import vendor
 from dissect.report import words
@@ -34,6 +48,9 @@ _NAMES: Final = 8
 _HANG: Final = 14
 _TEXT: Final = 100
 _NUMBERED: Final = re.compile(r"([A-Za-z]+) ?([0-9]{1,9})\b")
+
+#: What a device with one of these roles is.
+_NOUNS: Final = {CPU: "a CPU", ENGINEERING: "an engineering station", OPC: "an OPC server", PANEL: "a panel"}
 
 #: Facts that a module's line names, in this order.
 _OF_MODULE: Final = (
@@ -139,7 +156,7 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
 
 def _reason(reason: Reason, role: str, places: Places) -> str:
     times = f", {reason.count} times" if reason.count > 1 else ""
-    other = f"{reason.role}? " if reason.role != role else ""
+    other = f"perhaps {_NOUNS.get(reason.role, reason.role)}: " if reason.role != role else ""
     return f"{other}{shortened(reason.text, _TEXT)} (packet {places.mark(reason.frame)}{times})"
 
 
@@ -241,7 +258,7 @@ def _answers(device: Device) -> str:
     if errors:
         said.append(f"{errors} with errors")
     if times.count:
-        said.append(f"median {words.duration(times.quantile(0.5))}, 95 % {words.duration(times.quantile(0.95))}")
+        said.append(f"median {words.answer_time(times.quantile(0.5))}, 95 % {words.answer_time(times.quantile(0.95))}")
     return ", ".join(said)
 
 

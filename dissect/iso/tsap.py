@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64
 
 from dissect.iso.tables import CONNECTION_TYPES
+
+#: Protocols, as a connection names them, whose TSAPs have connection types, racks and slots; empty while nothing was said.
+SIEMENS: Final = frozenset(("", "s7comm", "s7comm_plus"))
 
 
 class Tsap:
@@ -44,6 +49,15 @@ class Tsap:
         else:
             kind = f"connection resource 0x{self.connection_type:02x}"
         return f"{self} ({kind}, rack {self.rack} slot {self.slot})" if called else f"{self} ({kind})"
+
+    def means(self, protocol: str, called: bool = True) -> str:
+        """Return the TSAP with what it means to those that speak ``protocol``, empty for none that is known.
+
+        Connection types, racks and slots are of Siemens; elsewhere the octets are no more than a number.
+        """
+        if protocol in SIEMENS or self.connection_type < 0:
+            return self.describe(called)
+        return str(self)
 
     def as_dict(self) -> dict[str, object]:
         """Return the TSAP as JSON-ready values."""

@@ -117,7 +117,7 @@ _NUMBER: Final = _Column("#", 4, True, lambda facts, _: (str(facts.key), PLAIN))
 _WHO: Final = _Column("", 0, False, _who)
 _STATE: Final = _Column("state", 8, False, _state)
 _RATE: Final = _Column("per s", 6, True, lambda facts, _: _rate(facts.rate))
-_LATEST: Final = _Column("answer", 8, True, lambda facts, _: (words.duration(facts.latency_ns), PLAIN))
+_LATEST: Final = _Column("answer", 8, True, lambda facts, _: (words.answer_time(facts.latency_ns), PLAIN))
 _FAILED: Final = _Column("fail", 4, True, lambda facts, _: _number(facts.failed, BAD))
 
 _NARROW_COLUMNS: Final = (_NUMBER, _WHO, _STATE, _RATE, _LATEST, _Column("8 s", 8, False, _sparkline(8)), _FAILED)
@@ -228,7 +228,9 @@ def _took(entry: Entry) -> str:
     what = entry.what
     if isinstance(what, tuple):
         return "-"
-    return words.duration(what.latency_ns if isinstance(what, Transaction) else what.duration_ns)
+    if isinstance(what, Transaction):
+        return words.answer_time(what.latency_ns)
+    return words.duration(what.duration_ns)
 
 
 def _frames(entry: Entry) -> str:

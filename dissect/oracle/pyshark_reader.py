@@ -103,13 +103,16 @@ def main(path: str, reorder: str, *ports: str) -> None:
         """At the end of its output tshark is let go by itself.
 
         pyshark kills it there. If it leaves between pyshark's look and the signal, the signal takes its status from the event
-        loop, which then reports 255, and pyshark raises for a crash that never was.
+        loop, which then reports 255, and pyshark raises for a crash that never was. Of a tshark that a signal ended it says
+        nothing, although the last packet is lost: only the next one, or the end of the array, tells pyshark that it is whole.
         """
 
         async def _cleanup_subprocess(self, process: Process) -> None:
             if self._eof_reached:
                 with suppress(asyncio.TimeoutError):  # then pyshark may kill it
-                    await asyncio.wait_for(process.wait(), _LEAVING)
+                    code = await asyncio.wait_for(process.wait(), _LEAVING)
+                    if code < 0:
+                        raise TSharkCrashException(f"tshark was ended by signal {-code}")
             await super()._cleanup_subprocess(process)
 
     try:

@@ -150,8 +150,7 @@ class Rows:
         """Return a connection."""
         client, server = connection.client, connection.server
         calling, called = connection.tsap_calling, connection.tsap_called
-        siemens = connection.protocol in {"", "s7comm", "s7comm_plus"}
-        said = words.tsaps(calling, called, siemens) if calling is not None or called is not None else ""
+        said = words.tsaps(calling, called, connection.protocol) if calling is not None or called is not None else ""
         return {
             "key": f"c{connection.number}",
             "cells": [

@@ -140,7 +140,7 @@ def _sound(gathered: Gathered) -> list[str]:
     times = analysis.latencies
     pairs = list(gathered.talks.pairs)
     fast = (
-        f"Half of the answers came within {words.duration(times.quantile(0.5))}, the slowest after "
+        f"Half of the answers came within {words.answer_time(times.quantile(0.5))}, the slowest after "
         f"{words.duration(int(times.largest))}."
         if times.count
         else "No answer time could be measured."

@@ -41,13 +41,16 @@ def add_counts(counts: dict[str, int], more: dict[str, int]) -> None:
 class FunctionStatistics:
     """The transactions of one function (for userdata: of one group and subfunction)."""
 
-    __slots__ = ("answered", "errors", "latencies", "name", "total", "unanswered")
+    __slots__ = ("answered", "errors", "latencies", "name", "one_way", "orphans", "pushes", "total", "unanswered")
 
     def __init__(self, name: str) -> None:
         self.name: str = name
         self.total: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
+        self.orphans: i64 = 0
+        self.pushes: i64 = 0
+        self.one_way: i64 = 0
         self.errors: i64 = 0
         self.latencies: Latencies = Latencies()
 
@@ -56,6 +59,9 @@ class FunctionStatistics:
         self.total += other.total
         self.answered += other.answered
         self.unanswered += other.unanswered
+        self.orphans += other.orphans
+        self.pushes += other.pushes
+        self.one_way += other.one_way
         self.errors += other.errors
         self.latencies.merge(other.latencies)
 
@@ -168,6 +174,7 @@ class Analysis(Observer):
         self.still_open: i64 = 0  # of those: the capture ended before their answer was due, so nothing failed
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
+        self.one_way: i64 = 0  # of those: requests that want no answer
         self.with_errors: i64 = 0
         self.functions: dict[int, FunctionStatistics] = {}
         self._latest_key: i64 = -1  # of `functions`, as one is followed by another of the same most often
@@ -263,8 +270,14 @@ class Analysis(Observer):
                 self.still_open += 1
         elif outcome == ORPHAN:
             self.orphans += 1
+            statistics.orphans += 1
         elif outcome == PUSH:
             self.unsolicited += 1
+            if transaction.request_frame:
+                self.one_way += 1
+                statistics.one_way += 1
+            else:
+                statistics.pushes += 1
         if transaction.has_errors:
             self.with_errors += 1
             statistics.errors += 1
@@ -311,6 +324,7 @@ class Analysis(Observer):
         self.still_open += later.still_open
         self.orphans += later.orphans
         self.unsolicited += later.unsolicited
+        self.one_way += later.one_way
         self.with_errors += later.with_errors
         for key, statistics in later.functions.items():
             if key not in self.functions:

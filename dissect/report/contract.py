@@ -82,6 +82,7 @@ def _transactions(analysis: Analysis) -> dict[str, object]:
         "still_open": analysis.still_open,
         "orphan_answers": analysis.orphans,
         "unsolicited": analysis.unsolicited,
+        "one_way": analysis.one_way,
         "with_errors": analysis.with_errors,
         "unanswered_reasons": dict(sorted(analysis.unanswered_reasons.items())),
     }
@@ -186,6 +187,7 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "unanswered": connection.unanswered,
         "orphan_answers": connection.orphans,
         "unsolicited": connection.unsolicited,
+        "one_way": connection.one_way,
         "with_errors": connection.errors,
         "refused": connection.refused or None,
         "disconnected": connection.iso_ended or None,

@@ -35,7 +35,9 @@ def phrase(connection: Connection, places: Places) -> str:
     elif ending.how in _DROPPED:
         said = _DROPPED[ending.how]
     elif ending.how in {DISCONNECT, ERROR_TPDU}:
-        said = f"ended by {connection.iso_ended}"
+        tpdu = "disconnect request" if ending.how == DISCONNECT else "error TPDU"
+        reason = connection.iso_ended.partition(": ")[2]
+        said = f"closed by the {connection.role(connection.iso_ended_by)} (COTP {tpdu}, {reason})"
     else:
         role = connection.role(ending.side)
         said = f"{'closed' if ending.how == FIN else 'reset'} by the {role} at {places.phrase([int(ending.frame)])}"

@@ -16,7 +16,7 @@ from dissect.report.facet import Facet
 from dissect.report.plus import PlusFacet
 from dissect.report.scd import ScdFacet, scd_subject
 from dissect.s7.blocks import BLOCK_COUNT
-from dissect.s7.items import Item, ItemResult
+from dissect.s7.items import Item, ItemResult, data_size_within
 from dissect.s7.message import Pdu
 from dissect.s7.tables import (
     BIT,
@@ -34,7 +34,17 @@ from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.payloads import SCD, is_scd_key
-from dissect.transactions.results import ITEM, MESSAGE, NO_CODE, UNCONFIRMED, TransactionError
+from dissect.transactions.results import (
+    COUNT_MISMATCH,
+    FUNCTION_MISMATCH,
+    ITEM,
+    MESSAGE,
+    MISMATCHES,
+    NO_CODE,
+    SIZE_MISMATCH,
+    UNCONFIRMED,
+    TransactionError,
+)
 from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
@@ -58,6 +68,8 @@ _LIST_OF_TYPE: Final = (3, 2)
 
 #: Tags of one item that a line names.
 _SHOWN_TAGS: Final = 16
+#: Types of blocks of which the number is told; there are not as many.
+_BLOCK_TYPES: Final = 16
 #: Why a request stayed without an answer.
 REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
@@ -88,9 +100,22 @@ def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
         name = _with_names(name, known)
     elif result.data is not None:
         name += f" = {content(asked, result.data) if asked is not None else words.octets(result.data)}"
+    name += _other_size(result)
     if result.unchanged:
         return f"{name}: unchanged"
     return f"{name}: {RETURN_CODES.name(result.return_code)}" if result.refused else name
+
+
+def _other_size(result: ItemResult) -> str:
+    """Return that there are fewer or more octets of an item than it asks for, empty where there are as many."""
+    asked, data, stands_in = result.item, result.data, result.answer
+    if asked is None or data is None or not 0 <= asked.size != len(data):
+        return ""
+    if stands_in is not None:
+        stated = data_size_within(stands_in.transport_size, stands_in.length, asked.size)
+        if stated > len(data):
+            return f" ({len(data)} of {stated} bytes captured)"
+    return f" ({words.count(len(data), 'byte')} instead of {asked.size})"
 
 
 def _with_names(place: str, known: list[NamedValue]) -> str:
@@ -146,7 +171,7 @@ def body_notes(pdu: Pdu) -> str:
     counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
     if not counts:
         return words.some_notes(body.notes)
-    return words.some_notes([part.note for part in counts if part.number("block_count")]) or "no blocks"
+    return words.some_notes([part.note for part in counts if part.number("block_count")], _BLOCK_TYPES) or "no blocks"
 
 
 def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:
@@ -202,13 +227,28 @@ def outcome(transaction: Transaction) -> str:
     elif transaction.outcome == ANSWERED:
         said = ""
     else:
-        said = f"NO ANSWER{why}"
+        said = "answer not captured" if transaction.unseen else f"NO ANSWER{why}"
+    if transaction.flags & MISMATCHES:
+        said = ", ".join([text for text in (said, f"MISMATCH ({_mismatch(transaction)})") if text])
     if transaction.error_code and transaction.has_errors:
         error = transaction.errors[0]
         word = "PARTLY REFUSED" if transaction.is_plus and error.code == PARTIAL_ERROR else "REFUSED"
         refused = f"{word} {error_text(error)}"
         said = f"{said}, {refused}" if said else refused
     return said
+
+
+def _mismatch(transaction: Transaction) -> str:
+    """Return in what an answer does not fit its request."""
+    answer = transaction.response_parameters
+    said = []
+    if answer is not None and transaction.flags & FUNCTION_MISMATCH:
+        said.append(f"the answer names {'a different object' if transaction.is_scd else answer.function_name}")
+    if answer is not None and transaction.flags & COUNT_MISMATCH:
+        said.append(f"requested {words.count(transaction.parameters.item_count, 'item')}, got {answer.item_count}")
+    if transaction.flags & SIZE_MISMATCH:
+        said.append("item size")
+    return ", ".join(said)
 
 
 class S7Facet(Facet):

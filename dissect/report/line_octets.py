@@ -98,7 +98,7 @@ class LineOctets:
 
 
 def _write_latency(out: BytesWriter, ns: i64) -> None:
-    """Write `words.duration`, blanks in front, in a column of `LATENCY_WIDTH`."""
+    """Write `words.answer_time`, blanks in front, in a column of `LATENCY_WIDTH`."""
     short: i64 = short_duration(ns)
     if short >= HUNDREDTHS:
         short -= HUNDREDTHS
@@ -113,7 +113,7 @@ def _write_latency(out: BytesWriter, ns: i64) -> None:
         write_decimal(out, short)
         out.write(_MICROSECONDS)
     else:
-        out.write(words.duration(int(ns)).rjust(LATENCY_WIDTH).encode())
+        out.write(words.answer_time(int(ns)).rjust(LATENCY_WIDTH).encode())
 
 
 def _fill(out: BytesWriter, begin: i64, width: i64) -> None:

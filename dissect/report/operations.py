@@ -11,6 +11,7 @@ from dissect.s7.errors import ERROR_CODES
 from dissect.s7.szl import SZL_HEAD
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.operation import DONE, LONG_ANSWER, POLLING, RUNNING, Operation
+from dissect.transactions.transaction import CONNECTION_CLOSED
 from dissect.wire.codes import CodeTable
 from dissect.wire.text import Clock, shortened
 
@@ -92,6 +93,8 @@ def shouted(text: str) -> str:
 def result(operation: Operation) -> str:
     """Return what came of an operation, and why."""
     shout = shouted(operation.result)
+    if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
+        return "ended with the connection"
     if operation.error_code:
         return f"{shout} 0x{operation.error_code:04x} {error_codes(operation).name(operation.error_code)}"
     why = facets.REASONS.get(operation.reason, operation.reason)

@@ -5,14 +5,14 @@ Completeness is what became of the packets and bytes of a run: what was used, wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
 from dissect.findings.reporter import Finding
 from dissect.report import endings, facets, words
-from dissect.report.analysis import MAX_CONNECTIONS, Analysis, Part
+from dissect.report.analysis import MAX_CONNECTIONS, Analysis, FunctionStatistics, Part
 from dissect.report.operations import NAMES, shouted
 from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
@@ -54,9 +54,8 @@ def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
     counts = pipeline.counters.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
-    kind = "retransmission or keep-alive" if counts["keep_alive"] else "retransmission"
-    kinds = "retransmissions or keep-alives" if counts["keep_alive"] else "retransmissions"
-    again = f", {words.count(repeated, f'of them a TCP {kind}', f'of them TCP {kinds}')}" if repeated else ""
+    how = "sent again, captured twice, or a keep-alive" if counts["keep_alive"] else "sent again or captured twice"
+    again = f", {repeated} of them repeated: {how}" if repeated else ""
     yield f"{used} of {words.count(pipeline.frames, 'packet')} used{again}", _PLAIN
     for name in CATEGORIES[FIRST_IGNORED:]:
         if counts[name]:
@@ -249,7 +248,7 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
     )
     calling, called = connection.tsap_calling, connection.tsap_called
     if calling is not None or called is not None:
-        said = words.tsaps(calling, called, connection.protocol in {"", "s7comm", "s7comm_plus"})
+        said = words.tsaps(calling, called, connection.protocol)
         size = f", TPDU size {connection.tpdu_size}" if connection.tpdu_size else ""
         yield Line(f"     {said}{size}", PLAIN, 5)
     for said in tls_lines(connection):
@@ -279,13 +278,22 @@ def _counts(connection: Connection) -> str:
         parts.append(f"{connection.missed} unanswered")
     if connection.still_open:
         parts.append(f"{connection.still_open} still open")
-    if connection.orphans:
-        parts.append(words.count(connection.orphans, "answer without request", "answers without request"))
-    if connection.unsolicited:
-        parts.append(words.count(connection.unsolicited, "push", "pushes"))
+    parts += _unpaired(connection.orphans, connection.unsolicited, connection.one_way)
+    if connection.system_events:
+        parts.append(words.count(connection.system_events, "system event"))
     if connection.errors:
         parts.append(f"{connection.errors} with errors")
     return ", ".join(parts)
+
+
+def _unpaired(orphans: int, unsolicited: int, one_way: int) -> list[str]:
+    """Return how many messages have no partner, each kind in words; ``one_way`` are among ``unsolicited``."""
+    kinds = (
+        (orphans, "answer without request", "answers without request"),
+        (unsolicited - one_way, "push", "pushes"),
+        (one_way, "one-way request", ""),
+    )
+    return [words.count(number, one, many) for number, one, many in kinds if number]
 
 
 # ---- devices --------------------------------------------------------------------------------------------------------
@@ -320,28 +328,37 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
         said.append(f"{analysis.unanswered - analysis.still_open} unanswered")
     if analysis.still_open:
         said.append(f"{analysis.still_open} still open at the end")
-    if analysis.orphans:
-        said.append(words.count(analysis.orphans, "answer without request", "answers without request"))
-    if analysis.unsolicited:
-        said.append(words.count(analysis.unsolicited, "push", "pushes"))
+    said += _unpaired(analysis.orphans, analysis.unsolicited, analysis.one_way)
     if analysis.with_errors:
         said.append(f"{analysis.with_errors} with errors")
     yield Line(f"Transactions: {', '.join(said)}", HEADING)
-    rows = [["function", "count", "errors", "no answer", "median", "95 %", "max"]]
-    for _, statistics in sorted(analysis.functions.items(), key=lambda entry: (-entry[1].total, entry[1].name)):
-        times = statistics.latencies
+    yield from _function_rows(list(analysis.functions.values()))
+
+
+def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
+    """Yield a row for each function. The columns of what has no partner are there where anything would stand in them."""
+    columns: list[tuple[str, Callable[[FunctionStatistics], int]]] = [
+        ("no request", lambda one: int(one.orphans)),
+        ("pushes", lambda one: int(one.pushes)),
+        ("one-way", lambda one: int(one.one_way)),
+    ]
+    shown = [(title, number_of) for title, number_of in columns if any([number_of(one) for one in functions])]
+    head = ["function", "count", "errors", "no answer", *[title for title, _ in shown], "median", "95 %", "max"]
+    rows = [head]
+    for one in sorted(functions, key=lambda one: (-one.total, one.name)):
+        times = one.latencies
+        numbers = [int(one.errors), int(one.unanswered), *[number_of(one) for _, number_of in shown]]
         rows.append(
             [
-                statistics.name,
-                str(statistics.total),
-                str(statistics.errors) if statistics.errors else ".",
-                str(statistics.unanswered) if statistics.unanswered else ".",
-                words.duration(times.quantile(0.5)),
-                words.duration(times.quantile(0.95)),
-                words.duration(int(times.largest) if times.count else None),
+                one.name,
+                str(one.total),
+                *[str(number) if number else "." for number in numbers],
+                words.answer_time(times.quantile(0.5)),
+                words.answer_time(times.quantile(0.95)),
+                words.answer_time(int(times.largest) if times.count else None),
             ]
         )
-    yield from table(rows, frozenset(range(1, 7)))
+    yield from table(rows, frozenset(range(1, len(head))))
 
 
 def _scd(analysis: Analysis) -> Iterator[Line]:
@@ -414,7 +431,7 @@ def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]
             [
                 f"#{transaction.number}",
                 places.pair(int(transaction.request_frame), int(transaction.response_frame)),
-                words.duration(transaction.latency_ns),
+                words.answer_time(transaction.latency_ns),
                 transaction.function_name,
                 "  ".join(said),
             ]

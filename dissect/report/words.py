@@ -134,6 +134,11 @@ def duration(ns: int | None) -> str:
     return duration_text(ns)
 
 
+def answer_time(ns: int | None) -> str:
+    """Return how long an answer took; ``?`` where it was captured before its request, so that nobody can say."""
+    return "?" if ns is not None and ns < 0 else duration(ns)
+
+
 def span(clock: Clock, first_ns: int, last_ns: int) -> str:
     """Return the times of the first and the last packet; said where the last is earlier, as with captures in another order."""
     if last_ns >= first_ns:
@@ -164,15 +169,11 @@ def vlans(key: int) -> list[int]:
     return vids
 
 
-def tsaps(calling: Tsap | None, called: Tsap | None, siemens: bool) -> str:
-    """Return the TSAPs of a connection, ``?`` for one not captured; with rack and slot when it is ``siemens`` that speaks."""
-    one = "?" if calling is None else printable(calling.describe(False) if siemens else _plain(calling))
-    other = "?" if called is None else printable(called.describe() if siemens else _plain(called))
+def tsaps(calling: Tsap | None, called: Tsap | None, protocol: str) -> str:
+    """Return the TSAPs of a connection that speaks ``protocol``, ``?`` for one not captured."""
+    one = "?" if calling is None else printable(calling.means(protocol, False))
+    other = "?" if called is None else printable(called.means(protocol))
     return f"TSAP {one} → {other}"
-
-
-def _plain(tsap: Tsap) -> str:
-    return tsap.describe() if tsap.connection_type < 0 else str(tsap)
 
 
 def value(shown: Value) -> str:
@@ -203,10 +204,10 @@ def _cut(text: str) -> str:
     return printable(text if len(text) <= SHOWN_TEXT else f"{text[:SHOWN_TEXT]}…")
 
 
-def some_notes(found: list[str]) -> str:
+def some_notes(found: list[str], most: int = NAMED) -> str:
     """Return the first few notes, and how many more there are."""
-    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return ", ".join([shortened(note, NOTE) for note in found[:NAMED]]) + more
+    more = f" and {len(found) - most} more" if len(found) > most else ""
+    return ", ".join([shortened(note, NOTE) for note in found[:most]]) + more
 
 
 def carried(tpdu: Tpdu) -> str:

@@ -251,11 +251,11 @@ class Parameters:
 
     @property
     def subject(self) -> str:
-        """What is asked, for a person: the function and, of up to three items, the address."""
+        """What is asked, for a person: the function and, of up to three items, address and length."""
         items = self.items
         if not items:
             return self.function_name
-        shown = ", ".join([item.address for item in items[:3]])
+        shown = ", ".join([item.label for item in items[:3]])
         more = f" and {len(items) - 3} more" if len(items) > 3 else ""
         return f"{self.function_name} {shown}{more}"
 

@@ -90,14 +90,16 @@ class Writes:
 class Traits:
     """What a connection has been used for so far, the memory of the rules about security; every part of it is bounded.
 
-    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.AREA_BITS`); ``told`` has the slugs that
-    are said once for a connection; ``szl_ids`` are what was asked for, ``loaded`` the blocks that were loaded, by name.
+    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.written_areas`), ``sent`` one for each that
+    may have been, by a write without an answer; ``told`` has the slugs that are said once for a connection; ``szl_ids`` are
+    what was asked for, ``loaded`` the blocks that were loaded, by name.
     """
 
-    __slots__ = ("_loaded", "_szl_ids", "_told", "_writes", "inquiries", "pace_ns", "refusals", "written")
+    __slots__ = ("_loaded", "_szl_ids", "_told", "_writes", "inquiries", "pace_ns", "refusals", "sent", "written")
 
     def __init__(self) -> None:
         self.written: i64 = 0
+        self.sent: i64 = 0
         self._writes: Writes | None = None
         self.pace_ns = 0
         self.inquiries = 0
@@ -196,6 +198,7 @@ class Connection:
         "mid_stream",
         "naming",
         "number",
+        "one_way",
         "open_at_end",
         "open_requests",
         "orphans",
@@ -210,6 +213,7 @@ class Connection:
         "setup_seen",
         "state",
         "still_open",
+        "system_events",
         "tcp",
         "tls",
         "told",
@@ -280,6 +284,8 @@ class Connection:
         self.still_open: i64 = 0  # of those: the capture ended before their answer was due
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
+        self.one_way: i64 = 0  # of those: requests that want no answer
+        self.system_events: i64 = 0  # of S7comm-plus: PDUs that are part of no transaction
         self.errors: i64 = 0
         # What was asked, answered and refused last: parameter blocks, which polling shares, not whole transactions.
         self.last_request: Parameters | None = None
@@ -410,6 +416,11 @@ class Connection:
         self.iso_ended_frame = frame
         self.iso_ended_ns = time_ns
         self.dt_limit = -1
+
+    def note_one_way(self) -> None:
+        """A request that wants no answer."""
+        self.unsolicited += 1
+        self.one_way += 1
 
     def note_error(self, asked: Parameters, time_ns: i64, code: i64) -> None:
         """An answer says no to something, in its header or parameter by ``code``, else to an item."""

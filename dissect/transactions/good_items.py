@@ -91,6 +91,8 @@ class GoodItems:
             if head >> 24 & 0xFF != SUCCESS:
                 return False
             size = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - body)
+            if 0 <= item.size != size:
+                return False
         if body + size > end:
             return False
         self.index = index

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.s7.tables import WRITE_VAR
+from dissect.s7.tables import BYTE, WRITE_VAR
 from dissect.s7.values import Value
 from dissect.s7plus.program import Program
 
@@ -86,48 +86,60 @@ class Naming:
         return []
 
 
-#: Items and tags that a subject names, octets of a value without a name, and characters of a text.
+#: Items and tags that a subject names, octets and elements of a value that it shows, and characters of a text.
 _NAMED: Final = 3
 _OCTETS: Final = 8
+_ELEMENTS: Final = 8
 _TEXT: Final = 32
 
 
 def subject(transaction: Transaction) -> str:
     """Return what is asked, for a person: the function and what its items are about; of a write with the values.
 
-    Without tags it is `Parameters.subject`. Texts of the file and the wire are not escaped.
+    Of a read without tags it is `Parameters.subject`. Texts of the file and the wire are not escaped.
     """
     parameters = transaction.parameters
-    if transaction.connection.naming is None or not parameters.items:
-        return parameters.subject
     writes = parameters.function == WRITE_VAR
+    if not parameters.items or (transaction.connection.naming is None and not writes):
+        return parameters.subject
+    return f"{parameters.function_name} {items_said(transaction.connection.naming, transaction.results(), writes)}"
+
+
+def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, most: int = _NAMED) -> str:
+    """Return the first ``most`` of these items, each by its tags or its address and length; of ``writes`` with the values."""
     said: list[str] = []
-    for result, named in zip(transaction.results(), named_items(transaction), strict=True):
-        names = [value for value in named if value.name]
-        item = result.item
-        if names:
-            said.extend([_said(value, writes) for value in names])
-        elif item is not None:
-            said.append(item.address)
-    more = f" and {len(said) - _NAMED} more" if len(said) > _NAMED else ""
-    return f"{parameters.function_name} {', '.join(said[:_NAMED])}{more}"
+    for result in results:
+        said += _item_said(naming, result, writes)
+    more = f" and {len(said) - most} more" if len(said) > most else ""
+    return ", ".join(said[:most]) + more
 
 
 def item_subject(transaction: Transaction, number: int, address: str) -> str:
-    """Return what an item is about, for a person: its tags where it has some, of a write with the values, else ``address``.
+    """Return what an item is about, for a person, as `subject` says it; ``address`` where it is none of `results`.
 
     ``number`` is that of the item in ``transaction.results()``, counted from 1. Texts are not escaped.
     """
-    naming = transaction.connection.naming
-    results = transaction.results() if naming is not None else []
-    if naming is None or not 0 < number <= len(results):
+    results = transaction.results()
+    if not 0 < number <= len(results):
         return address
     writes = transaction.parameters.function == WRITE_VAR
-    names = [value for value in naming.named(results[number - 1]) if value.name]
-    if not names:
-        return address
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join([_said(value, writes) for value in names[:_NAMED]]) + more
+    return items_said(transaction.connection.naming, results[number - 1 : number], writes) or address
+
+
+def _item_said(naming: Naming | None, result: ItemResult, writes: bool) -> list[str]:
+    """Return an item: each of its tags, or its address and length; of a write with the value."""
+    names = [value for value in naming.named(result) if value.name] if naming is not None else []
+    if names:
+        return [_said(value, writes) for value in names]
+    item = result.item
+    if item is None:
+        return []
+    data = result.data
+    if not writes or data is None:
+        return [item.label]
+    value = None if item.transport_size == BYTE and len(data) != 1 else result.value
+    text = _value_said(value, data)
+    return [f"{item.label} = {text}" if text else item.label]
 
 
 def _said(named: NamedValue, writes: bool) -> str:
@@ -136,17 +148,23 @@ def _said(named: NamedValue, writes: bool) -> str:
 
 def written(named: NamedValue) -> str:
     """Return a tag with the value that is written to it: ``Tank.Setpoint = 80.0 °C (DB1.DBD4)``."""
-    value = named.value
-    if value is None or isinstance(value, list):
-        text = named.data[:_OCTETS].hex(" ") + (" …" if len(named.data) > _OCTETS else "")
-    elif isinstance(value, bool):
-        text = "true" if value else "false"
-    elif isinstance(value, str):
-        text = f"'{value[:_TEXT]}{'…' if len(value) > _TEXT else ''}'"
-    else:
-        text = str(value)
-    unit = f" {named.unit}" if named.unit and value is not None else ""
+    text = _value_said(None if isinstance(named.value, list) else named.value, named.data)
+    unit = f" {named.unit}" if named.unit and named.value is not None else ""
     return f"{named.name} = {text}{unit} ({named.address})" if text else f"{named.name} ({named.address})"
+
+
+def _value_said(value: Value, data: bytes) -> str:
+    """Return a value in short: octets where it is none, and of a text or a list the beginning."""
+    if value is None:
+        return data[:_OCTETS].hex(" ") + (" …" if len(data) > _OCTETS else "")
+    if isinstance(value, list):
+        more = ", …" if len(value) > _ELEMENTS else ""
+        return f"[{', '.join([_value_said(element, b'') for element in value[:_ELEMENTS]])}{more}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f"'{value[:_TEXT]}{'…' if len(value) > _TEXT else ''}'"
+    return str(value)
 
 
 def named_items(transaction: Transaction) -> list[list[NamedValue]]:

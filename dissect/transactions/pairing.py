@@ -567,7 +567,7 @@ class Dialogue:
         transaction.request_buf = octets
         transaction.request_size = len(octets)
         transaction.outcome = PUSH
-        side.connection.unsolicited += 1
+        side.connection.note_one_way()
         return transaction
 
     def push(

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 FUNCTION_MISMATCH: Final = 1
 COUNT_MISMATCH: Final = 2
 SIZE_MISMATCH: Final = 4
+MISMATCHES: Final = FUNCTION_MISMATCH | COUNT_MISMATCH | SIZE_MISMATCH  # the answer is to something else
 REORDERED: Final = 8
 BAD_DATA: Final = 16
 EXPECTED: Final = 32  # a half is missing, and no wonder: mid-stream start, one direction only, or a hole
@@ -54,6 +55,11 @@ STRAY_PUSH: Final = 1024  # a push that belongs to no subscription of this conne
 ODD_DATA_CODE: Final = 256  # data of a read came with a different transport size from what CPUs answer with
 UNCONFIRMED: Final = 2048  # the good answer to a write lacks return codes
 STILL_OPEN: Final = 4096  # the capture ended before the answer was due, so that nothing is wrong
+
+
+def went_wrong(transaction: Transaction) -> bool:
+    """Tell whether a transaction failed, or was answered by something that does not fit its request."""
+    return transaction.failed or transaction.flags & MISMATCHES != 0
 
 
 def check_other_answer(transaction: Transaction) -> None:

@@ -21,6 +21,7 @@ from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
 from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
 from dissect.transactions.connection import Connection
+from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
 from dissect.wire.octets import u16
 
@@ -185,6 +186,10 @@ RESERVE: Final = 512
 #: Connections that leave with one that opens.
 LEAVE_AT_ONCE: Final = 2
 MAX_HALF_OPEN: Final = 4096
+#: A client repeats a SYN after a second or later (RFC 6298), less what timers are off by; with the second repetition an
+#: attempt is given up here.
+_REPEATED_NS: Final = 900_000_000
+_GIVEN_UP: Final = 2
 #: A closed connection is kept this long, because captures show packets out of order.
 LINGER_NS: Final = 1_000_000_000
 MAX_LINGERING: Final = 2048
@@ -253,7 +258,7 @@ class Side:
         #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 where more has to be looked at.
         self.longest: i64 = 0
         self.requests: i64 = 0
-        self.probes: i64 = 0  # keep-alives before anything else was captured
+        self.probes: Probes | None = None  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
@@ -268,6 +273,12 @@ class Side:
         if self.peer is not None:
             self.peer.protocol = protocol
         self.connection.state = protocol.state
+
+    def note_probe(self, frame: i64, time_ns: i64) -> None:
+        """Packet ``frame`` is a keep-alive, before anything else was captured."""
+        if self.probes is None:
+            self.probes = Probes()
+        self.probes.add(frame, time_ns)
 
     @property
     def at_rest(self) -> bool:
@@ -286,14 +297,34 @@ class Side:
         return self.last_ack >= 0 or self.stream.start_seq >= 0 or self.tcp.reset_by == self.index
 
 
-class _Syn:
-    __slots__ = ("frame", "link", "seq", "time_ns")
+class Attempt:
+    """A SYN without an answer so far: its packet, and the latest one in which it was sent again, ``repeats`` times."""
+
+    __slots__ = ("frame", "last_frame", "last_ns", "link", "repeats", "seq", "time_ns", "told")
 
     def __init__(self, seq: i64, frame: i64, time_ns: i64, link: bytes) -> None:
         self.link: bytes = link
         self.seq: i64 = seq
         self.frame: i64 = frame
         self.time_ns: i64 = time_ns
+        self.last_frame: i64 = frame
+        self.last_ns: i64 = time_ns
+        self.repeats: i64 = 0
+        self.told: bool = False
+
+    def again(self, frame: i64, time_ns: i64) -> None:
+        """It came again; what comes at once was captured twice."""
+        if time_ns - self.last_ns >= _REPEATED_NS:
+            self.repeats += 1
+            self.last_frame = frame
+            self.last_ns = time_ns
+
+    def give_up(self, repeats: i64) -> bool:
+        """Return whether it was repeated so often; True once only."""
+        if self.told or self.repeats < repeats:
+            return False
+        self.told = True
+        return True
 
 
 def reverse_key(key: bytes) -> bytes:
@@ -327,7 +358,7 @@ class ConnectionTable:
         self._first: Protocol = first if first is not None else Protocol()
         self.sides: dict[bytes, Side] = {}
         # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
-        self._half_open: OrderedDict[bytes, _Syn] = OrderedDict()
+        self._half_open: OrderedDict[bytes, Attempt] = OrderedDict()
         self._lingering: deque[Side] = deque()
         self._places: list[Side | None] = [None] * _PLACES
         self._mask: i64 = _PLACES - 1
@@ -366,17 +397,27 @@ class ConnectionTable:
         if before is not None:
             self._leave_place(before)
 
-    def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64, link: bytes = b"") -> None:
-        """Remember a connection attempt until the other side answers or data follows; ``link`` as `TcpConnection.note_link`."""
+    def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64, link: bytes = b"") -> Attempt | None:
+        """Remember a connection attempt until the other side answers or data follows; ``link`` as `TcpConnection.note_link`.
+
+        Return the attempt with this key that is now known to stay without an answer, once.
+        """
         known = self._half_open.get(key)
         if known is not None and known.seq == seq:
-            return  # sent again; another number is another attempt, and that is the one an answer counts from
-        self._half_open[key] = _Syn(seq, frame, time_ns, link)
+            known.again(frame, time_ns)
+            return known if known.give_up(_GIVEN_UP) else None
+        # Another number is another attempt, and that is the one an answer counts from.
+        self._half_open[key] = Attempt(seq, frame, time_ns, link)
         if len(self._half_open) > MAX_HALF_OPEN:
             self._half_open.popitem(last=False)
             self.half_open_evicted += 1
+        return known if known is not None and known.give_up(1) else None
 
-    def _take_syn(self, key: bytes) -> _Syn | None:
+    def unanswered(self) -> list[tuple[bytes, Attempt]]:
+        """Return the attempts that were repeated and are still without an answer, with their keys; each once."""
+        return [(key, attempt) for key, attempt in self._half_open.items() if attempt.give_up(1)]
+
+    def _take_syn(self, key: bytes) -> Attempt | None:
         """Forget a connection attempt and return it, None where there was none; `pop` takes three times as long."""
         half_open = self._half_open
         if not half_open or key not in half_open:

@@ -50,6 +50,7 @@ from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BAD_DATA,
     COUNT_MISMATCH,
+    EXPECTED,
     FUNCTION_MISMATCH,
     HEADER,
     ITEM,
@@ -260,6 +261,11 @@ class Transaction:
         return self.outcome == UNANSWERED and not self.flags & STILL_OPEN
 
     @property
+    def unseen(self) -> bool:
+        """True when nothing of the answering side was captured: it may have answered."""
+        return self.outcome == UNANSWERED and self.flags & EXPECTED != 0
+
+    @property
     def failed(self) -> bool:
         """True when the answer says no to anything, or was `missed`."""
         return self.has_errors or self.missed
@@ -290,13 +296,9 @@ class Transaction:
     @property
     def request_body(self) -> Body | None:
         """The parts of the S7comm request (`Pdu.body`), None when there is none; kept, as several rules and outputs ask."""
-        body = self.known_body
-        if body is None:
-            request = self.request
-            if request is not None:
-                body = request.body
-                self.known_body = body
-        return body
+        if self.known_body is None and (request := self.request) is not None:
+            self.known_body = request.body
+        return self.known_body
 
     @property
     def response(self) -> Pdu | None:

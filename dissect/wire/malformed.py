@@ -34,6 +34,9 @@ _CONTAINERS: Final = {
 }
 #: How the names of fields end that count something; others are lengths in bytes.
 _COUNTS: Final = "count"
+#: What fields with short names are called, and which values they may have that have more than one.
+_SPOKEN: Final = {"li": "length indicator"}
+_EXPECTED: Final = {"li": "1 to 254"}
 #: How those begin that say how deep something stands in something else.
 _DEPTH: Final = "depth of "
 
@@ -67,7 +70,7 @@ class Malformed:
         return f"{self.layer}: {self._said()}"
 
     def _said(self) -> str:
-        where = f"{self.field} at byte {self.offset}"
+        where = f"{_SPOKEN.get(self.field, self.field)} at byte {self.offset}"
         container = _CONTAINERS.get(self.limit, self.limit)
         if self.reason == "too_short":
             return f"{where} needs {_octets(self.needed)}, {container} has {self.available}"
@@ -91,7 +94,8 @@ class Malformed:
             return f"{where} is {self.available}, which is unknown"
         if self.field.startswith(_DEPTH):
             return f"{where} is {self.available}, more than the {self.needed} that are read"
-        return f"{where} is {self.available}, expected {self.needed}"
+        expected = _EXPECTED.get(self.field) or str(self.needed)
+        return f"{where} is {self.available}, expected {expected}"
 
     def as_dict(self) -> dict[str, object]:
         """Return the fact as JSON-ready values, keys in a fixed order."""

@@ -221,6 +221,16 @@ def short_duration(ns: i64) -> i64:
     return HUNDREDTHS + (ns + 5000) // 10_000 if ns % 10_000 != 5000 else 0
 
 
+def over_limit(ns: int, limit_ns: int) -> str:
+    """Say how long something took that was to take no longer than a limit; where both look alike, by how much it did."""
+    took, limit = duration_text(ns), duration_text(limit_ns)
+    return (
+        f"{took}, the limit is {limit}"
+        if took != limit
+        else f"{duration_text(ns - limit_ns)} over the limit of {limit}"
+    )
+
+
 def distance_text(ns: int) -> str:
     """Say how far back something lies, for example ``965 µs earlier``; what came after is ``1.20 s later``."""
     return f"{duration_text(ns)} earlier" if ns >= 0 else f"{duration_text(-ns)} later"

@@ -39,6 +39,7 @@ def test_json_is_the_contract(s7dissect: Command, tmp_path: Path) -> None:
         "unanswered": 0,
         "orphan_answers": 0,
         "unsolicited": 0,
+        "one_way": 0,
         "still_open": 0,
         "with_errors": 1,
         "unanswered_reasons": {},

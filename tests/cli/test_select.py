@@ -44,6 +44,56 @@ def test_transactions_are_selected(capfdbinary: Capture, options: list[str], exp
     assert numbers(run(capfdbinary, "transactions", ERRORS, "-T", "jsonl", *options)) == expected
 
 
+@pytest.mark.parametrize("command", ["transactions", "operations", "values", "blocks", "show", "analyze", "devices"])
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--connection", "98", "--connection", "99"], "no connection 98, 99; the capture has 1"),
+        (
+            ["--time", "100.."],
+            "no packet within 100..; what was read begins at 2026-11-21 01:31:05.693204 UTC and lasts 11.01 ms",
+        ),
+        (
+            ["--time", "..2016-01-01T00:00:00"],
+            "no packet within ..2016-01-01T00:00:00; what was read begins at 2026-11-21 01:31:05.693204 UTC and lasts 11.01 ms",
+        ),
+    ],
+)
+def test_a_selection_that_nothing_can_match_is_told(
+    capfdbinary: Capture, command: str, options: list[str], why: str
+) -> None:
+    ran = run(capfdbinary, command, ERRORS, *options)
+    assert (ran.code, ran.err) == (0, f"s7dissect: {why}\n")
+
+
+@pytest.mark.parametrize(
+    ("call", "why"),
+    [
+        (["transactions", "-Y", "latency > 20s"], "no transaction matches latency > 20s"),
+        (["transactions", "--failed", "--connection", "1", "--time", "..0.001"],
+         "no transaction matches --failed and (connection in {1}) and (time in {..0.001})"),
+        (["operations", "--kind", "upload"], "no operation matches --kind upload"),
+        (["operations", "-T", "jsonl", "--kind", "upload"], "no operation matches --kind upload"),
+        (["values", "-T", "csv", "-Y", "function == 0x99"], "no value matches function == 0x99"),
+        (["values", "--summary", "-T", "csv", "-Y", "function == 0x99"], "no value matches function == 0x99"),
+        (["show", "-Y", "function == 0x99"], "no message matches function == 0x99"),
+    ],
+)  # fmt: skip
+def test_why_nothing_is_shown(capfdbinary: Capture, call: list[str], why: str) -> None:
+    ran = run(capfdbinary, *call, ERRORS)
+    assert (ran.code, ran.err) == (0, f"s7dissect: {why}\n")
+    assert len(ran.out.splitlines()) == ("csv" in call)
+
+
+def test_of_a_capture_without_any_the_commands_say_so(capfdbinary: Capture) -> None:
+    refused = str(ROOT / "captures" / "refused-port.pcapng")
+    assert run(capfdbinary, "operations", refused).err == "s7dissect: no operation in what was read\n"
+    assert run(capfdbinary, "values", refused).err == "s7dissect: no value in what was read\n"
+    assert run(capfdbinary, "operations", "--connection", "1", refused, refused).err == (
+        "s7dissect: no connection 1; the captures have none\n"
+    )
+
+
 def test_operations_are_selected(capfdbinary: Capture) -> None:
     every = numbers(run(capfdbinary, "operations", TRANSFER, "-T", "jsonl"))
     some = numbers(run(capfdbinary, "operations", TRANSFER, "-T", "jsonl", "-Y", "kind == download and result == done"))
@@ -70,7 +120,7 @@ def test_messages_are_selected(capfdbinary: Capture) -> None:
 def test_an_analysis_says_that_it_is_of_a_selection(capfdbinary: Capture) -> None:
     ran = run(capfdbinary, "analyze", ERRORS, "-Y", "function == write", "--time", "..1")
     assert "  SELECTION: (function == write) and (time in {..1})\n" in ran.out
-    assert "  selected: 3 transactions, 1 connection, 0 operations, 8 findings\n" in ran.out
+    assert "  selected: 3 transactions, 1 connection, 0 operations, 9 findings\n" in ran.out
     assert "  left out: 5 transactions, 1 operation, 6 findings; counts of packets" in ran.out
     assert "Transactions: 3 answered, 3 with errors" in ran.out
     told = json.loads(run(capfdbinary, "analyze", LINKS, "-T", "json", "--connection", "3").out)

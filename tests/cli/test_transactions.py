@@ -53,6 +53,16 @@ def test_only_what_is_asked_for(capfdbinary: Capture, mixed: Path, options: list
     assert [row["pdu_ref"] for row in csv.DictReader(io.StringIO(table))] == [str(ref) for ref in expected]
 
 
+def test_failed_lists_what_does_not_fit_its_request(capfdbinary: Capture, tmp_path: Path) -> None:
+    talk = begun()
+    for reference, octets in ((1, 2), (2, 4)):
+        talk.send(0, dt(messages.read_job(reference, [WORD])))
+        talk.send(1, dt(messages.read_answer(reference, [WORD], [bytes(octets)])))
+    path = saved(tmp_path / "a.pcapng", talk.packets())
+    (line,) = run(capfdbinary, "transactions", "--failed", path).out.splitlines()
+    assert line.endswith("Read Var  MISMATCH (item size)  DB10.DBW4 = 00 00 00 00 (4 bytes instead of 2)")
+
+
 def test_text(capfdbinary: Capture, mixed: Path) -> None:
     lines = run(capfdbinary, "transactions", mixed).out.splitlines()
     assert [line[30:].split()[:2] for line in lines] == [

@@ -346,7 +346,7 @@ def test_what_its_receiver_dropped_is_left_out_where_that_is_asked_for(verify: b
     (transaction,) = talk.transactions
     assert [result.value for result in transaction.results()] == [value]
     (finding,) = talk.findings
-    assert (finding.slug, finding.detail, finding.connection) == (slug, f"27 bytes at {at}", 1)
+    assert (finding.slug, finding.detail, finding.connection) == (slug, f"27 bytes at TCP sequence number {at}", 1)
     assert finding.frames == [forged if verify else true_one]
     counts = talk.pipeline.counters.packet_counts()
     assert counts["bad_checksum"] == verify

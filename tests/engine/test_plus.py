@@ -106,7 +106,7 @@ def test_requests_that_want_no_response_and_notifications() -> None:
     assert [one.function for one in talk.transactions] == [SET_VARIABLE, -1, SET_VARIABLE]
     assert [one.asked_by for one in talk.transactions] == [CLIENT] * 3
     assert slugs(talk) == []
-    assert talk.connections[0].unsolicited == 3
+    assert (talk.connections[0].unsolicited, talk.connections[0].one_way) == (3, 1)
 
 
 @pytest.mark.parametrize("kind", [0x13, 0x03])

@@ -7,7 +7,7 @@ from dissect.engine.silent import MAX_SILENT, SilentConnections
 from dissect.findings.reporter import Reporter
 from dissect.transactions.table import reverse_key
 from tests.cases import each
-from tests.transactions.talk import ACK, CLIENT, FIN, RST, SECOND, SERVER, SYN, Talk, dbw, dt, read
+from tests.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, SYN, Talk, dbw, dt, read
 
 PAUSE = 30 * SECOND
 
@@ -79,6 +79,25 @@ def test_probes_behind_a_handshake(octets: bytes) -> None:
     for _ in range(2):
         probe(talk, CLIENT, octets)
     assert idle(talk) == said(2)
+
+
+@each("octets", [b"", b"\0"])
+@each("hello", [False, True])
+def test_it_names_the_first_and_the_last_probe_of_the_connection(octets: bytes, hello: bool) -> None:
+    talk = Talk()
+    if hello:
+        talk.hello()
+    first = int(talk.pipeline.frames) + 1
+    for _ in range(3):
+        probe(talk, CLIENT, octets)
+    last, last_ns = int(talk.pipeline.frames) - 1, talk.now_ns - MS
+    other = Talk(client_port=50001, beside=talk)
+    other.open()
+    other.ask(read(1, dbw(1, 0)))
+    assert idle(talk) == said(3)
+    (finding,) = [finding for finding in talk.findings if finding.slug == "session.idle"]
+    assert finding.frames == [first, last]
+    assert finding.time_ns == last_ns
 
 
 def test_it_ends_with_the_connection() -> None:

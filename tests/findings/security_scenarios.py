@@ -158,6 +158,28 @@ def outputs_are_written(talk: Talk) -> None:
     put(talk, QB0)
 
 
+@speaks("security.write_refused")
+def nothing_is_written(talk: Talk) -> None:
+    talk.open()
+    for code in (0x03, 0x0A):
+        talk.ask(write(1, [QB0], written(4, b"\x01")))
+        talk.tell(ack_data(1, b"\x05\x01", bytes((code,))))
+    talk.pipeline.exchange.report_findings()
+    said = {finding.slug: finding.detail for finding in talk.findings}
+    assert said["security.write_refused"].endswith(": Write Var QB0 = 1, refused: 0x03 Access not allowed")
+    assert talk.slugs().count("security.write_refused") == 1
+    assert "security.write_outputs" not in said
+
+
+@silent("security.write_refused")
+def written_not_answered_or_only_read(talk: Talk) -> None:
+    talk.open()
+    put(talk, QB0)
+    talk.ask(read(1, dbw(9, 0)))
+    talk.tell(ack_data(1, b"\x04\x01", refused(0x03)))
+    talk.ask(write(2, [MB0], written(4, b"\x01")))
+
+
 @speaks("security.new_writer")
 def two_masters(talk: Talk) -> None:
     talk.open()

@@ -271,6 +271,46 @@ def reset_without_attempt(talk: Talk) -> None:
     talk.packet(SERVER, flags=RST | ACK)
 
 
+def knock(talk: Talk, *after_ns: int) -> None:
+    """A SYN, and the same one again after each of these times."""
+    for pause in (0, *after_ns):
+        talk.packet(CLIENT, flags=SYN, seq=1000, after_ns=pause)
+
+
+@speaks("stream.unanswered")
+def nobody_answers(talk: Talk) -> None:
+    knock(talk, SECOND, 2 * SECOND)
+    talk.pipeline.exchange.report_findings()
+    (finding,) = talk.findings  # told at once, and not again with each further SYN
+    assert finding.frames == [1, 3]
+    assert finding.detail == "10.0.0.2:102 does not answer 10.0.0.1:50000 within 3.00 s"
+    knock(talk, 8 * SECOND)
+    other = Talk(50001, beside=talk)
+    knock(other, SECOND)
+    other.packet(CLIENT, flags=SYN, seq=2000, after_ns=SECOND)  # another attempt, which ends the one before
+    talk.pipeline.exchange.report_findings()
+    assert talk.slugs() == ["stream.unanswered"] * 2
+    last = Talk(50002, beside=talk)
+    knock(last, SECOND)
+    talk.finish()
+    assert talk.slugs() == ["stream.unanswered"] * 3
+    talk.finish()
+    assert talk.slugs() == ["stream.unanswered"] * 3
+
+
+@silent("stream.unanswered")
+def one_syn_or_an_answer_after_all(talk: Talk) -> None:
+    knock(Talk(50001, 8080, beside=talk), SECOND, 2 * SECOND)
+    knock(Talk(50002, beside=talk))
+    knock(Talk(50003, beside=talk), MS)  # captured twice
+    knock(talk, SECOND)
+    talk.seq[CLIENT] = 1001
+    talk.packet(SERVER, flags=SYN | ACK)
+    only_asked = Talk(50004, beside=talk)  # only this direction is in the capture
+    knock(only_asked, SECOND)
+    only_asked.ask(read(1, dbw(1, 0)))
+
+
 @speaks("tpkt.reserved")
 def reserved_octet(talk: Talk) -> None:
     talk.open()
@@ -363,6 +403,7 @@ def keep_alive_probes(talk: Talk) -> None:
     assert talk.pipeline.counters.octets.skipped == 0
     assert talk.pipeline.counters.packet_counts()["keep_alive"] == 3
     assert talk.slugs() == ["session.idle"]
+    assert talk.findings[0].frames == [1, 5]
 
 
 @speaks("stream.outside_window")
@@ -1018,7 +1059,7 @@ def write_size(talk: Talk) -> None:
     talk.ask(write(1, [dbw(1, 0)], written(4, bytes(4))))
     talk.tell(ack_data(1, b"\x05\x01", b"\x07"))
     told = [finding.detail for finding in talk.findings if finding.slug == "transaction.write_size"]
-    assert told == ["Write Var DB1.DBW0: item 1 (DB1.DBW0) needs 2 bytes, got 4"]
+    assert told == ["Write Var DB1.DBW0 = 00 00 00 00: item 1 (DB1.DBW0) needs 2 bytes, got 4"]
 
 
 @silent("transaction.write_size")

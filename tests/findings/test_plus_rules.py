@@ -33,7 +33,7 @@ from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_program import type_of, variable
 from tests.s7plus.test_session import LIST, RECORD
-from tests.transactions.talk import Talk
+from tests.transactions.talk import RST, SERVER, Talk
 
 NOTHING = Value(0, UDINT, 0)
 DENIED = b"\xff" * 8 + b"\x9c"
@@ -309,7 +309,11 @@ def test_a_write_that_is_refused_in_part_is_told_for_the_rest() -> None:
     output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
     body = bodies.set_multi([(output, Value(0, BOOL, True)), (flag, Value(0, INT, 5))])
     do(talk, 1, SET_MULTI_VARIABLES, body, b"\x13\1" + b"\xff" * 8 + b"\xf4\0")
-    assert said(talk) == [("transaction.item_error", "0xfff4 Object not found"), ("security.write", "MW100 = Int 5")]
+    assert said(talk) == [
+        ("transaction.item_error", "0xfff4 Object not found"),
+        ("security.write_refused", "QB0 = Bool true, refused: 0xfff4 Object not found"),
+        ("security.write", "MW100 = Int 5"),
+    ]
     (item_error,) = [one.detail for one in talk.findings if one.slug == "transaction.item_error"]
     assert item_error == "S7comm-plus SetMultiVariables QB0: 0xfff4 Object not found"
     (transaction,) = talk.transactions
@@ -442,6 +446,19 @@ def linked(object_id: int, id_: int, value: Value) -> bytes:
     return head + bodies.QUALIFIER + bodies.end(4)
 
 
+def test_a_write_without_an_answer_is_told_and_one_that_is_refused_is_no_write() -> None:
+    body = bodies.set_multi([(Address(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))])
+    talk = begun()
+    talk.ask(framed(asked(1, SET_MULTI_VARIABLES, body=body)))
+    talk.packet(SERVER, flags=RST)
+    assert ("security.write_outputs", "QB0 = Bool true, not answered") in said(talk)
+    talk = begun()
+    for number in (1, 2):
+        do(talk, number, SET_MULTI_VARIABLES, body, b"\0\1" + bodies.number(0xFFF4) + b"\0")
+    found = [one for one in said(talk) if one[0].startswith("security.")]
+    assert found == [("security.write_refused", "QB0 = Bool true, refused: 0xfff4 Object not found")]
+
+
 def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_write_of_one() -> None:
     """With a link to the object and without, alone and behind writes of which no more is to be told."""
     five = Value(0, INT, 5)
@@ -450,7 +467,7 @@ def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_wri
     for id_, number, found in (
         (2167, 1, [("security.plc_stop", f"operating state request 1 STOP{end}") for end in (", accepted", refused)]),
         (2167, 3, [("security.plc_start", f"operating state request 3 RUN{end}") for end in (", accepted", refused)]),
-        (304, 1, [("security.password", "accepted"), ("security.password_failed", f"attempt 1{refused}")]),
+        (304, 1, [("security.password", "password, accepted"), ("security.password_failed", f"attempt 1{refused}")]),
     ):
         value = Value(0, DINT, number)
         for body in (linked(52, id_, value), bodies.set_multi([(Address(0, 52, id_, []), value)])):
@@ -471,7 +488,7 @@ def test_of_a_write_of_several_each_item_is_told_by_what_became_of_it() -> None:
     for whole in (b"\0", b"\x13"):
         for item, stopped, slug, password in (
             (2, "accepted", "security.password_failed", f"attempt 1, {refused}"),
-            (1, refused, "security.password", "accepted"),
+            (1, refused, "security.password", "password, accepted"),
         ):
             talk = begun()
             refusal = bodies.number(item) + bodies.number(0xFFF4) + b"\0"

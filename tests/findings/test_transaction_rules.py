@@ -59,6 +59,7 @@ def test_a_good_answer_is_worth_nothing(talk: Talk) -> None:
     ("limit_ns", "took_ns", "detail"),
     [
         (SECOND, 1_500 * MS, "Read Var DB1.DBW0: 1.50 s, the limit is 1.00 s"),
+        (SECOND, SECOND + 2_014_000, "Read Var DB1.DBW0: 2.01 ms over the limit of 1.00 s"),
         (MS // 2, MS, "Read Var DB1.DBW0: 1.00 ms, the limit is 500 µs"),
     ],
 )
@@ -123,7 +124,7 @@ def test_item_errors(talk: Talk) -> None:
 def test_item_errors_of_a_write(talk: Talk) -> None:
     talk.ask(write(1, [dbw(1, 0)], written(4, b"\0\1")))
     talk.tell(ack_data(1, b"\x05\x01", b"\x07"))
-    assert only(talk, "transaction.item_error").detail == "Write Var DB1.DBW0: 0x07 Data type inconsistent"
+    assert only(talk, "transaction.item_error").detail == "Write Var DB1.DBW0 = 1: 0x07 Data type inconsistent"
 
 
 def test_many_items_are_named_in_part(talk: Talk) -> None:
@@ -276,7 +277,7 @@ def test_a_write_request_that_contradicts_itself(talk: Talk, answered: bool) -> 
     finding = only(talk, "s7.malformed")
     assert finding.frames == [asked]
     assert finding.detail == (
-        "Job from 10.0.0.1:50000, Write Var DB1.DBW0, DB1.DBW2: s7: data items at byte 42: 2 announced, 1 there"
+        "Job from 10.0.0.1:50000, Write Var DB1.DBW0 = 1, DB1.DBW2: s7: data items at byte 42: 2 announced, 1 there"
     )
 
 

@@ -22,7 +22,7 @@ SEVEN = "DB1.DBW0 WORD, DB1.DBW2 WORD, DB1.DBW4 WORD, DB1.DBW6 WORD, DB1.DBW8 WO
         ([A, B], [B, A], "requests the same items in a different order", "DB10.DBW0 WORD, DB10.DBW2 WORD",
          "DB10.DBW2 WORD, DB10.DBW0 WORD"),
         ([A, A, B], [A, B], "no longer requests DB10.DBW0 WORD", "DB10.DBW0 WORD", ""),
-        ([A], [B], "requests READ DB10.DBW2 instead of READ DB10.DBW0", "READ DB10.DBW0",
+        ([A], [B], "requests DB10.DBW2 instead of DB10.DBW0", "READ DB10.DBW0",
          "READ DB10.DBW2"),
         ([item(0x84, 10, 0, 2)], [CHARS], "requests DB10.DBB0 CHAR instead of DB10.DBB0 BYTE",
          "DB10.DBB0 BYTE", "DB10.DBB0 CHAR"),

@@ -56,7 +56,7 @@ WHO = "connection 1, TSAPs: was TSAP 01.00 (PG) → 01.%02d (PG, rack 0 slot %d)
         ("no answer: connection_closed", "no answer: hole", "answers",
          f"{OPEN}, is unanswered: {REASON_TEXTS[HOLE]}"),
         ("DB10.DBW6 WORD", "DB10.DBW8 WORD", "requests",
-         "transaction 5, READ DB10.DBW6: requests READ DB10.DBW8 instead of READ DB10.DBW6"),
+         "transaction 5, READ DB10.DBW6: requests DB10.DBW8 instead of DB10.DBW6"),
         ("3 client WRITE\n  DB10.DBW4 INT = 5\n", "", "missing", "transaction 3, WRITE DB10.DBW4: missing (was 5)"),
         ("3 client WRITE", "3 client READ\n  MB0 BYTE = 1\n\n4 client WRITE", "added",
          "transaction 3 of the second, READ MB0: added (1)"),
@@ -224,7 +224,7 @@ def test_connections_are_matched_by_who_and_what() -> None:
     (added,) = packets(one, two, three, reads(0, flow=Flow(ports=(50000, 102))))
     assert added.startswith("connection 1 of the second is added")
     assert packets(reads(0, 4, flow=flows[0]), two, three) == [
-        "transaction 3, READ DB10.DBW2: requests READ DB10.DBW4 instead of READ DB10.DBW2"
+        "transaction 3, READ DB10.DBW2: requests DB10.DBW4 instead of DB10.DBW2"
     ]
 
 
@@ -277,6 +277,13 @@ def test_scd_is_compared_by_its_values() -> None:
         "transaction 3, WRITE DB10.DBW4: answer: was 0x6041:0 Status = 567, is 0x6041:0 Status = 568"
     ]
     assert told(one, other, "scd:0x6041:*") == []
+
+
+def test_tsaps_of_another_protocol_have_no_rack_and_slot() -> None:
+    one = edited(WRITTEN, "protocol s7comm", "protocol mms")
+    assert "# 01.00\n" in golden_text(one)
+    assert "# 01.02\n" in golden_text(one)
+    assert told(one, BASE) == ["connection 1, protocol: was mms, is s7comm"]
 
 
 def test_long_arrays_name_what_changed() -> None:

@@ -17,7 +17,7 @@ from tests.findings import events
 from tests.findings.operation_scenarios import load
 from tests.inventory.support import inventory_of
 from tests.stations.answers import answered, identification, mode, protection, szl
-from tests.transactions.talk import Talk, dbw, read, tpkt, words
+from tests.transactions.talk import CLIENT, Talk, dbw, dt, read, tpkt, words
 
 CONFIRM: Final = tpkt(bytes.fromhex("11d00001000200c1020100c2020102c0010a"))
 
@@ -149,3 +149,17 @@ def test_what_is_stated_counts_more_than_what_is_done_and_that_more_than_a_tsap(
         device.because(role, certainty, f"{role} {certainty}", 1)
         assert device.role == best
     assert device.certainty == STATED
+
+
+def test_a_tsap_of_another_protocol_says_no_role_rack_or_slot() -> None:
+    def mms(talk: Talk) -> None:
+        talk.hello()
+        talk.connect()
+        talk.packet(CLIENT, dt(bytes.fromhex("0d09050613010016010214020002")))
+        talk.close()
+
+    inventory = inventory_of(mms)
+    server, client = sorted(inventory.devices, key=lambda device: device.address, reverse=True)
+    assert inventory.talks[0].protocols.texts == ["mms"]
+    assert (client.tsaps.texts, server.tsaps.texts) == (["01.00"], ["01.02"])
+    assert (client.role, server.role) == ("unknown", "unknown")

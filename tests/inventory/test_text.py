@@ -148,6 +148,18 @@ def test_nothing_on_the_wire_steers_a_terminal_or_a_spreadsheet() -> None:
     assert device_row(inventory.devices[0], outcome.places)["order_number"] == "=1+1"  # made safe where it is written
 
 
+def test_evidence_for_another_role_is_said_to_be_that() -> None:
+    def scene(talk: Talk) -> None:
+        talk.open()
+        szl(talk, 1, identification("6ES7 315-2EH14-0AB0", (3, 2, 6)))
+
+    inventory = inventory_of(scene)
+    cpu = inventory.devices[0]
+    cpu.because("panel", "behaviour", "subscribes to messages", 9)
+    (role,) = [text for text in shown(inventory) if "subscribes" in text]
+    assert role.endswith("; perhaps a panel: subscribes to messages (packet 9)")
+
+
 def test_no_device() -> None:
     assert shown(inventory_of(lambda talk: talk.hello())) == ["No device: no ISO-on-TCP connection in what was read."]
 

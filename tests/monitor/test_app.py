@@ -145,7 +145,7 @@ def test_a_connection_and_a_finding() -> None:
     async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
         await press(pilot, "tab", "enter")
         assert screen(app)[0].startswith("Finding transaction.item_error")
-        assert "packets 13, 14: Read Var DB99.DBB0: 0x0a" in text(app)
+        assert "packets 13, 14: Read Var DB99.DBB0 x2: 0x0a" in text(app)
         assert "Check the address" in text(app)
         await press(pilot, "escape", "shift+tab", "shift+tab", "enter")
         assert screen(app)[0].startswith("Connection 1")

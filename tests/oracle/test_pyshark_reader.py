@@ -100,6 +100,25 @@ def test_tshark_may_take_its_leave(capture: str, tmp_path: Path) -> None:
     assert done.stdout.count(b"\n") == len(list(read_pyshark(capture, [10102])))
 
 
+#: A tshark that says all but the end of its array, and dies.
+_DIES = """#!/bin/sh
+[ "$1" = -v ] && exec {tshark} -v
+{tshark} "$@" | head -c -4
+kill -SEGV $$
+"""
+
+
+def test_a_tshark_that_dies_behind_the_last_packet_is_named(
+    capture: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dies = tmp_path / "tshark"
+    dies.write_text(_DIES.format(tshark=shutil.which("tshark")))
+    dies.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(OracleError, match="tshark was ended by signal 11"):
+        list(read_pyshark(capture, [10102]))
+
+
 def test_a_child_that_ends_within_a_line_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     dying = [sys.executable, "-c", "import sys; sys.stdout.write('{\"frame\":'); sys.exit('out of memory')"]
     monkeypatch.setattr(pyshark_reader, "Child", lambda _command, what: Child(dying, what))

@@ -298,6 +298,7 @@ def test_an_analysis_says_what_the_contract_has() -> None:
         "still_open": 0,
         "orphan_answers": 1,
         "unsolicited": 1,
+        "one_way": 0,
         "with_errors": 3,
         "unanswered_reasons": {"connection_closed": 1},
     }

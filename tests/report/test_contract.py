@@ -220,6 +220,7 @@ def test_a_connection_from_beginning_to_end() -> None:
         "unanswered": 1,
         "orphan_answers": 0,
         "unsolicited": 0,
+        "one_way": 0,
         "with_errors": 0,
         "refused": None,
         "disconnected": None,

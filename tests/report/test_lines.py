@@ -14,13 +14,26 @@ from dissect.report.writers.text import TextWriter, comment_line, pdu_line, tpdu
 from dissect.s7.message import parse_pdu
 from dissect.session import Run
 from dissect.source.packet import SourceFile
+from dissect.transactions.results import went_wrong
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import EPOCH_NS, Flow, Talk, cut_to
-from tests.report.support import OWN, UNSAFE, WORD, Kept, begun, observed, read, transactions
+from tests.report.support import (
+    OWN,
+    UNSAFE,
+    WORD,
+    Kept,
+    analysed,
+    begun,
+    observed,
+    read,
+    report,
+    section,
+    transactions,
+)
 
 ONE = Places([SourceFile("one.pcap", 1)], False)
 SEVERAL = Places([SourceFile("one.pcap", 1), SourceFile("two.pcap", 9)], True)
@@ -147,6 +160,55 @@ def test_plain_lines_of_all_values(item: Item, octets: bytes, text: str, latency
     lines = [transaction_line(each, Clock(), ONE) for each in told]
     assert plain_lines(told) == lines
     assert lines[1].endswith(f"  Read Var  {text}")
+
+
+def both_ways(told: list[Transaction]) -> list[str]:
+    """Return what is said of each transaction, by either way of writing a line."""
+    lines = [transaction_line(each, Clock(), ONE) for each in told]
+    assert plain_lines(told) == lines
+    return [line.partition(" ms  ")[2] for line in lines]
+
+
+def test_an_answer_that_does_not_fit_its_request_is_marked() -> None:
+    """With as many octets as came, none of which is taken for a value."""
+    four, two = Item(0x02, 4, 1, 0x84, 0), Item(0x02, 2, 1, 0x84, 0)
+    talk = begun()
+    for ref, asked in enumerate(([four], [two, two], [two], [two]), 1):
+        talk.send(0, dt(messages.read_job(ref, asked)))
+        answer = messages.write_answer(ref, [0xFF]) if ref == 3 else messages.read_answer(ref, [two], [b"\0\1"])
+        talk.send(1, dt(answer))
+    told = transactions(talk.packets())
+    assert both_ways(told)[1:] == [
+        "Read Var  MISMATCH (item size)  DB1.DBB0 x4 = 00 01 (2 bytes instead of 4)",
+        "Read Var  MISMATCH (requested 2 items, got 1)  DB1.DBB0 x2 = 00 01, DB1.DBB0 x2",
+        "Read Var  MISMATCH (the answer names Write Var)  DB1.DBB0 x2",
+        "Read Var  DB1.DBB0 x2 = 00 01",
+    ]
+    assert [went_wrong(one) for one in told] == [False, True, True, True, False]
+
+
+def test_a_value_that_the_capture_cut_is_marked() -> None:
+    long = Item(0x02, 100, 1, 0x84, 0)
+    talk = begun().send(0, dt(messages.read_job(1, [long]))).send(1, dt(messages.read_answer(1, [long], [bytes(100)])))
+    (*others, last) = talk.packets()
+    told = transactions([*others, cut_to(last, len(last.octets) - 83)])
+    assert both_ways(told)[1] == f"Read Var  DB1.DBB0 x100 = {bytes(16).hex(' ')} … 17 bytes (17 of 100 bytes captured)"
+
+
+def test_an_answer_before_its_request_has_no_answer_time() -> None:
+    (*others, request, answer) = (
+        begun()
+        .send(0, dt(messages.read_job(1, [WORD])))
+        .send(1, dt(messages.read_answer(1, [WORD], [b"\0\1"])))
+        .packets()
+    )
+    swapped = [*others, answer._replace(time_ns=request.time_ns), request._replace(time_ns=request.time_ns + 10_000)]
+    told = transactions(swapped)
+    (line,) = plain_lines(told[1:])
+    assert line == transaction_line(told[1], Clock(), ONE)
+    assert line.endswith(" → 10.0.0.2:102         ?  Read Var  DB10.DBW4 = 1")
+    functions = [line.split() for line in section(report(analysed(swapped)), "Transactions")]
+    assert ["Read", "Var", "1", ".", ".", "?", "?", "?"] in functions
 
 
 def test_plain_lines_name_files_and_hosts() -> None:

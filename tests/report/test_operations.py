@@ -65,3 +65,18 @@ def test_the_head_of_a_list_is_not_named_again() -> None:
     assert "  SZL 0x00a0 diagnostic buffer of the CPU → 0x4302 STARTUP to RUN, DT#1994-01-01-00:00:00.000  2 trans" in (
         line(long_answer(4, 1, b"\0\xa0\0\0", content))
     )
+
+
+def test_a_subscription_that_ran_to_the_end_of_its_connection_ended_with_it() -> None:
+    """One that ran to the end of the capture goes on."""
+    said = []
+    for close in (True, False):
+        talk = Talk()
+        talk.open()
+        talk.ask(events.asks(1, 2, 1, events.CYCLIC))
+        talk.tell(events.tells(1, 2, 1, events.CYCLIC_VALUES, sequence=5))
+        if close:
+            talk.close()
+        talk.finish()
+        said.append(line(talk.operations[-1]).rpartition("  ")[2])
+    assert said == ["ended with the connection", "running (capture ends)"]

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
+from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.pdu_json import PduLines
 from dissect.report.plus import head_json, plus_notes
@@ -30,7 +31,7 @@ from dissect.wire.text import Clock
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
 from tests.report.schemas import complaints
-from tests.report.support import UNSAFE, analysed, begun, observed, read
+from tests.report.support import UNSAFE, analysed, begun, observed, read, report, section
 from tests.s7plus import bodies
 from tests.s7plus.pdus import (
     CREATE_OBJECT,
@@ -48,6 +49,8 @@ from tests.s7plus.pdus import (
 )
 from tests.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
 from tests.s7plus.test_objects import TYPE
+from tests.transactions.talk import SECOND
+from tests.transactions.talk import Talk as Conversation
 
 PLACES = Places([], False)
 
@@ -354,3 +357,34 @@ def test_the_hex_view_of_a_huge_pdu_ends_and_says_so() -> None:
     assert len(lines) < MAX_HEX // 16 + 100
     small = list(plus_tree_lines(parse_plus(framed(asked(1))), b""))
     assert not any("left out" in line for line in small)
+
+
+def test_one_way_requests_are_no_pushes() -> None:
+    """The report says both apart, and each row of a function adds up."""
+    talk = Conversation()
+    talk.hello()
+    talk.connect()
+    for number in range(3):
+        talk.ask(framed(asked(number + 1, SET_VARIABLE, flags=0x74), 3))
+    talk.tell(framed(notified(), 3))
+    talk.tell(framed(told(9), 3))
+    talk.tell(event(0))
+    talk.wait(2 * SECOND)
+    talk.close()
+    analysis = Analysis()
+    for transaction in talk.transactions:
+        analysis.transaction(transaction)
+    analysis.connection_closed(talk.connections[0])
+    lines = report(analysis)
+    said = "0 answered, 1 answer without request, 1 push, 3 one-way requests"
+    assert [line for line in lines if said in line] == [
+        f"     6 PDUs, {said}, 1 system event; closed by the client at packet 12",
+        f"Transactions: {said}",
+    ]
+    assert [" ".join(line.split()) for line in section(lines, "Transactions")] == [
+        "function count errors no answer no request pushes one-way median 95 % max",
+        "S7comm-plus SetVariable 3 . . . . 3 - - -",
+        "S7comm-plus GetMultiVariables 1 . . 1 . . - - -",
+        "S7comm-plus notification 1 . . . 1 . - - -",
+    ]
+    assert (analysis.unsolicited, analysis.one_way) == (4, 3)

@@ -83,7 +83,7 @@ def line(transaction: Transaction) -> str:
         (
             plant.ask("Расход 1"),
             plant.tell("Расход 2", 5),
-            "SCD read  0x6044:0 Расход 1 → 0x6844:0 Расход 2 = 5",
+            "SCD read  MISMATCH (the answer names a different object)  0x6044:0 Расход 1 → 0x6844:0 Расход 2 = 5",
         ),
     ],
 )

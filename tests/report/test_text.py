@@ -11,6 +11,7 @@ from dissect.report.styled import Line
 from dissect.report.text import analysis_lines, finding_lines, table
 from dissect.report.words import Places
 from dissect.source.packet import SourceFile
+from dissect.transactions.accounts import KEEP_ALIVE
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments
@@ -57,7 +58,7 @@ def test_a_report_from_top_to_bottom() -> None:
     assert [row[:5] for row in functions[1:3]] == [["Read", "Var", "4", "4", "."], ["Write", "Var", "3", "3", "."]]
     findings = section(lines, "Findings")
     assert findings[0] == "warning  transaction.item_error (13 times): An item of a read or write was refused."
-    assert findings[1] == "connection 1, packets 10, 11: Read Var DB99.DBB0: 0x0a Object does not exist"
+    assert findings[1] == "connection 1, packets 10, 11: Read Var DB99.DBB0 x4: 0x0a Object does not exist"
     assert findings[4] == "and 10 more: packets 17, 19, 21, 23"
     assert findings[5].startswith("→ Check the address")
     failed = section(lines, "Failed")
@@ -91,7 +92,7 @@ def test_what_follows_a_finding_continues_under_its_first_word() -> None:
         ("cut-with-reset", "7 PDUs, 3 answered, 1 unanswered; reset by the server at packet 15 with 1 request pending"),
         ("cut-with-fin", "1 unanswered; closed by the server at packet"),
         ("client-killed", "1 unanswered; closed by the client at packet"),
-        ("connect-close", "; ended by DR from 127.0.0.1:"),
+        ("connect-close", "; closed by the client (COTP disconnect request, reason not specified)"),
         ("mid-stream", "1 answer without request; already open at the start, closed by the client at packet 11"),
         ("refused-full", "no S7 PDU; reset by the server at packet 15"),
         ("setup-pdu-sizes", "PDU length 960, parallel jobs (AmQ): client 1, server 1"),
@@ -105,7 +106,10 @@ def test_how_connections_went(name: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("cut-with-reset", "connection 1, packet 14: Read Var DB1.DBB8: the server reset the connection 100 µs later"),
+        (
+            "cut-with-reset",
+            "connection 1, packet 14: Read Var DB1.DBB8 x4: the server reset the connection 100 µs later",
+        ),
         ("answer-slow", "the limit is 1.00 s"),
         ("many-open", "connection 1, packet 13: more requests pending than the 1 granted (AmQ)"),
         ("transfer-refused", "0xd241 Not permitted in current protection level"),
@@ -266,7 +270,15 @@ def test_repetitions_are_told() -> None:
     packets = talk.packets()
     packets.insert(9, packets[8])
     told = section(report(analysed(packets)), "Completeness")
-    assert told[0] == "10 of 10 packets used, 1 of them a TCP retransmission"
+    assert told[0] == "10 of 10 packets used, 1 of them repeated: sent again or captured twice"
+
+
+def test_keep_alives_are_among_what_was_repeated() -> None:
+    analysis = analysed(read(begun(), 1).packets())
+    assert analysis.pipeline is not None
+    analysis.pipeline.counters.packets.add(KEEP_ALIVE)
+    told = section(report(analysis), "Completeness")
+    assert told[0].endswith(" packets used, 1 of them repeated: sent again, captured twice, or a keep-alive")
 
 
 def test_packets_that_were_not_used_are_told_by_reason() -> None:

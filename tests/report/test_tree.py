@@ -39,6 +39,10 @@ def rows(lines: list[str]) -> list[tuple[range, str, str]]:
     return found
 
 
+#: A line of the hex view; bytes that are hidden are stars in it.
+_HEX_ROW = r" {4} *\d+ {2}(?:[0-9a-f]{2}|\*\*) "
+
+
 def value_of(lines: list[str], name: str) -> list[str]:
     return [said for _, field, said in rows(lines) if field == name]
 
@@ -54,7 +58,7 @@ def covered(lines: list[str]) -> list[int]:
 
 def view(lines: list[str]) -> bytes:
     """Return the octets of the hex view."""
-    return bytes.fromhex("".join([line[11:59] for line in lines if re.match(r" {4} *\d+ {2}[0-9a-f]{2} ", line)]))
+    return bytes.fromhex("".join([line[11:59] for line in lines if re.match(_HEX_ROW, line)]))
 
 
 def test_a_read_request_field_by_field() -> None:
@@ -231,7 +235,9 @@ def test_a_damaged_tpdu_has_a_tree(tpdu: bytes) -> None:
 def test_any_octets_have_a_tree(octets: bytes, cut: bool, begin: bytes, kept: int) -> None:
     pdu = b"\x32" + (begin[1:kept] + octets)
     lines = tree(pdu, cut)
-    assert view(lines) == (pdu if cut else dt(pdu))
+    whole = pdu if cut else dt(pdu)
+    hidden = [line for line in lines if re.match(_HEX_ROW, line) and "**" in line[11:59]]
+    assert hidden or view(lines) == whole  # what may be a password is not shown
     assert not [line for line in lines if UNSAFE.search(line)]
     assert all(octet < len(dt(pdu)) for octet in covered(lines))
 

@@ -13,6 +13,7 @@ from tests import build
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
+from tests.properties.packets import Talk
 from tests.report.support import UNSAFE, WORD, begun, first_transaction, read, transactions
 
 BYTES = Item(0x02, 4, 1, 0x84, 0)
@@ -70,10 +71,10 @@ def test_vlan_ids(key: int, vids: list[int]) -> None:
 
 def test_tsaps_say_rack_and_slot_only_where_a_siemens_device_speaks() -> None:
     calling, called = Tsap(b"\x01\x00"), Tsap(b"\x02\x43")
-    assert words.tsaps(calling, called, True) == "TSAP 01.00 (PG) → 02.43 (OP, rack 2 slot 3)"
-    assert words.tsaps(calling, called, False) == "TSAP 01.00 → 02.43"
-    assert words.tsaps(None, Tsap(b"SIMATIC-ROOT-OTH"), False) == 'TSAP ? → "SIMATIC-ROOT-OTH"'
-    assert words.tsaps(Tsap(b"\x1b[2J\x9b"), None, True) == "TSAP 1b5b324a9b → ?"
+    assert words.tsaps(calling, called, "s7comm") == "TSAP 01.00 (PG) → 02.43 (OP, rack 2 slot 3)"
+    assert words.tsaps(calling, called, "mms") == "TSAP 01.00 → 02.43"
+    assert words.tsaps(None, Tsap(b"SIMATIC-ROOT-OTH"), "mms") == 'TSAP ? → "SIMATIC-ROOT-OTH"'
+    assert words.tsaps(Tsap(b"\x1b[2J\x9b"), None, "") == "TSAP 1b5b324a9b → ?"
 
 
 @pytest.mark.parametrize(
@@ -142,7 +143,7 @@ def test_an_item_with_what_became_of_it(item: Item, content: bytes | int, text: 
 def test_octets_that_are_no_value_are_shown_as_they_are() -> None:
     talk = begun().send(0, dt(messages.read_job(1, [WORD])))
     answer = messages.pdu(messages.ACK_DATA, 1, b"\x04\x01", b"\xff\x04\x00\x18\x01\x02\x03")
-    assert facets.subject(first_transaction(talk.send(1, dt(answer)))) == "DB10.DBW4 = 01 02 03"
+    assert facets.subject(first_transaction(talk.send(1, dt(answer)))) == "DB10.DBW4 = 01 02 03 (3 bytes instead of 2)"
 
 
 def test_an_answer_nobody_asked_for_has_items_without_names() -> None:
@@ -220,6 +221,14 @@ def test_outcomes() -> None:
     ]
 
 
+def test_nobody_knows_whether_a_side_that_was_not_captured_answered() -> None:
+    asked = [dt(messages.read_job(number, [WORD])) for number in (1, 2, 3)]
+    told = transactions(Talk().send(0, asked[0]).send(0, asked[1]).send(0, asked[2]).packets())
+    assert [facets.outcome(transaction) for transaction in told] == ["answer not captured"] * 3
+    told = transactions(begun().send(0, asked[0]).packets())
+    assert facets.outcome(told[-1]) == "NO ANSWER (capture ends)"
+
+
 def test_a_hole_explains_what_is_missing() -> None:
     talk = begun()
     talk.send(0, dt(messages.read_job(1, [WORD]))).skip(1, 29).send(0, dt(messages.read_job(2, [WORD])))
@@ -253,7 +262,7 @@ def test_a_write_without_return_code_is_not_called_written() -> None:
     ("counts", "text"),
     [
         ({"08": 0, "0E": 0, "0A": 3, "0B": 1}, "3 DB, 1 SDB"),
-        ({"08": 1, "0E": 2, "0C": 3, "0A": 4, "0B": 0}, "1 OB, 2 FB, 3 FC and 1 more"),
+        ({"08": 1, "0E": 2, "0C": 3, "0A": 4, "0B": 0}, "1 OB, 2 FB, 3 FC, 4 DB"),
         ({"08": 0, "0A": 0}, "no blocks"),
         ({}, ""),
     ],

@@ -148,7 +148,7 @@ def test_findings_are_selected_by_their_own_fields_and_those_of_their_connection
     found = gathered("item-errors")
     for expression, count in (
         ("slug == transaction.item_error", 13),
-        ("severity >= warning and host == 127.0.0.1", 14),
+        ("severity >= warning and host == 127.0.0.1", 15),
         ("severity > warning", 0),
         ("detail contains 'Read Var' and frame == 11", 1),
         ("kind == function", 13),

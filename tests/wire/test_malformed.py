@@ -14,7 +14,9 @@ FACT = Malformed("cotp", "length_beyond", "li", 4, 18, 9, "tpkt")
 @pytest.mark.parametrize(
     ("fact", "text"),
     [
-        (FACT, "cotp: li at byte 4 claims 18 bytes, the TPKT has 9"),
+        (FACT, "cotp: length indicator at byte 4 claims 18 bytes, the TPKT has 9"),
+        (Malformed("cotp", "bad_value", "li", 0, 1, 255, "li"),
+         "cotp: length indicator at byte 0 is 255, expected 1 to 254"),
         (Malformed("s7", "too_short", "header", 0, 10, 1, "tsdu"), "s7: header at byte 0 needs 10 bytes, the TSDU has 1"),
         (Malformed("s7plus", "length_beyond", "item count", 55, 111, 1, "pdu"),
          "s7plus: item count at byte 55 announces 111, the rest of the PDU has 1 byte"),

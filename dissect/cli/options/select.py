@@ -41,11 +41,22 @@ FIELDS_FORMAT: Final = "fields"
 class Chosen:
     """What the options of a command select: ``where`` (None for everything), and at most ``most`` results (0 for all).
 
-    ``columns`` are the fields of ``-T fields``.
+    ``columns`` are the fields of ``-T fields``. ``connections`` and ``window`` are what `--connection` and `--time` say; they
+    are part of ``where`` as well; ``impossible`` says, once all was read, that there is no such thing.
     """
 
-    def __init__(self, where: Where | None, most: int = 0, columns: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        where: Where | None,
+        most: int = 0,
+        columns: Sequence[str] = (),
+        connections: Sequence[int] = (),
+        window: str | None = None,
+    ) -> None:
         self.where = where
+        self.connections = tuple(connections)
+        self.window = window or ""
+        self.impossible = ""
         self.most = most
         self.columns = tuple(columns)
         self.taken = 0
@@ -260,7 +271,9 @@ def select_options(
             if window is not None:
                 also.append(f"time in {{{window}}}")
             return command(
-                *arguments, chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns), **options
+                *arguments,
+                chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns, numbers_of, window),
+                **options,
             )
 
         added: list[Callable[[Any], Any]] = [where_option(*kinds)]

@@ -31,6 +31,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
+from dissect.transactions.results import went_wrong
 from dissect.transactions.table import Side
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.build import COMPILED
@@ -57,7 +58,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     if subject:
         said += f"  {subject}"
     number = decimal(transaction.number)
-    latency = words.duration(transaction.latency_ns)
+    latency = words.answer_time(transaction.latency_ns)
     return (
         f"{clock.moment(begun)}  #{number}{_blanks(NUMBER_WIDTH - len(number))} {frames}{_blanks(FRAMES_WIDTH - len(frames))}"
         f" {places.end(asked)} → {places.end(answered)}"
@@ -163,8 +164,7 @@ def tpdu_line(
         said = identify_connect(tpdu.variable)
         return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP, {said}"
     if tpdu.type in {CR, CC}:
-        siemens = connection.protocol in {"", "s7comm", "s7comm_plus"}
-        said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), siemens)}"
+        said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), connection.protocol)}"
         if tpdu.tpdu_size:
             said += f", TPDU size {tpdu.tpdu_size}"
     elif tpdu.type in {DR, ER}:
@@ -227,7 +227,7 @@ class TextWriter(Writer):
             self.lines.append(line)
         else:
             text = transaction_line(transaction, self.clock, self.places)
-            self._put(text, FAILED if transaction.failed else PLAIN, HANG)
+            self._put(text, FAILED if went_wrong(transaction) else PLAIN, HANG)
 
     def operation(self, operation: Operation) -> None:
         """Add the line of an operation."""

@@ -1,0 +1,77 @@
+"""Why a command shows nothing, in a line on stderr: a selection that nothing can match, or nothing that does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import click
+
+from dissect.cli.formats import write_out
+from dissect.cli.look import clock
+from dissect.cli.options.select import Chosen
+from dissect.report.styled import Written
+from dissect.wire.text import duration_text, shortened
+
+if TYPE_CHECKING:
+    from dissect.session import Run
+
+#: Characters of a selection that are shown.
+_SHOWN = 200
+
+
+class Shown:
+    """Writes the results of a command, and says why where there are none.
+
+    ``noun`` is what a result is called; an output begins with ``heading`` lines that are none.
+    """
+
+    def __init__(self, noun: str, heading: int = 0) -> None:
+        self._noun = noun
+        self._heading = heading
+        self._lines = 0
+
+    def write(self, lines: list[Written]) -> None:
+        """Write lines of results."""
+        self._lines += len(lines)
+        write_out(lines)
+
+    def explain(self, run: Run, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
+        """Say why nothing was shown, where that is so; ``narrowed`` are other options that select."""
+        if self._lines <= self._heading and not complain_impossible(run, chosen):
+            click.echo(f"s7dissect: {self._why(chosen, tuple(narrowed))}", err=True)
+
+    def _why(self, chosen: Chosen, narrowed: tuple[str, ...]) -> str:
+        wanted = [*narrowed, *([shortened(chosen.where.text, _SHOWN)] if chosen.where is not None else [])]
+        return f"no {self._noun} matches {' and '.join(wanted)}" if wanted else f"no {self._noun} in what was read"
+
+
+def complain_impossible(run: Run, chosen: Chosen) -> bool:
+    """Say on stderr that there is nothing of a number or time that was asked for; False where there may be something."""
+    chosen.impossible = _impossible(run, chosen)
+    if chosen.impossible:
+        click.echo(f"s7dissect: {chosen.impossible}", err=True)
+    return bool(chosen.impossible)
+
+
+def _impossible(run: Run, chosen: Chosen) -> str:
+    """Return which connection or time of a selection is not in what was read; empty where it may hold something."""
+    if chosen.full:
+        return ""  # the rest was not read
+    pipeline = run.pipeline
+    total = int(pipeline.connections.count)
+    if chosen.connections and min(chosen.connections) > total:
+        numbers = ", ".join([str(number) for number in chosen.connections])
+        whole = "the captures have" if len(run.files) > 1 else "the capture has"
+        return f"no connection {numbers}; {whole} {total or 'none'}"
+    if chosen.window and pipeline.frames:
+        from dissect.recording.window import parse_window
+
+        first, last = int(pipeline.first_ns), int(pipeline.now_ns)
+        begin, end = parse_window(chosen.window).resolve(first, last)
+        if begin > last or end < first:
+            lasts = duration_text(max(last - first, 0))
+            return (
+                f"no packet within {chosen.window}; what was read begins at {clock().moment(first)} and lasts {lasts}"
+            )
+    return ""

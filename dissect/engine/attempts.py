@@ -1,0 +1,49 @@
+"""Connection attempts: a SYN alone, which the other side answers, refuses or leaves without an answer.
+
+That an answer is not in the capture proves nothing: it may show one direction only. But a client that sends its SYN again
+had no answer either. So an attempt is reported once its SYN was repeated and nothing followed: with the second repetition, or
+where there is only one, when another attempt takes its place or the capture ends. A single SYN is never reported.
+"""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.engine.counters import Counters
+from dissect.transactions.connection import ISO_TSAP_PORT
+from dissect.transactions.table import Attempt, ConnectionTable, endpoints
+from dissect.wire.text import duration_text
+
+
+def note_syn(counters: Counters, table: ConnectionTable, key: bytes, seq: i64, link: bytes) -> None:
+    """Take the SYN that ``key`` sends; ``link`` as `TcpConnection.note_link`."""
+    evicted: i64 = table.half_open_evicted
+    given_up = table.note_syn(key, seq, counters.frames, counters.now_ns, link)
+    if given_up is not None:
+        _note_unanswered(counters, key, given_up)
+    if table.half_open_evicted > evicted:
+        counters.note("stream.half_open_evicted")
+
+
+def note_reset(counters: Counters, table: ConnectionTable, key: bytes) -> None:
+    """Take a reset that ``key`` sends, which belongs to no connection: it may refuse an attempt."""
+    if table.refused(key):
+        server, client = endpoints(key)
+        if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
+            counters.note("stream.refused", f"{server} refuses {client}")
+
+
+def finish(counters: Counters, table: ConnectionTable) -> None:
+    """The capture ends: report what was repeated and is still without an answer."""
+    for key, attempt in table.unanswered():
+        _note_unanswered(counters, key, attempt)
+
+
+def _note_unanswered(counters: Counters, key: bytes, attempt: Attempt) -> None:
+    client, server = endpoints(key)
+    if server.port == ISO_TSAP_PORT:
+        within = duration_text(int(attempt.last_ns - attempt.time_ns))
+        frames = [int(attempt.frame), int(attempt.last_frame)]
+        counters.note_of(
+            "stream.unanswered", frames, attempt.last_ns, f"{server} does not answer {client} within {within}"
+        )
