@@ -18,11 +18,11 @@ from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.contents import Address
 from dissect.s7plus.ids import SECRETS
 from dissect.s7plus.items import Half, PlusItem, join_items
-from dissect.s7plus.objects import Attribute, PlusObject
+from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION
 from dissect.s7plus.stamps import _STAMPS
 from dissect.s7plus.summary import summary
-from dissect.s7plus.tables import CREATE_OBJECT, GET_LINK, GET_VARIABLE, SET_VARIABLE
+from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, GET_LINK, GET_VARIABLE, SET_VARIABLE
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, REAL, UDINT, WSTRING
 from dissect.s7plus.values import Value, build_value
 from dissect.session import Run
@@ -33,6 +33,7 @@ from tests.report.support import OWN, begun, observed
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, notified, told
 from tests.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
+from tests.s7plus.test_objects import TYPE
 
 #: Octets of the longest PDU that is sent again; those of a published session are longer.
 _LONGEST: Final = 2000
@@ -229,6 +230,19 @@ def test_what_is_subscribed_to_names_what_is_notified() -> None:
     found = held([same, *first, same, *second, same, same])
     names = [line["items"][0]["address"] for line in found.lines if not line["asks"]]
     assert names == [None, LEVEL.label, WORD.label, WORD.label]
+
+
+def test_the_program_names_what_is_read() -> None:
+    """The same read has another name behind an answer that says how the block is made up."""
+    level = Address(0xAABBCCDD, 0x8A0E0003, 2550, [9])
+    answer = bodies.multi_got([(1, FIVE)], [])
+    same = [(0, framed(asked(1, body=bodies.get_multi(level)), 3)), (1, framed(told(1, body=answer), 3))]
+    explored = b"\0" + bodies.rid(7) + bodies.number(9) + build_object(TYPE) + bodies.FILL
+    asks = bodies.rid(7) + bodies.number(0) + bytes(5) + bodies.end(9)
+    shown = [(0, framed(asked(2, EXPLORE, body=asks), 3)), (1, framed(told(2, EXPLORE, explored), 3))]
+    found = held([*same, *same, *shown, *same])
+    names = [line["items"][0]["address"] for line in found.lines if line["items"]]
+    assert names == [level.label, level.label, 'DB3."level"']
 
 
 def test_what_is_remembered_has_a_bound() -> None:
