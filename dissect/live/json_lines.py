@@ -15,9 +15,10 @@ from dissect.live.events import Event
 from dissect.live.session import Status
 from dissect.report.contract import connection_as_dict, finding_as_dict
 from dissect.report.operations import operation_json
+from dissect.report.pdu_json import PduLines
 from dissect.report.styled import Line
 from dissect.report.words import Places
-from dissect.report.writers.jsonl import PduLines, TransactionLines
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation

@@ -1,4 +1,4 @@
-"""Values and items as JSON, for the lines of transactions and whoever else writes values.
+"""Values, items, functions and setups as JSON, for the lines of transactions and PDUs and whoever else writes values.
 
 What a polled item looks like is written once and used for every transaction that repeats it. Values of the sizes that polling
 needs are written straight from their octets.
@@ -12,8 +12,8 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64, u8
 
 from dissect.s7.items import Item
-from dissect.s7.parameters import UserdataHead
-from dissect.s7.tables import BIT, BYTE, CHAR, SUCCESS, USERDATA_TYPES, WCHAR
+from dissect.s7.parameters import Parameters, Setup, UserdataHead
+from dissect.s7.tables import BIT, BYTE, CHAR, FUNCTIONS, SUCCESS, USERDATA_TYPES, WCHAR
 from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers, write_times
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import NO_CODE
@@ -220,3 +220,29 @@ def _tag(known: NamedValue) -> str:
         f',"value":{value_text(known.value)},"unit":{json_text(known.unit) if known.unit else "null"}'
         f',"whole":{"true" if known.whole else "false"},"offset":{known.offset}{raw}{data}{remark}{comment}}}'
     )
+
+
+def function_text(parameters: Parameters) -> str:
+    """Return the ``function`` object of a parameter block of S7comm, and for userdata the ``userdata`` object after it."""
+    if not parameters.fragment:
+        code: i64 = parameters.function
+        text = (
+            '{"code":null,"name":null}' if code < 0 else f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
+        )
+        userdata = parameters.userdata
+        if userdata is not None:
+            text += f',"userdata":{userdata_text(userdata)}'
+        parameters.fragment = text
+    return parameters.fragment
+
+
+def setup_text(setup: Setup | None) -> str:
+    """Return `Setup.as_dict` as JSON."""
+    if setup is None:
+        return "null"
+    if not setup.fragment:
+        setup.fragment = (
+            f'{{"max_amq_calling":{setup.max_amq_calling},"max_amq_called":{setup.max_amq_called}'
+            f',"pdu_length":{setup.pdu_length}}}'
+        )
+    return setup.fragment

@@ -9,22 +9,18 @@ from typing import Final
 from dissect.iso.upper import S7COMM_PLUS, UPPER_NAMES
 from dissect.report.facet import Facet
 from dissect.s7.parameters import Parameters
-from dissect.s7.tables import SUCCESS
 from dissect.s7plus.alarms import ALARM, Alarm
-from dissect.s7plus.contents import Address, Contents
+from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import shown_contents, without_secrets
-from dissect.s7plus.ids import DATA_BLOCK
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PlusParameters, names_function
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
-from dissect.s7plus.value_showing import value_json
-from dissect.s7plus.value_tables import VALUE_TYPES
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
-from dissect.wire.text import JsonTexts, hex_number, hexadecimal, json_text, shortened
+from dissect.wire.text import hex_number, json_text, shortened
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
@@ -46,9 +42,6 @@ _BEGINNINGS: Final[dict[int, str]] = {}
 _REQUESTS: Final[dict[int, str]] = {}
 _MAX_REQUESTS: Final = 4096
 
-#: Texts of requests: they name the same sessions and addresses again and again.
-_KNOWN: Final = JsonTexts()
-
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 _NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
 
@@ -68,20 +61,25 @@ class PlusFacet(Facet):
         """Return what a transaction is about: the session, or the subscription that tells it."""
         return plus_subject(transaction)
 
-    def function_json(self, parameters: Parameters) -> str:
-        """Return the ``function`` object of a transaction, and the protocol after it."""
-        function = _NO_FUNCTION
-        if isinstance(parameters, PlusParameters) and parameters.code >= 0:
-            function = {"code": int(parameters.code), "name": parameters.code_name}
-        return f'{_json(function)},"protocol":"{PROTOCOL}"'
-
-    def body_json(self, transaction: Transaction) -> str:
-        """Return the keys that only transactions of S7comm-plus have, and the items."""
-        return plus_json(transaction)
-
     def statistics(self, code: int) -> dict[str, object]:
         """Return the function code, None for rows of several functions."""
         return {"code": f"0x{code & 0xFFFF:04x}" if names_function(code) else None, "protocol": PROTOCOL}
+
+
+def plus_function(parameters: Parameters) -> str:
+    """Return the ``function`` object of a transaction, and the protocol after it."""
+    if not parameters.fragment:
+        function = _NO_FUNCTION
+        if isinstance(parameters, PlusParameters) and parameters.code >= 0:
+            function = {"code": int(parameters.code), "name": parameters.code_name}
+        parameters.fragment = f'{_json(function)},"protocol":"{PROTOCOL}"'
+    return parameters.fragment
+
+
+def plus_alarms(contents: Contents) -> str:
+    """Return the key ``alarms`` behind a comma; nothing where there are none."""
+    alarms = ",".join([as_text(Alarm(one).as_dict()) for one in contents.objects if one.class_id == ALARM])
+    return f',"alarms":[{alarms}]' if alarms else ""
 
 
 def plus_notes(pdu: PlusPdu) -> list[str]:
@@ -92,7 +90,7 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     if pdu.opcode == REQUEST and not pdu.wants_response:
         said.append("expects no response")
     if pdu.subscription_id >= 0:
-        said.append(f"subscription {hex_number(pdu.subscription_id, 8)}")
+        said.append(subscription_note(pdu.subscription_id))
         if pdu.sequence >= 0:
             said.append(f"number {pdu.sequence}")
     if pdu.return_code > 0:
@@ -104,6 +102,11 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     if pdu.message:
         said.append(shortened(pdu.message.decode("latin-1"), _MESSAGE))
     return said
+
+
+def subscription_note(subscription: int) -> str:
+    """Return which subscription a notification belongs to."""
+    return f"subscription {hex_number(subscription, 8)}"
 
 
 def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
@@ -122,7 +125,7 @@ def plus_subject(transaction: Transaction) -> str:
     else:
         said = ["expects no response"] if asked is not None and not asked.pdu.wants_response else []
     answer = "" if half.pdu.opcode == NOTIFICATION else "response: "
-    wrong = (_malformed(asked, "request: ") + _malformed(told, answer))[:1]
+    wrong = (malformed_note(asked, "request: ") + malformed_note(told, answer))[:1]
     items = join_items(asked, told, transaction.connection.plus)
     if items and half.pdu.function not in _ITEMS_BESIDE:
         return ", ".join(said + _some([item_text(item) for item in items]) + wrong)
@@ -147,15 +150,24 @@ def _some(texts: list[str]) -> list[str]:
     return texts if len(texts) <= _ITEMS else [*texts[:_ITEMS], f"and {len(texts) - _ITEMS} more"]
 
 
+def head_begin(pdu: PlusPdu) -> str:
+    """Return how `head_json` begins, up to the digest."""
+    if pdu.opcode == REQUEST and pdu.session_id >= 0:
+        return _known_request(pdu)
+    return _beginning(pdu) + _other_head(pdu)
+
+
 def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
     """Return what only S7comm-plus has; keys that the PDU does not have are left out."""
-    asked: bool = pdu.opcode == REQUEST and pdu.session_id >= 0
-    said = _known_request(pdu) if asked else _beginning(pdu)
-    other = "" if asked else _other_head(pdu)
     digest = f',"integrity":"{pdu.integrity.hex()}"' if pdu.integrity else ""
     message = f',"message":{json_text(pdu.message.decode("latin-1"))}' if pdu.message else ""
     id_ = f',"integrity_id":{integrity_id}' if integrity_id >= 0 else ""
-    return f"{said}{other}{digest}{message}{id_}}}"
+    return f"{head_begin(pdu)}{digest}{message}{id_}}}"
+
+
+def notification_begin(pdu: PlusPdu) -> str:
+    """Return how `head_json` of a notification begins, up to its own numbers."""
+    return f'{_beginning(pdu)},"subscription_id":{pdu.subscription_id}'
 
 
 def _beginning(pdu: PlusPdu) -> str:
@@ -210,34 +222,7 @@ def _other_head(pdu: PlusPdu) -> str:
     return said
 
 
-def plus_json(transaction: Transaction) -> str:
-    """Return the keys that only transactions of S7comm-plus have, behind a comma."""
-    asked, told = transaction.plus_halves(said=True)
-    items = [_item_json(item) for item in join_items(asked, told, transaction.connection.plus)]
-    alarms = ""
-    if told is not None and told.contents.objects:
-        alarms = ",".join([_value_json(Alarm(one).as_dict()) for one in told.contents.objects if one.class_id == ALARM])
-        alarms = f',"alarms":[{alarms}]' if alarms else ""
-    return (
-        f',"asks":[{_noted(asked)}],"tells":[{_noted(told)}]'
-        f',"s7plus":{{"request":{_half_json(asked)},"response":{_half_json(told)}{alarms}}}'
-        f',"items":[{",".join(items)}]'
-    )
-
-
-def _noted(half: Half | None) -> str:
-    if half is None:
-        return ""
-    texts = plus_notes(half.pdu)
-    texts += summary(half.pdu, half.contents)
-    if half.contents.malformed:
-        texts += _malformed(half)
-    if half.pdu.opcode != REQUEST:
-        return ",".join([json_text(text) for text in texts])
-    return ",".join([_KNOWN.of(text) for text in texts])
-
-
-def _malformed(half: Half | None, which: str = "") -> list[str]:
+def malformed_note(half: Half | None, which: str = "") -> list[str]:
     """Return in what the contents of a whole PDU contradict themselves, with the place in the PDU; ``which`` names it."""
     if half is None or half.pdu.cut or half.pdu.malformed or not half.contents.malformed:
         return []
@@ -245,66 +230,7 @@ def _malformed(half: Half | None, which: str = "") -> list[str]:
     return [f"MALFORMED {which}{fact.at(half.pdu.place(fact.offset))}"]
 
 
-def _half_json(half: Half | None) -> str:
-    return head_json(half.pdu, half.contents.integrity_id) if half is not None else "null"
-
-
-def _item_json(item: PlusItem) -> str:
-    """Return an item with the keys that those of S7comm have, and its own behind them.
-
-    Success is 255 there as well, so that one question finds refusals in both protocols.
-    """
-    address = item.address
-    value = item.value
-    data = f'"{hexadecimal(item.data)}"' if item.data is not None else "null"
-    said = value_json(value) if value is not None and item.fits and item.is_plain else _value_json(item.json_value)
-    name = _TYPES[value.type] if value is not None else _NO_TYPE
-    note = f',"note":{json_text(item.note)}' if item.note else ""
-    begin, label, where, path = _NO_ADDRESS, "null", _NOWHERE, _NO_PATH
-    if address is not None:
-        if address.fragment is None:
-            address.fragment = _address_json(address)
-        begin, label, where, path = address.fragment
-    if item.return_code or item.found is not None:
-        if item.found is not None:
-            label = json_text(item.label)
-        code = str(item.return_code) if item.return_code > 0 else "null" if item.return_code else _SUCCESS
-        begin = _item_begin(label, where, code)
-    return f'{begin}{data},"value":{said},"number":{item.number}{name}{path}{note}}}'
-
-
-def _address_json(address: Address) -> tuple[str, str, str, str]:
-    """Return what an item says of its address: how it begins if all is well, its label, what follows that, and the type."""
-    start = str(address.start_bit) if address.start_bit >= 0 else "null"
-    area = db = crc = "null"
-    if address.area >> 16 == DATA_BLOCK:
-        area, db = str(DB_AREA), str(address.area & 0xFFFF)
-    elif address.area in S7_AREAS:
-        area, db = str(S7_AREAS[address.area]), "0"
-    if address.crc:
-        crc = f'"{hex_number(address.crc, 8)}"'
-    path = ",".join([str(id_) for id_ in (address.area, address.sub_area, *address.lids)])
-    label, where = json_text(address.label), _where(area, db, start)
-    return _item_begin(label, where, _SUCCESS), label, where, f',"crc":{crc},"path":[{path}]'
-
-
-def _where(area: str, db: str, start: str) -> str:
-    return f',"syntax_id":null,"area":{area},"db":{db},"start_bit":{start},"transport_size":null,"count":null,"return_code":'
-
-
-def _item_begin(label: str, where: str, code: str) -> str:
-    return f'{{"address":{label}{where}{code},"data":'
-
-
-_SUCCESS: Final = str(SUCCESS)
-_NOWHERE: Final = _where("null", "null", "null")
-_NO_ADDRESS: Final = _item_begin("null", _NOWHERE, _SUCCESS)
-_NO_PATH: Final = ',"crc":null,"path":null'
-_TYPES: Final[list[str]] = [f',"type":{json_text(VALUE_TYPES.name(type_))}' for type_ in range(256)]
-_NO_TYPE: Final = ',"type":null'
-
-
-def _value_json(value: object) -> str:
+def as_text(value: object) -> str:
     """Return JSON of a value. The encoder of the library takes several times as long for what is as small as most are."""
     if value is None:
         return "null"
@@ -315,9 +241,9 @@ def _value_json(value: object) -> str:
     if isinstance(value, str):
         return json_text(value)
     if isinstance(value, list):
-        return f"[{','.join([_value_json(one) for one in value])}]"
+        return f"[{','.join([as_text(one) for one in value])}]"
     if isinstance(value, dict):
-        return f"{{{','.join([f'{json_text(key)}:{_value_json(one)}' for key, one in value.items()])}}}"
+        return f"{{{','.join([f'{json_text(key)}:{as_text(one)}' for key, one in value.items()])}}}"
     return repr(value) if isinstance(value, float) and math.isfinite(value) else _json(value)
 
 

@@ -26,7 +26,7 @@ class Address:
         self.sub_area = sub_area
         self.lids = lids
         self._label = ""
-        self.fragment: tuple[str, str, str, str] | None = None
+        self.fragment: tuple[bytes, str, str, bytes] | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Address) and self.key == other.key

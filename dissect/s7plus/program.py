@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7plus.contents import Address
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, DATA_BLOCK, TYPE_KINDS, block_name
 from dissect.s7plus.objects import PlusObject
+from dissect.s7plus.stamps import next_stamp
 from dissect.s7plus.variables import NameList, Variable, VariableList
 
 #: Class of an object that describes a type.
@@ -60,14 +63,18 @@ _MAX_AREAS: Final = 4096
 
 
 class Program:
-    """The variables of a CPU's blocks and areas, by the id of their type information."""
+    """The variables of a CPU's blocks and areas, by the id of their type information.
 
-    __slots__ = ("_count", "_of_areas", "_types")
+    ``stamp`` is 0 as long as none passed, and another number, which no other program has, whenever they change.
+    """
+
+    __slots__ = ("_count", "_of_areas", "_types", "stamp")
 
     def __init__(self) -> None:
         self._types: dict[int, TypeInformation] = {}
         self._of_areas: dict[int, int] = {}  # what `_type_of` found among these types
         self._count = 0
+        self.stamp: i64 = 0
 
     def learn(self, objects: list[PlusObject]) -> None:
         """Take the type information among objects, not that inside them; it replaces what was known of the same type before."""
@@ -80,7 +87,7 @@ class Program:
                 continue  # no names, or lists that contradict each other
             self._forget(one.rid)
             self._types[one.rid] = told
-            self._of_areas.clear()
+            self._changed()
             self._count += told.count
             while self._count > MAX_VARIABLES and len(self._types) > 1:
                 self._forget(next(iter(self._types)))
@@ -95,7 +102,7 @@ class Program:
         for rid, told in other._types.items():
             if rid not in self._types:
                 self._types[rid] = told
-                self._of_areas.clear()
+                self._changed()
                 self._count += told.count
 
     def symbols(self) -> list[Symbol]:
@@ -130,8 +137,13 @@ class Program:
     def _forget(self, type_id: int) -> None:
         told = self._types.pop(type_id, None)
         if told is not None:
-            self._of_areas.clear()
+            self._changed()
             self._count -= told.count
+
+    def _changed(self) -> None:
+        """Note that the types are others now."""
+        self._of_areas.clear()
+        self.stamp = next_stamp()
 
     def _known(self, type_id: int) -> dict[int, tuple[str, Variable]] | None:
         told = self._types.get(type_id)
@@ -174,7 +186,7 @@ class Program:
         if entry is None:
             return None
         name, variable = entry
-        if _changed(address, variable):
+        if _is_other(address, variable):
             return None  # the program is not the one whose names these are
         path = f'"{name}"'
         at = 1
@@ -211,7 +223,7 @@ class Program:
             return ""
         known = self._known(self._type_of(address.area))
         entry = known.get(address.lids[0]) if known is not None and address.lids else None
-        if entry is None or not _changed(address, entry[1]):
+        if entry is None or not _is_other(address, entry[1]):
             return ""
         return f"CRC 0x{entry[1].crc:08x} in the program that passed, which differs: no name"
 
@@ -221,7 +233,7 @@ class Program:
         return list(known.values()) if known is not None else None
 
 
-def _changed(address: Address, variable: Variable) -> bool:
+def _is_other(address: Address, variable: Variable) -> bool:
     """Tell whether the symbol of an address is not the one that was declared. Of members the rule is not known."""
     return address.crc != 0 and len(address.lids) == 1 and variable.crc != 0 and address.crc != variable.crc
 

@@ -13,6 +13,7 @@ from dissect.s7plus.contents import Address, Made
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, Program, symbol
 from dissect.s7plus.program_tables import ROLES
+from dissect.s7plus.stamps import next_stamp
 
 # Classes and attributes.
 SUBSCRIPTION: Final = 1001
@@ -142,6 +143,7 @@ class PlusSession:
     areas, is worth looking at. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
     sessions. Clients count the requests that change something, ``writes``, and all others, ``reads``, on their own.
+    ``stamp`` is 0 as long as nothing was subscribed to, and another number, which no other session has, whenever that changes.
     """
 
     __slots__ = (
@@ -160,6 +162,7 @@ class PlusSession:
         "reads",
         "role",
         "session_name",
+        "stamp",
         "states",
         "subscriptions",
         "tls",
@@ -188,6 +191,7 @@ class PlusSession:
         self.writes: Counted = Counted()
         self.states: set[int] = set()
         self.subscriptions: dict[int, dict[int, Address]] = {}
+        self.stamp: i64 = 0
 
     @property
     def role_name(self) -> str:
@@ -265,6 +269,7 @@ class PlusSession:
                 self.unsubscribe(next(iter(self.subscriptions)))
             known = lists[one.offset]
             self.subscriptions[id_] = known
+            self.stamp = next_stamp()
             if _has_state(known):
                 self.states.add(id_)
 
@@ -274,6 +279,7 @@ class PlusSession:
         if found is None:
             return
         _change(found, told)
+        self.stamp = next_stamp()
         if _has_state(found):
             self.states.add(id_)
         else:
@@ -281,7 +287,8 @@ class PlusSession:
 
     def unsubscribe(self, id_: int) -> None:
         """Forget a subscription, if there is one."""
-        self.subscriptions.pop(id_, None)
+        if self.subscriptions.pop(id_, None) is not None:
+            self.stamp = next_stamp()
         self.states.discard(id_)
 
     def address_of(self, subscription: int, reference: int) -> Address | None:

@@ -12,10 +12,10 @@ from typing import Final
 from dissect.ibh.packet import parse_packet
 from dissect.iso.tpkt import HEADER, MAX_LENGTH
 from dissect.playback.client.permissions import Permissions
+from dissect.report.pdu_json import PduLines
 from dissect.report.plus import item_text
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
 from dissect.report.words import Places, message_name
-from dissect.report.writers.jsonl import PduLines
 from dissect.report.writers.text import pdu_line, plus_line
 from dissect.s7.bodies import parse_joined
 from dissect.s7.message import parse_pdu

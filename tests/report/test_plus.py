@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 from dissect.engine.observer import Observer
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
+from dissect.report.pdu_json import PduLines
 from dissect.report.plus import head_json, plus_notes
 from dissect.report.tree import MAX_HEX, plus_tree_lines
 from dissect.report.words import Places
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
-from dissect.report.writers.jsonl import PduLines, TransactionLines
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.report.writers.text import plus_line, transaction_line
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import parse_plus

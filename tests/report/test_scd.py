@@ -14,12 +14,12 @@ from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.analysis import Analysis
+from dissect.report.pdu_json import PduLines
 from dissect.report.scd import scd_as_dict, scd_json, scd_subject, scd_summary
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.text import analysis_lines
 from dissect.report.words import Places
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
-from dissect.report.writers.jsonl import PduLines
 from dissect.report.writers.text import scd_line, transaction_line
 from dissect.source.packet import SourceFile
 from dissect.transactions.payloads import ScdMessage

@@ -1,14 +1,12 @@
 """Records as JSON lines: one object a line, keys in a fixed order (docs/json.md).
 
 This is the bulk output, so lines are put together from cached pieces: what a polled item or a request block looks like is
-written once and used for every transaction that repeats it (`dissect.report.item_json`). TPDUs that carry no S7 PDU (connects
-with their TSAPs, disconnects and errors with reasons) are rare and go through the standard library.
+written once and used for every transaction that repeats it (`dissect.report.item_json`, `dissect.report.plus_octets`).
 """
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from librt.strings import BytesWriter
 from mypy_extensions import i64
@@ -18,36 +16,33 @@ from dissect.iso.cotp import parse_tpdu
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
 from dissect.report.item_json import (
-    CODE,
     errors_json,
+    function_text,
     item_json,
-    item_text,
-    userdata_text,
-    value_json,
+    setup_text,
     with_tags,
     write_good_item,
 )
 from dissect.report.operations import operation_json
-from dissect.report.plus import plus_pdu_line
+from dissect.report.pdu_json import PduLines
+from dissect.report.plus_octets import PlusLines
 from dissect.report.read_plan import ReadPlan
-from dissect.report.scd import scd_json, scd_line_json
-from dissect.report.tpdu_json import PDU_SCHEMA, tpdu_json_line
+from dissect.report.scd import scd_json
+from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.s7.items import DataItem
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters, Setup
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters
 from dissect.s7.tables import (
     ACK_DATA,
-    FUNCTIONS,
     JOB,
     READ_VAR,
-    ROSCTR,
     SETUP_COMMUNICATION,
     SUCCESS,
     WRITE_VAR,
 )
-from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.parameters import PLUS
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
@@ -57,15 +52,7 @@ from dissect.transactions.table import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import Times, write_decimal
-from dissect.wire.layout import FieldValue
-from dissect.wire.malformed import Malformed
-from dissect.wire.part import Part
 from dissect.wire.text import THREE, Clock, JsonTexts, decimal, json_text
-
-if TYPE_CHECKING:
-    from dissect.report.words import Places
-    from dissect.transactions.connection import Connection
-
 
 TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 
@@ -77,6 +64,8 @@ _ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("as
 _WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
 _WELL_TEXT: Final = _WELL.decode("ascii")
 _NO_ERRORS: Final = b'],"errors":[]}'
+#: What stands between items and errors of any other.
+_ERRORS: Final = b'],"errors":['
 _NO_ERRORS_TEXT: Final = _NO_ERRORS.decode("ascii")
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
@@ -90,20 +79,6 @@ _PLACES: Final = 1024
 _REFERENCE_AT: Final = 4
 _REFERENCE_END: Final = 6
 _SHORT: Final = 240
-
-
-def function_text(parameters: Parameters) -> str:
-    """Return the ``function`` object of a parameter block of S7comm, and for userdata the ``userdata`` object after it."""
-    if not parameters.fragment:
-        code: i64 = parameters.function
-        text = (
-            '{"code":null,"name":null}' if code < 0 else f'{{"code":{code},"name":{json_text(FUNCTIONS.name(code))}}}'
-        )
-        userdata = parameters.userdata
-        if userdata is not None:
-            text += f',"userdata":{userdata_text(userdata)}'
-        parameters.fragment = text
-    return parameters.fragment
 
 
 class _Start:
@@ -135,6 +110,7 @@ class TransactionLines(Observer):
         self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
         self._short: dict[bytes, str] = {}
         self._texts: JsonTexts = JsonTexts()
+        self._plus_lines: PlusLines = PlusLines()
         self._plans: dict[Parameters, ReadPlan] = {}  # interpreted
 
     def transaction(self, transaction: Transaction) -> None:
@@ -148,12 +124,16 @@ class TransactionLines(Observer):
 
     def line(self, transaction: Transaction) -> str:
         """Return the line of one transaction, without a line end."""
+        if transaction.rosctr == PLUS:
+            return self._plus(transaction).decode("ascii")
         if COMPILED and self._is_usual(transaction):
             return self._usual(transaction).decode("ascii")
         return self._any_line(transaction)
 
     def octets(self, transaction: Transaction) -> bytes:
         """Return the line of one transaction in UTF-8."""
+        if transaction.rosctr == PLUS:
+            return self._plus(transaction)
         if COMPILED and self._is_usual(transaction):
             return self._usual(transaction)
         return self._any_line(transaction).encode("utf-8", "backslashreplace")
@@ -241,6 +221,49 @@ class TransactionLines(Observer):
             told = f'{about}{_ITEMS}{self._items(transaction)}],"errors":[{self._errors(transaction)}]}}'
             out.write(told.encode("ascii"))
         return out.getvalue()
+
+    def _plus(self, transaction: Transaction) -> bytes:
+        """Return the line of a transaction of S7comm-plus."""
+        out = self._out
+        out.truncate(0)
+        out.write(_HEAD_OCTETS)
+        write_decimal(out, transaction.number)
+        out.write(self._start(transaction.connection, transaction.asked_by))
+        self._plus_lines.write_function(out, transaction)
+        self._write_when(out, transaction)
+        self._plus_lines.write_body(out, transaction)
+        out.write(_ERRORS)
+        if transaction.has_errors:
+            out.write(self._errors(transaction).encode("ascii"))
+        out.write(b"]}")
+        return out.getvalue()
+
+    def _write_when(self, out: BytesWriter, transaction: Transaction) -> None:
+        """Write the packets and times of a transaction of any outcome, and that."""
+        asked: i64 = transaction.request_frame
+        told: i64 = transaction.response_frame
+        if self.locate is not None:
+            out.write(self._places(asked, told, self.locate).encode("ascii"))
+        else:
+            _write_number(out, asked)
+            out.write(b',"response_frame":')
+            _write_number(out, told)
+        if asked:
+            out.write(b',"request_time":"')
+            self._times.write(out, transaction.request_ns)
+        else:  # nothing else tells when it was
+            out.write(b',"request_time":null,"response_time":"')
+            self._times.write(out, transaction.response_ns)
+        out.write(b'","latency_ns":')
+        if transaction.outcome == ANSWERED and not transaction.reason:
+            write_decimal(out, transaction.response_ns - transaction.request_ns)
+            out.write(_ANSWERED)
+            return
+        latency = (
+            decimal(transaction.response_ns - transaction.request_ns) if transaction.outcome == ANSWERED else "null"
+        )
+        reason = f'"{transaction.reason}"' if transaction.reason else "null"
+        out.write(f'{latency},"outcome":"{OUTCOMES[transaction.outcome]}","reason":{reason}'.encode("ascii"))
 
     def _write_polled(self, out: BytesWriter, transaction: Transaction) -> None:
         """Write what follows the latency of a read or write of which all is well."""
@@ -365,7 +388,7 @@ class TransactionLines(Observer):
         granted = answer.setup if answer is not None else None
         if asked is None and granted is None:
             return ""
-        return f',"setup":{{"asked":{_setup_text(asked)},"granted":{_setup_text(granted)}}}'
+        return f',"setup":{{"asked":{setup_text(asked)},"granted":{setup_text(granted)}}}'
 
     def _notes(self, transaction: Transaction) -> str:
         """Return what request and answer are about, for functions whose items do not tell it."""
@@ -411,132 +434,12 @@ class TransactionLines(Observer):
         return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.results()])
 
 
-def _setup_text(setup: Setup | None) -> str:
-    """Return `Setup.as_dict` as JSON."""
-    if setup is None:
-        return "null"
-    if not setup.fragment:
-        setup.fragment = (
-            f'{{"max_amq_calling":{setup.max_amq_calling},"max_amq_called":{setup.max_amq_called}'
-            f',"pdu_length":{setup.pdu_length}}}'
-        )
-    return setup.fragment
-
-
-class PduLines:
-    """Writes S7 PDUs as lines of JSON. With ``locate`` packets are numbered within their file, which is named."""
-
-    def __init__(self) -> None:
-        self._clock: Clock = Clock()
-        self.locate: Locate | None = None
-
-    def line(self, pdu: Pdu, connection: Connection) -> str:
-        """Return the line of one PDU, without a line end."""
-        ends = connection.tcp.ends
-        frame = str(pdu.frame)
-        if self.locate is not None:
-            name, number = self.locate(pdu.frame)
-            frame = f'{number},"file":{json_text(name)}'
-        error = f'{pdu.error_class},"error_code":{pdu.error_code}' if pdu.error_class >= 0 else 'null,"error_code":null'
-        told = ",".join([_malformed(fact) for fact in pdu.malformed])
-        return (
-            f'{{"schema":"{PDU_SCHEMA}","frame":{frame},"time":"{self._clock.iso(pdu.time_ns)}"'
-            f',"connection":{pdu.connection},"src":{json_text(str(ends[pdu.side]))},"dst":{json_text(str(ends[1 - pdu.side]))}'
-            f',"protocol":"s7comm",{_header(pdu)}'
-            f',"error_class":{error},"function":{function_text(pdu.parameters)}'
-            f"{_body(pdu)}"
-            f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
-        )
-
-    def scd_line(self, found: ScdMessage, connection: Connection) -> str:
-        """Return the line of one SCD message, without a line end."""
-        place = self.locate(found.frame) if self.locate is not None else None
-        return scd_line_json(found, self._clock.iso(found.time_ns), connection, place)
-
-    def plus_line(self, pdu: PlusPdu, connection: Connection) -> str:
-        """Return the line of one S7comm-plus PDU, without a line end."""
-        place = self.locate(pdu.frame) if self.locate is not None else None
-        return plus_pdu_line(pdu, self._clock.iso(pdu.time_ns), connection, place)
-
-
-def _header(pdu: Pdu) -> str:
-    """Return the header's fields; what a cut header does not hold is null."""
-    rosctr = f'{pdu.rosctr},"rosctr_name":{json_text(ROSCTR.name(pdu.rosctr))}'
-    if pdu.rosctr < 0:
-        rosctr = 'null,"rosctr_name":null'
-    if pdu.pdu_ref < 0:
-        return f'"rosctr":{rosctr},"redundancy_id":null,"pdu_ref":null,"param_length":null,"data_length":null'
-    return (
-        f'"rosctr":{rosctr},"redundancy_id":{pdu.redundancy_id},"pdu_ref":{pdu.pdu_ref}'
-        f',"param_length":{pdu.param_length},"data_length":{pdu.data_length}'
-    )
-
-
-def _malformed(fact: Malformed) -> str:
-    return json.dumps(fact.as_dict(), separators=(",", ":"))
-
-
-def _body(pdu: Pdu) -> str:
-    """Return what the PDU carries: setup, request items, data items, return codes, and what is kept as octets."""
-    parameters = pdu.parameters
-    text = ""
-    if parameters.item_count >= 0:
-        text += f',"item_count":{parameters.item_count}'
-    if parameters.setup is not None:
-        text += f',"setup":{_setup_text(parameters.setup)}'
-    if parameters.items:
-        items = ",".join([item_text(item)[: -len(CODE)] + "}" for item in parameters.items])
-        text += f',"items":[{items}]'
-    data_items = pdu.data_items()
-    if data_items:
-        text += f',"data_items":[{",".join([_data_item(pdu, index, item) for index, item in enumerate(data_items)])}]'
-    elif codes := pdu.return_codes():
-        text += f',"return_codes":[{",".join([str(code) for code in codes])}]'
+def _write_number(out: BytesWriter, packet: i64) -> None:
+    """Write the number of a packet, null for none."""
+    if packet:
+        write_decimal(out, packet)
     else:
-        if parameters.setup is None and not parameters.items and len(parameters.octets) > 2:
-            text += f',"parameters":"{parameters.octets.hex()}"'
-        if pdu.data:
-            text += f',"data":"{pdu.data.hex()}"'
-        if parameters.setup is None and not parameters.items:
-            body = pdu.body
-            parts = [_part("parameters", part) for part in body.parameters] + [
-                _part("data", part) for part in body.data
-            ]
-            text += f',"parts":[{",".join(parts)}]'
-    if pdu.malformed or pdu.cut:
-        text += f',"octets":"{pdu.octets.hex()}"'  # what was read of it may not be all
-    return text
-
-
-def _part(block: str, part: Part) -> str:
-    """Return a part of a body with its fields."""
-    note = json_text(part.note) if part.note else "null"
-    return (
-        f'{{"name":{json_text(part.layout.name)},"block":"{block}","offset":{part.offset}'
-        f',"size":{part.end - part.offset},"note":{note},"fields":[{",".join([_field(value) for value in part.values])}]}}'
-    )
-
-
-def _field(value: FieldValue) -> str:
-    said = str(value.value) if value.octets is None else f'"{value.octets.hex()}"'
-    meaning = value.meaning
-    text = json_text(meaning) if meaning else "null"
-    return (
-        f'{{"name":{json_text(value.field.name)},"offset":{value.offset},"size":{value.end - value.offset}'
-        f',"value":{said},"text":{text}}}'
-    )
-
-
-def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
-    """Return a data item; in a write request, where the type is known, with its value."""
-    text = (
-        f'{{"return_code":{answer.return_code},"transport_size":{answer.transport_size},"length":{answer.length}'
-        f',"data":"{answer.data.hex()}"'
-    )
-    if index < len(pdu.parameters.items):
-        item = pdu.parameters.items[index]
-        text += f',"value":{value_json(item, answer.data)}'
-    return text + "}"
+        out.write(b"null")
 
 
 class JsonlWriter(Writer):
