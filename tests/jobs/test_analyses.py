@@ -100,6 +100,19 @@ def test_findings_of_the_whole_capture_have_their_bound() -> None:
     assert len(sums.found.findings) == 100
 
 
+@pytest.mark.parametrize("count", [3, EXACT, EXACT + 3])
+def test_answer_times_are_sent_as_they_are_and_in_buckets(count: int) -> None:
+    statistics = Analysis()._statistics(_parameters())
+    for time in range(count):
+        statistics.latencies.add(time * 1000)
+    moved = receive(send(statistics.latencies), Offsets(0, 0, 0))
+    assert moved.as_dict() == statistics.latencies.as_dict()
+    assert (moved.count, moved.exact) == (count, count <= EXACT)
+    for latencies in (moved, statistics.latencies):
+        latencies.add(7)  # one that was sent counts on
+    assert moved.as_dict() == statistics.latencies.as_dict()
+
+
 @settings(max_examples=12)
 @given(st.lists(st.lists(st.integers(-5, 10**7), max_size=30), max_size=5), st.booleans())
 def test_answer_times_are_those_of_all(parts: list[list[int]], many: bool) -> None:
