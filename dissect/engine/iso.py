@@ -42,10 +42,14 @@ from dissect.transactions.table import Side
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 
-#: TPKT, DT and the header of an S7 PDU, read at once when interpreted; a DT with EOT and the first octet of S7.
+#: TPKT, DT and the header of an S7 PDU, read at once when interpreted; a DT with EOT and the first octet of S7, all but its
+#: number, which class 0 does not have.
 _FUSED: Final = struct.Struct(">HHIB2xHHH")
 _TPKT: Final = 0x0300
 _PLAIN: Final = 0x02F08000 | PROTOCOL_ID
+_ALL_BUT_NUMBER: Final = 0xFFFF80FF
+#: A DT without EOT and data, in its TPKT: the everyday acknowledgement of Siemens stacks (reference 2.5).
+_EMPTY: Final = bytes.fromhex("0300000702f000")
 #: TSDU counts that are described even when zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 
@@ -166,12 +170,13 @@ class IsoOnTcp(Protocol):
         return connection.dt_limit + 4
 
     def usual(self, side: Side, buf: bytes, at: i64, least: i64, most: i64, frame: i64, time_ns: i64) -> i64:
-        """Take the TPKT at ``at`` if it is one like nearly all: a DT with EOT, and in it one whole S7 PDU; return its size.
+        """Take the TPKT at ``at`` if it is one like most: a DT with EOT, and in it one whole S7 PDU; return its size.
 
         0 when it is not, or has fewer than ``least`` or more than ``most`` octets, and nothing was done. It goes past `_tpkt`,
         `_tsdu` and `message`, which would do no more than count: `longest` says when. 17 octets have to be there.
         """
         length: i64
+        number: i64
         rosctr: i64
         pdu_ref: i64
         param_length: i64
@@ -179,8 +184,9 @@ class IsoOnTcp(Protocol):
         if COMPILED:
             # Two reads: up to the protocol of the PDU, and from behind its ROSCTR to the end of the header that all have.
             head: i64 = read_i64_be(buf, at)
-            if head & 0xFFFFFFFF != _PLAIN or head >> 48 != _TPKT:
+            if head & _ALL_BUT_NUMBER != _PLAIN or head >> 48 != _TPKT:
                 return 0
+            number = head >> 8 & 0x7F
             length = head >> 32 & 0xFFFF
             rosctr = buf[at + 8]
             head = read_i64_be(buf, at + 9)
@@ -189,8 +195,9 @@ class IsoOnTcp(Protocol):
             stated = param_length + (head & 0xFFFF)
         else:
             version, length, tpdu, rosctr, pdu_ref, param_length, stated = _FUSED.unpack_from(buf, at)
-            if version != _TPKT or tpdu != _PLAIN:
+            if version != _TPKT or tpdu & _ALL_BUT_NUMBER != _PLAIN:
                 return 0
+            number = tpdu >> 8 & 0x7F
             stated += param_length
         stated += 17
         if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
@@ -206,12 +213,25 @@ class IsoOnTcp(Protocol):
         self.tpdus.often_count += 1
         self.tsdus.often_count += 1
         try:
+            if number:
+                judge_number(self._exchange.reporter, side, number, frame, time_ns)
             self._s7.take(side, rosctr, pdu_ref, param_length, buf, at + 7, length - 7, frame, time_ns)
         except Exception as bug:
             if self._exchange.strict:
                 raise
             self._exchange.note_bug(bug, frame, time_ns)
         return length
+
+    def empty(self, side: Side, octets: bytes) -> bool:
+        """Take a DT without EOT and data, where it comes in a TPKT and a segment of its own; False when it is not that.
+
+        It begins and ends nothing, so that it is only counted, where `usual` may be asked.
+        """
+        if octets != _EMPTY:
+            return False
+        side.framer.framed += len(_EMPTY)
+        self.tpdus.often_count += 1
+        return True
 
     def _faults(self, side: Side, skipped: i64, frame: i64, time_ns: i64) -> None:
         number = side.connection.number

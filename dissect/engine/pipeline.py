@@ -277,7 +277,7 @@ class Pipeline(PacketSink):
         if side.longest and word & ACK:
             size: i64 = stop - data
             half = side.stream
-            if size == 0 or (seq == half.next_seq and _LEAST <= size <= side.longest):
+            if size == 0 or (seq == half.next_seq and size <= side.longest):
                 # `_segment` and `IsoOnTcp.feed` would do no more.
                 counters = self.counters
                 tcp = side.tcp
@@ -290,7 +290,7 @@ class Pipeline(PacketSink):
                 octets = buf[data:stop]
                 half.passed(octets, size)
                 side.end_seq = half.next_seq
-                if self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
+                if size < _LEAST or self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
                     self._feed(side, octets, size)
                 return PAYLOAD
         if data == stop:
@@ -424,8 +424,9 @@ class Pipeline(PacketSink):
 
     def _feed(self, side: Side, octets: bytes, size: i64) -> None:
         """Hand the next octets of a connection to ISO-on-TCP, and find out whether those after them may come straight."""
-        counters = self.counters
-        self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
+        if side.longest and size < _LEAST and self.iso.empty(side, octets):
+            return
+        self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
         peer = side.peer
         if peer is not None and not side.waiting and not peer.waiting and side.connection.plus is None:
             side.longest = self.iso.longest(side)

@@ -10,8 +10,8 @@ from typing import Final, overload
 from dissect.findings.catalogue import Rule
 from dissect.findings.reporter import Finding
 
-#: So many are kept as they are: packing takes time, which only a long capture repays.
-FIRST: Final = 1024
+#: So many are kept as they are, in some 2 MB: packing takes time, which only a long capture with many repays.
+FIRST: Final = 4096
 #: So many of those behind them are packed together.
 BLOCK: Final = 64
 #: The memory of deflate while it packs: windows of 4 KB, some 40 KB in all, where its usual ones take 256 KB.

@@ -65,7 +65,7 @@ class Latencies:
             return
         bucket: i64 = _bucket(latency_ns)
         buckets[bucket] += 1
-        if self._waiting:
+        if len(self._waiting) > 0:  # told without a call, unlike the truth of an object (mypyc)
             self._fold(_AT_ONCE)
 
     def _begin_buckets(self) -> None:
