@@ -54,7 +54,9 @@ def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now:
         if allowed < _FEW_JOBS:
             # A request that is long without answer was given up by its client, and one before a hole may have its answer in it.
             peer = side.peer
-            hole_frame: i64 = peer.hole_frame if peer is not None else 0
+            hole_frame: i64 = 0
+            if peer is not None:  # as an expression it would make int objects (mypyc)
+                hole_frame = peer.hole_frame
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, allowed + 1)
         if open_now > allowed:

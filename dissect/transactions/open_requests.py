@@ -271,11 +271,16 @@ class OpenRequests:
                 return enough - 1
             spare -= 1
         count: i64 = 0
-        for recent in (self.latest, self._before):  # what is identical to another one is in the table
-            if recent is not None:
-                if recent.request_ns < time_ns or recent.request_frame <= frame or count == enough:
-                    return count
-                count += 1
+        recent = self.latest
+        if recent is not None:  # what is identical to another one is in the table
+            if recent.request_ns < time_ns or recent.request_frame <= frame or enough == 0:
+                return 0
+            count = 1
+        recent = self._before
+        if recent is not None:
+            if recent.request_ns < time_ns or recent.request_frame <= frame or count == enough:
+                return count
+            count += 1
         for transaction in reversed(self._table.values()):
             link: Transaction | None = transaction
             while link is not None and link.request_ns >= time_ns and link.request_frame > frame:

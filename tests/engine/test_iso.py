@@ -15,6 +15,7 @@ from tests.properties.packets import Packet, Segment, Talk, captured
 from tests.properties.traffic import conversations, merged, reordered, segments
 
 WORD: Final = Item(0x04, 1, 10, 0x84, 4 * 8)
+EMPTY_DT: Final = bytes.fromhex("0300000702f000")
 #: Octets that mean something to TPKT, COTP or S7, and their neighbours.
 TELLING: Final = (0x00, 0x01, 0x02, 0x03, 0x04, 0x07, 0x08, 0x10, 0x32, 0x72, 0x7F, 0x80, 0x81, 0xE0, 0xF0, 0xFF)
 
@@ -108,3 +109,34 @@ def test_each_octet_of_a_pdu_may_be_any(at: int, asks: bool) -> None:
         talk.send(0, dt(write_job(3, [WORD], [b"\x00\x2c"]))).send(1, dt(write_answer(3, [0xFF])))
         result = both(captured(talk.segments))
         assert len(result.transactions) >= 2
+
+
+@each(("octet", "asks"), [(octet, asks) for octet in TELLING for asks in (True, False)])
+def test_short_segments_between_pdus(octet: int, asks: bool) -> None:
+    """An empty DT, or nearly one, whole or in pieces, comes before each message of a session that goes on."""
+    side = 0 if asks else 1
+    others = [EMPTY_DT[:at] + bytes((octet,)) + EMPTY_DT[at + 1 :] for at in range(len(EMPTY_DT))]
+    pieces: list[tuple[bytes, ...]] = [(one,) for one in [EMPTY_DT, *others]]
+    pieces += [(EMPTY_DT, EMPTY_DT), (EMPTY_DT * 2,), *[(EMPTY_DT[:at], EMPTY_DT[at:]) for at in range(1, 7)]]
+    for sent in pieces:
+        talk = Talk().handshake()
+        talk.send(0, connect(0xE0)).send(1, connect(0xD0))
+        talk.send(0, dt(setup(JOB, 0, 8))).send(1, dt(setup(3, 0, 8)))
+        for ref in (1, 2, 3):
+            for part in sent:
+                talk.send(side, part)
+            talk.send(0, dt(read_job(ref, [WORD]))).send(1, dt(read_answer(ref, [WORD], [b"\x00\x2b"])))
+        both(captured(talk.segments))
+
+
+def test_empty_dts_and_numbers_are_counted_on_the_short_road() -> None:
+    talk = Talk().handshake()
+    talk.send(0, connect(0xE0)).send(1, connect(0xD0))
+    talk.send(0, dt(setup(JOB, 0, 8))).send(1, dt(setup(3, 0, 8)))
+    for ref in range(1, 9):
+        request, answer = dt(read_job(ref, [WORD])), dt(read_answer(ref, [WORD], [b"\x00\x2b"]))
+        talk.send(0, request[:6] + bytes((0x80 | ref,)) + request[7:]).send(1, EMPTY_DT).send(1, answer)
+    result = both(captured(talk.segments))
+    assert sum(result.pipeline.iso.tpdus.counts()) == 2 + 2 + 3 * 8
+    assert len(result.transactions) == 9
+    assert result.pipeline.finding_counts["cotp.tpdu_nr"] == 1
