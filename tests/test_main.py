@@ -1,4 +1,4 @@
-"""How a process begins and ends: everything registered for its end is done, whatever was printed is there, and the code is told."""
+"""How a process begins and ends: what is registered for its end is done, all that was printed is there, the code is told."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ PLAIN: Final = "begin._End.__call__ = lambda end: None"
 
 def program(before: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run ``main`` in a process in which ``before`` stands first."""
-    code = f"import sys\nfrom dissect import __main__ as begin\n{before}\nsys.argv[1:] = {list(arguments)!r}\nbegin.main()"
+    code = (
+        f"import sys\nfrom dissect import __main__ as begin\n{before}\nsys.argv[1:] = {list(arguments)!r}\nbegin.main()"
+    )
     environment = {name: value for name, value in os.environ.items() if name != UNBUFFERED}
     call = [sys.executable, "-c", code]
     return subprocess.run(call, env=environment, capture_output=True, text=True, check=False, timeout=60)

@@ -34,7 +34,9 @@ def contradicts(
         and parameters.item_count == asked.item_count
         and begin_alike(asked.good_answer, buf, data_at, at + size)
     ):
-        return False  # `check_answer` would find nothing, and a line with gaps in its capture asks here with each answer
+        return (
+            False  # `check_answer` would find nothing, and a line with gaps in its capture asks here with each answer
+        )
     if mismatch(asked, parameters):
         return True
     if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
