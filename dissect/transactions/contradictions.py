@@ -34,9 +34,7 @@ def contradicts(
         and parameters.item_count == asked.item_count
         and begin_alike(asked.good_answer, buf, data_at, at + size)
     ):
-        return (
-            False  # `check_answer` would find nothing, and a line with gaps in its capture asks here with each answer
-        )
+        return False  # `check_answer` would find nothing; where there are gaps, each answer comes by here
     if mismatch(asked, parameters):
         return True
     if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
