@@ -14,13 +14,14 @@ from dissect.inventory.model import Device
 from dissect.inventory.rows import device_row
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.operations import error_codes
-from dissect.report.words import Places, vlans
+from dissect.report.words import Places
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.s7plus.tables import OPCODES
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.source.packet import SourceFile
+from dissect.tcp.link import vlan_ids
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.operation import Operation
@@ -68,7 +69,7 @@ class Rows:
             *self._hot.ends(connection),
             bool(connection.client_known),
             "udp" if connection.udp else "tcp",
-            vlans(int(tcp.vlan)),
+            vlan_ids(int(tcp.vlan)),
             connection.protocol or None,
             "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
             str(calling) if calling is not None else None,

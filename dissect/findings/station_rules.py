@@ -19,6 +19,7 @@ from dissect.stations.facts import (
     Book,
     Fact,
 )
+from dissect.tcp.link import vlan_text
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -45,6 +46,9 @@ class StationWatch:
     def __init__(self, judge: Reporter, book: Book | None = None) -> None:
         self.book = Book() if book is None else book
         self.book.filled = True
+        #: What is compared with what, once a VLAN was seen: each network for itself, as machines that are alike use the same
+        #: addresses in VLANs of their own. Its stations have the names of `_within`.
+        self._networks: Book | None = None
         self._judge = judge
         self._evidence = Evidence()
         self._macs: dict[bytes, str] = {}  # as text: each connection has two, most of them were there before
@@ -60,15 +64,17 @@ class StationWatch:
         ends = tcp.ends
         if ends[0].address == ends[1].address:
             return found  # a machine that talks to itself has no card; who captured it may have given each side one
+        vlan = int(tcp.vlan)
+        known = self._known(vlan)
         for side in range(2):
             if tcp.heard >> side & 1 and (mac := tcp.mac(side)):
                 host = ends[side].host
                 text = self._mac_text(mac)
                 # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
-                if wanted or not self.book.again(host, MAC_KEY, text, _ETHERNET, frame, time_ns):
+                if wanted or not known.again(_within(host, vlan), MAC_KEY, text, _ETHERNET, frame, time_ns):
                     found.append(Fact(host, "", MAC, text, _ETHERNET, number, [frame], time_ns))
-        return self._noted(found) if found else found
+        return self._noted(found, vlan) if found else found
 
     def _mac_text(self, mac: bytes) -> str:
         text = self._macs.get(mac)
@@ -80,11 +86,11 @@ class StationWatch:
 
     def take(self, transaction: Transaction) -> list[Fact]:
         """Take a transaction of S7comm userdata."""
-        return self._noted(self._evidence.of_transaction(transaction))
+        return self._noted(self._evidence.of_transaction(transaction), int(transaction.connection.tcp.vlan))
 
     def joined(self, operation: Operation) -> list[Fact]:
         """Take an answer in parts that is whole."""
-        return self._noted(self._evidence.of_operation(operation))
+        return self._noted(self._evidence.of_operation(operation), int(operation.connection.tcp.vlan))
 
     def identified(self, identity: Identity, transaction: Transaction) -> list[Fact]:
         """Take what a CPU said of itself in S7comm-plus."""
@@ -97,22 +103,47 @@ class StationWatch:
         host = connection.tcp.ends[1 - asked_by].host
         module = module_asked(connection, asked_by)
         number = int(connection.number)
-        return self._noted(
-            [Fact(host, module, key, value, where, number, frames, time_ns) for key, value, where in told]
-        )
+        found = [Fact(host, module, key, value, where, number, frames, time_ns) for key, value, where in told]
+        return self._noted(found, int(connection.tcp.vlan))
 
-    def _noted(self, found: list[Fact]) -> list[Fact]:
+    def _known(self, vlan: int) -> Book:
+        """Return the book to compare with. Before the first VLAN that is the one; what it has lasts, in no VLAN."""
+        if self._networks is None:
+            if not vlan:
+                return self.book
+            self._networks = Book()
+            for station in self.book.stations.values():
+                for place, stretches in station.facts.items():
+                    last = stretches[-1]
+                    if place[1] in LASTING:
+                        self._networks.again(
+                            station.host, place, last.value, last.source, last.last_frame, last.last_ns
+                        )
+        return self._networks
+
+    def _noted(self, found: list[Fact], vlan: int) -> list[Fact]:
+        known = self._known(vlan)
         for fact in found:
-            self.book.note(fact)
+            where = _within(fact.host, vlan)
+            known.note(fact, where)
+            if known is not self.book:
+                before, fresh = fact.before, fact.fresh
+                self.book.note(fact)
+                fact.before, fact.fresh = before, fresh
             if fact.before and fact.key in LASTING:
-                self._contradicts(fact)
+                self._contradicts(fact, where)
         return found
 
-    def _contradicts(self, fact: Fact) -> None:
+    def _contradicts(self, fact: Fact, where: str) -> None:
         slug = _SLUGS[fact.key]
         if self._judge.wants(slug, fact.connection):
-            where = f"{fact.host}, {fact.module}" if fact.module else fact.host
+            where = f"{where}, {fact.module}" if fact.module else where
             detail = (
                 f"{where}: {KEYS[fact.key]} {printable(fact.value)}, before {printable(fact.before)} ({fact.source})"
             )
             self._judge.detail(slug, fact.connection, list(fact.frames), fact.time_ns, detail)
+
+
+def _within(host: str, vlan: int) -> str:
+    """Return what a station is called: its address, and its network where that has a number."""
+    return f"{host} in VLAN {vlan_text(vlan)}" if vlan else host

@@ -10,7 +10,6 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import SEVERITIES
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
-from dissect.report import words
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.endings import ending_as_dict
 from dissect.report.facets import facet_of_row
@@ -19,6 +18,7 @@ from dissect.report.tls import tls_as_dict
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.source.packet import SourceFile
+from dissect.tcp.link import vlan_ids
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.wire.json_page import json_page
@@ -168,7 +168,7 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "server": str(connection.server),
         "client_known": connection.client_known,
         "transport": "udp" if connection.udp else "tcp",
-        "vlan": words.vlans(tcp.vlan),
+        "vlan": vlan_ids(tcp.vlan),
         "protocol": connection.protocol or None,
         "identified_by": connection.identified_by or None,
         "tls": tls_as_dict(connection),

@@ -20,6 +20,7 @@ from dissect.report.tls import tls_lines
 from dissect.report.words import PROTOCOLS, Places, named
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import KEYS
+from dissect.tcp.link import vlan_text
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS
@@ -236,8 +237,7 @@ def _number(connection: Connection) -> int:
 def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
     """Yield what is known of a connection, which may still be open."""
     arrow = "→" if connection.client_known else "↔"
-    vids = ".".join([str(vid) for vid in words.vlans(int(connection.tcp.vlan))])
-    vlan = f", VLAN {vids}" if vids else ""
+    vlan = f", VLAN {vlan_text(connection.tcp.vlan)}" if connection.tcp.vlan else ""
     protocol = "" if connection.protocol == "s7comm" else f", {named(connection) or 'no data'}"
     over = " UDP" if connection.udp else ""
     yield Line(

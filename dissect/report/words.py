@@ -155,16 +155,6 @@ def size(octets: int) -> str:
     return f"{octets} B"
 
 
-def vlans(key: int) -> list[int]:
-    """Return the VLAN ids of a connection, the outer tag first, from the number that holds them in twelve bits each."""
-    vids: list[int] = []
-    while key:
-        key, vid = divmod(key, 4096)
-        vids.append(vid)
-    vids.reverse()
-    return vids
-
-
 def tsaps(calling: Tsap | None, called: Tsap | None, protocol: str) -> str:
     """Return the TSAPs of a connection that speaks ``protocol``, ``?`` for one not captured."""
     one = "?" if calling is None else printable(calling.means(protocol, False))

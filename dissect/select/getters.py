@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
-from dissect.report import facets, words
+from dissect.report import facets
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import (
@@ -30,6 +30,7 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
+from dissect.tcp.link import vlan_ids
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, RUNNING, Operation
@@ -93,7 +94,7 @@ def ports(thing: Any, context: Context) -> list[int] | None:
 
 def vlans(connection: Connection) -> list[int]:
     """Return the VLAN ids."""
-    return words.vlans(connection.tcp.vlan)
+    return vlan_ids(connection.tcp.vlan)
 
 
 def asked_by(thing: Transaction | Operation, _context: Context) -> Endpoint:

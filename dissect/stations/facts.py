@@ -273,9 +273,9 @@ class Book:
         self.stations: dict[str, Station] = {}
         self.not_kept = 0
 
-    def note(self, fact: Fact) -> None:
-        """Take a fact (`Station.note`)."""
-        station = self._of(fact.host)
+    def note(self, fact: Fact, name: str = "") -> None:
+        """Take a fact (`Station.note`) of the station ``name``, which is its address unless that is given."""
+        station = self._of(name or fact.host)
         if station is not None:
             station.note(fact)
 

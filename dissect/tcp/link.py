@@ -74,3 +74,18 @@ def _after_tags(buf: bytes, type_at: i64, at: i64, end: i64) -> tuple[i64, i64]:
         tags += 1
         type_at = at + 2
         at += 4
+
+
+def vlan_ids(key: i64) -> list[int]:
+    """Return the VLAN ids of a key of `find_ip`, the outer tag first, from the number that holds them in twelve bits each."""
+    vids: list[int] = []
+    while key:
+        vids.append(key & 0xFFF)
+        key >>= 12
+    vids.reverse()
+    return vids
+
+
+def vlan_text(key: i64) -> str:
+    """Return the VLAN ids of a key for a person: ``20``, ``5.7`` with the outer tag first; empty for none."""
+    return ".".join([str(vid) for vid in vlan_ids(key)])

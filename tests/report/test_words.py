@@ -62,13 +62,6 @@ def test_a_number_with_its_noun() -> None:
     assert words.count(2, "push", "pushes") == "2 pushes"
 
 
-@pytest.mark.parametrize(
-    ("key", "vids"), [(0, []), (7, [7]), (100 * 4096 + 7, [100, 7]), ((3 * 4096 + 2) * 4096 + 1, [3, 2, 1])]
-)
-def test_vlan_ids(key: int, vids: list[int]) -> None:
-    assert words.vlans(key) == vids
-
-
 def test_tsaps_say_rack_and_slot_only_where_a_siemens_device_speaks() -> None:
     calling, called = Tsap(b"\x01\x00"), Tsap(b"\x02\x43")
     assert words.tsaps(calling, called, "s7comm") == "TSAP 01.00 (PG) → 02.43 (OP, rack 2 slot 3)"

@@ -141,3 +141,13 @@ def test_any_octets(octets: bytes, start: int, link_type: int) -> None:
         assert start <= at <= end or at in {link.NOT_IP, link.CUT, link.UNSUPPORTED}
         assert (at == link.UNSUPPORTED) is (link_type == 7)
         assert vlan == 0 or (at >= 0 and 0 < vlan < 2**48)
+
+
+@pytest.mark.parametrize(
+    ("vids", "text"), [([], ""), ([20], "20"), ([5, 7], "5.7"), ([7, 5], "7.5"), ([4095, 1, 2, 4094], "4095.1.2.4094")]
+)
+def test_a_key_gives_its_ids_back(vids: list[int], text: str) -> None:
+    frame = header(link.ETHERNET, IPV4, [(0x8100, vid) for vid in vids]) + V4
+    key = link.find_ip(frame, 0, len(frame), link.ETHERNET)[1]
+    assert link.vlan_ids(key) == vids
+    assert link.vlan_text(key) == text

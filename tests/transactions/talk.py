@@ -146,6 +146,7 @@ class Talk(Observer):
         self.ports = [client_port, server_port]
         self.hosts = [1, 2]
         self.macs = [bytes(6), bytes(6)]
+        self.vlan = 0
         self.seq = [1000, 90000]
         #: What each end acknowledges; None is the normal course: everything the other end sent.
         self.acked: list[int | None] = [None, None]
@@ -223,7 +224,8 @@ class Talk(Observer):
             right = -sum([word for (word,) in struct.iter_unpack(">H", words)]) % 0xFFFF
             tcp = tcp[:16] + right.to_bytes(2, "big") + tcp[18:]
         ip = struct.pack(">BBHHHBBH", 0x45, 0, 40 + len(payload), 0, 0, 64, 6, 0) + addresses
-        frame = self.macs[1 - side] + self.macs[side] + b"\x08\x00" + ip + tcp + payload
+        tag = struct.pack(">HH", 0x8100, self.vlan) if self.vlan else b""
+        frame = self.macs[1 - side] + self.macs[side] + tag + b"\x08\x00" + ip + tcp + payload
         self.pipeline.frame(self.first.now_ns, frame, 0, len(frame) - cut, len(frame), 1)
         if seq is None:
             self.seq[side] += len(payload) + (1 if flags & (SYN | FIN) else 0)
