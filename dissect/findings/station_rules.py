@@ -107,7 +107,7 @@ class StationWatch:
         return self._noted(found, int(connection.tcp.vlan))
 
     def _known(self, vlan: int) -> Book:
-        """Return the book to compare with. Before the first VLAN that is the one; what it has lasts, in no VLAN."""
+        """Return the book to compare with: `book` until a VLAN is seen; what it has then is of the network without a number."""
         if self._networks is None:
             if not vlan:
                 return self.book
