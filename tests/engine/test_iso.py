@@ -129,7 +129,7 @@ def test_short_segments_between_pdus(octet: int, asks: bool) -> None:
         both(captured(talk.segments))
 
 
-def test_empty_dts_and_numbers_are_counted_on_the_short_road() -> None:
+def test_empty_dts_and_numbered_ones_are_counted() -> None:
     talk = Talk().handshake()
     talk.send(0, connect(0xE0)).send(1, connect(0xD0))
     talk.send(0, dt(setup(JOB, 0, 8))).send(1, dt(setup(3, 0, 8)))
