@@ -173,15 +173,14 @@ class S7Plus(Protocol):
                 self._note_beginning(side, sequence, frame)
             if parameters.starts_tls:
                 connection.identified_by = "InitSSL"
-            if head.wants_response:
+            if head.wants_response or head.version < V3:  # CPUs of before answer all the same, by a Response2
                 exchange.request(side, sequence, parameters, octets, frame, time_ns)
             else:
                 told = exchange.dialogue.tell(side, sequence, parameters, octets, frame, time_ns)
                 exchange.completed(told, frame, time_ns)
             return
         connection.set_client(1 - side.index)
-        if head.opcode == RESPONSE2 and not exchange.dialogue.waits(side, PLUS, sequence):
-            # Panels were seen to get it for requests that want no answer.
+        if head.opcode == RESPONSE2 and head.version == V3 and not exchange.dialogue.waits(side, PLUS, sequence):
             exchange.indication(side, sequence, parameters, octets, frame, time_ns)
         else:
             exchange.response(side, sequence, parameters, octets, frame, time_ns)

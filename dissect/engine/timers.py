@@ -22,6 +22,7 @@ from dissect.engine.exchange import Exchange
 from dissect.findings.reporter import Reporter
 from dissect.transactions.naming import subject
 from dissect.transactions.pairing import Dialogue
+from dissect.transactions.results import wants_answer
 from dissect.transactions.table import MAX_CONNECTIONS, Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
@@ -100,7 +101,7 @@ class OverdueWatch:
                 again_ns = min(again_ns, due_ns)
                 break
             side.told_overdue = transaction.number
-            if answering.captured and answering.hole_frame < transaction.request_frame:
+            if answering.captured and answering.hole_frame < transaction.request_frame and wants_answer(transaction):
                 self._tell(transaction, now_ns)
         return max(again_ns, now_ns + _PAUSE_NS)
 

@@ -123,7 +123,8 @@ def plus_subject(transaction: Transaction) -> str:
     if half.pdu.opcode == NOTIFICATION:
         said = plus_notes(half.pdu)
     else:
-        said = ["expects no response"] if asked is not None and not asked.pdu.wants_response else []
+        one_way = asked is not None and told is None and not asked.pdu.wants_response
+        said = ["expects no response"] if one_way else []
     answer = "" if half.pdu.opcode == NOTIFICATION else "response: "
     wrong = (malformed_note(asked, "request: ") + malformed_note(told, answer))[:1]
     items = join_items(asked, told, transaction.connection.plus)

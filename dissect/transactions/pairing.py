@@ -26,6 +26,7 @@ from dissect.transactions.results import (
     check_written,
     error_code,
     mismatch,
+    wants_answer,
 )
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -244,7 +245,7 @@ class Dialogue:
     def tell(
         self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
     ) -> Transaction:
-        """An S7comm-plus request that wants no answer: a transaction of its own, with an asking half only."""
+        """An S7comm-plus request that gets no answer: a transaction of its own, with an asking half only."""
         self.count += 1
         transaction = Transaction(self.count, side.connection, side.index, PLUS, pdu_ref, parameters)
         transaction.request_frame = frame
@@ -286,7 +287,7 @@ class Dialogue:
         answering = side.peer
         for transaction in requests.drain() if requests.count else []:
             self._give_up(transaction, answering, reason)
-            if reason != CAPTURE_ENDED:
+            if reason != CAPTURE_ENDED and transaction.outcome == UNANSWERED:
                 connection.open_at_end += 1
         if requests.orphans is not None and answering is not None:
             for orphan in requests.orphans:
@@ -310,6 +311,11 @@ class Dialogue:
     def _give_up(self, transaction: Transaction, answering: Side | None, reason: str) -> None:
         """Close a request that got no answer; a hole on the answering side since it was asked explains it best."""
         self.open -= 1
+        if not wants_answer(transaction):
+            transaction.outcome = PUSH
+            transaction.connection.note_one_way()
+            self.also.append(transaction)
+            return
         transaction.outcome = UNANSWERED
         transaction.reason = reason
         if answering is not None:

@@ -63,6 +63,12 @@ def went_wrong(transaction: Transaction) -> bool:
     return transaction.failed or transaction.flags & MISMATCHES != 0
 
 
+def wants_answer(transaction: Transaction) -> bool:
+    """Tell whether a request asks for an answer. One of S7comm-plus may not; before version 3 it is answered all the same."""
+    request = transaction.plus_request
+    return request is None or request.wants_response
+
+
 def check_other_answer(transaction: Transaction) -> None:
     """Look at the return value of an S7comm-plus answer, or what an SCD message says of itself.
 

@@ -109,6 +109,29 @@ def test_requests_that_want_no_response_and_notifications() -> None:
     assert (talk.connections[0].unsolicited, talk.connections[0].one_way) == (3, 1)
 
 
+@pytest.mark.parametrize("version", [1, 2])
+def test_before_version_3_a_request_that_wants_no_response_gets_one(version: int) -> None:
+    talk = begun()
+    first = talk.ask(framed(asked(1, SET_VARIABLE, flags=0x74), version))
+    talk.wait(10 * MS)
+    answer = talk.tell(framed(told(1, SET_VARIABLE, opcode=2), version))
+    last = talk.ask(framed(asked(2, SET_VARIABLE, flags=0x74), version))
+    talk.close()
+    assert talk.pairs() == [(first, answer), (last, 0)]
+    assert talk.outcomes() == ["answered", "unsolicited"]  # the last got none, and nobody waits for it
+    assert slugs(talk) == []
+    (connection,) = talk.connections
+    assert (connection.answered, connection.unanswered, connection.one_way, connection.open_at_end) == (1, 0, 1, 0)
+
+
+def test_a_response_of_the_other_form_to_nothing_is_an_answer_without_request() -> None:
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(1)), framed(told(5, SET_VARIABLE, opcode=2)))
+    talk.close()
+    assert talk.outcomes() == ["answered", "orphan_answer"]
+
+
 @pytest.mark.parametrize("kind", [0x13, 0x03])
 def test_an_item_that_a_notification_refuses_is_an_error(kind: int) -> None:
     talk = begun()

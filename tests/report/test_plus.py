@@ -93,7 +93,7 @@ def talk() -> Talk:
     talk.send(0, dt(framed(asked(6, body=body), 3)))
     talk.send(1, dt(framed(told(6, body=b"\xff" * 8 + b"\xf4\0\0" + bodies.end(3)), 3)))
     granted = bodies.set_variable(0x70000E51, [1053], FIVE)
-    talk.send(0, dt(framed(asked(7, SET_VARIABLE, flags=0x74, body=granted)))).send(1, dt(framed(notified())))
+    talk.send(0, dt(framed(asked(7, SET_VARIABLE, flags=0x74, body=granted), 3))).send(1, dt(framed(notified())))
     talk.send(1, dt(event(99, b"LOG\x1bOUT"))).send(0, dt(KEEP_ALIVE))
     talk.send(0, dt(framed(asked(8, body=body[:20]), trailer=False))).send(0, dt(framed(body[20:])))
     talk.send(0, dt(framed(asked(9))[:-6]))
@@ -256,7 +256,7 @@ def test_the_analysis(talk: Talk) -> None:
         "pdus": 10,
         "cut": 0,
         "unpaired": 2,
-        "versions": {"0x02": 6, "0x03": 2, "0xfe": 1, "0xff": 1},
+        "versions": {"0x02": 5, "0x03": 3, "0xfe": 1, "0xff": 1},
         "opcodes": {"0x31": 5, "0x32": 2, "0x33": 1},
         "functions": {"0x04f2": 1, "0x054c": 6},
     }
