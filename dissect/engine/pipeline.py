@@ -487,6 +487,8 @@ class Pipeline(PacketSink):
             self.timers.chunks(side, True)
         elif half.ready or half.outside:
             self.timers.chunks(side)
+        if half.repeats:
+            self.exchange.dialogue.sent_again(side, seq, len(octets), self.counters.frames, self.counters.now_ns)
         if half.held is not None:
             self.timers.wait(side)
         if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
@@ -496,10 +498,8 @@ class Pipeline(PacketSink):
             return accounts.LEFT_OUT
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
             return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
-        if what == stream.NEW:
-            return PAYLOAD
-        if what == stream.OLD:
-            return accounts.RETRANSMISSION
+        if what == stream.NEW or what == stream.OLD:
+            return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
 
     # ---- what waits for time to pass --------------------------------------------------------------------------------

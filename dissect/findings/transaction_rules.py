@@ -157,12 +157,7 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
         _judge_flags(judge, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
         if latency > slow_ns:
-            _note(
-                judge,
-                "transaction.slow",
-                transaction,
-                over_limit(latency, int(slow_ns)),
-            )
+            _note(judge, "transaction.slow", transaction, over_limit(latency, int(slow_ns)) + _sent_again(transaction))
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(judge, "transaction.orphan", transaction, _orphan(transaction))
     if transaction.has_errors:
@@ -214,7 +209,7 @@ def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slo
         return
     if transaction.reason == TABLE_FULL:
         judge.note("transaction.table_full", transaction.connection.number, transaction.frames, transaction.request_ns)
-    _note(judge, "transaction.unanswered", transaction, _why(transaction))
+    _note(judge, "transaction.unanswered", transaction, _why(transaction) + _sent_again(transaction))
 
 
 def _stays_encrypted(transaction: Transaction, side: i64) -> bool:
@@ -239,6 +234,12 @@ def _why(transaction: Transaction) -> str:
         if deed:
             return f"{deed} {distance_text(int(transaction.request_ns - ending.time_ns))}"
     return REASON_TEXTS[transaction.reason]
+
+
+def _sent_again(transaction: Transaction) -> str:
+    """Return what says that TCP sent the request again: then the network may be slow, or the device gone, not only busy."""
+    again = transaction.again
+    return f"; {again.text(transaction.request_ns)} (packet {again.frame})" if again is not None else ""
 
 
 def _note(judge: Reporter, slug: str, transaction: Transaction, what: str) -> None:

@@ -223,6 +223,9 @@ def outcome(transaction: Transaction) -> str:
         said = ""
     else:
         said = "answer not captured" if transaction.unseen else f"NO ANSWER{why}"
+    if transaction.again is not None:
+        again = transaction.again.text(transaction.request_ns)
+        said = f"{said}, {again}" if said else again
     if transaction.flags & MISMATCHES:
         said = ", ".join([text for text in (said, f"MISMATCH ({_mismatch(transaction)})") if text])
     if transaction.error_code and transaction.has_errors:

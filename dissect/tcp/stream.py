@@ -105,6 +105,7 @@ class HalfStream:
         "outside",
         "position",
         "ready",
+        "repeats",
         "start_seq",
     )
 
@@ -127,6 +128,7 @@ class HalfStream:
         self._acked_ns: i64 = 0
         self._acked_segments: i64 = 0
         self.heard: bool = False  # the far end speaks as well, so that what it acknowledges can be seen
+        self.repeats: bool = False  # the segment that `accept` took last has octets that were there before
         self.outside: i64 = 0  # octets that were not believed, until who reports them sets it back
 
     def start(self, seq: i64) -> None:
@@ -156,14 +158,17 @@ class HalfStream:
         if ahead >= HALF_SPACE:
             ahead -= MASK + 1
         at: i64 = self.position + ahead
+        self.repeats = False
         if at + size <= self.position:
             if size == 1 and ahead == -1:
                 return KEEP_ALIVE  # its octet is arbitrary (RFC 1122 4.2.3.6), so it is not compared
             if at + size <= 0:
                 return BEFORE_START
+            self.repeats = True
             self._compare_passed(at, octets)
             return OLD
         if at < self.position:
+            self.repeats = True
             self._compare_passed(at, octets)
             octets = octets[self.position - at :]
             at = self.position
@@ -294,6 +299,7 @@ class HalfStream:
                 other = held[index]
                 if other.at <= start:
                     stop = min(end, other.at + len(other.octets))
+                    self.repeats = True
                     mine = octets[start - at : stop - at]
                     if other.octets[start - other.at : stop - other.at] != mine:
                         self.conflicts += 1

@@ -79,6 +79,12 @@ class OpenRequests:
             self._table[self.latest_key] = latest
         return self._table
 
+    def asked_last(self) -> Transaction | None:
+        """Return the request that was asked last of those that are open."""
+        if self.latest is not None or self._before is not None:
+            return self.latest or self._before
+        return next(reversed(self._table.values()), None) if self.count else None
+
     def find(self, key: i64) -> Transaction | None:
         """Return what is open under ``key``, the latest of several that are identical; None when nothing is."""
         latest = self.latest

@@ -21,6 +21,7 @@ from dissect.transactions.results import (
     EXPECTED,
     FUNCTION_MISMATCH,
     REORDERED,
+    SentAgain,
     check_notification,
     check_other_answer,
     check_written,
@@ -53,6 +54,10 @@ MAX_OPEN_ALL: Final = 65536
 FEW_OPEN: Final = 16
 #: Sides that asked are sought out of those whose connection is over when there are this many; more than can be open.
 _MANY_ASKING: Final = MAX_OPEN_ALL
+
+#: TCP waits longer than this before it sends again (RFC 6298, 2.4: a second; in practice 100 ms); what comes earlier was
+#: captured twice.
+_TWICE_NS: Final = 10_000_000
 
 #: Added to the reference of a userdata request: ROSCTR is part of the key.
 USERDATA_KEY: Final = 0x10000
@@ -241,6 +246,26 @@ class Dialogue:
         """Return whether a request is open that an answer of ``side`` with this reference would complete."""
         key: i64 = key_of(rosctr, pdu_ref)
         return side.connection.open_requests[1 - side.index].find(key) is not None
+
+    def sent_again(self, side: Side, seq: i64, size: i64, frame: i64, time_ns: i64) -> None:
+        """``side`` sent ``size`` octets from ``seq`` on, not for the first time: note it of the request that it sent last."""
+        connection = side.connection
+        half = side.stream
+        half.repeats = False
+        if (seq + size - half.next_seq) & MASK >= HALF_SPACE:
+            return  # what was sent last is not among them
+        request = connection.open_requests[side.index].asked_last()
+        if request is None or request.request_ns != connection.last_request_ns or not side.at_rest:
+            return
+        again = request.again
+        if time_ns - (request.request_ns if again is None else again.time_ns) < _TWICE_NS:
+            return
+        if again is None:
+            again = SentAgain()
+            request.again = again
+        again.times += 1
+        again.frame = frame
+        again.time_ns = time_ns
 
     def tell(
         self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64

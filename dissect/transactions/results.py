@@ -37,6 +37,7 @@ from dissect.transactions.payloads import ScdParameters
 from dissect.wire.codes import coded
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
+from dissect.wire.text import duration_text
 
 if TYPE_CHECKING:
     from dissect.transactions.transaction import Transaction
@@ -218,6 +219,24 @@ class TransactionError:
             "name": self.name,
             "text": self.text,
         }
+
+
+class SentAgain:
+    """A request that was sent again by TCP: how many times, and the latest packet with its time."""
+
+    __slots__ = ("frame", "time_ns", "times")
+
+    def __init__(self) -> None:
+        self.times: i64 = 0
+        self.frame: i64 = 0
+        self.time_ns: i64 = 0
+
+    def text(self, request_ns: int) -> str:
+        """Return it in words, with the time since the request."""
+        after = duration_text(int(self.time_ns) - int(request_ns))
+        if self.times == 1:
+            return f"request sent again after {after}"
+        return f"request sent again {self.times} times, last after {after}"
 
 
 class Subscription:

@@ -1,7 +1,7 @@
 """A transaction: a request and its answer, either half of which may be missing, and a first look at that answer.
 
-`check_answer` looks at every answer (reference 5.1 and 7.3). It only steps over the data items in place; each of them is made
-an object when somebody asks for `Transaction.results`.
+`check_answer` looks at every answer (reference 5.1 and 7.3), by stepping over its items in place: objects are made when
+somebody asks for `Transaction.results`.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ from dissect.transactions.results import (
     SIZE_MISMATCH,
     STILL_OPEN,
     UNCONFIRMED,
+    SentAgain,
     Subscription,
     TransactionError,
     check_other_answer,
@@ -118,6 +119,7 @@ class Transaction:
 
     __slots__ = (
         "_results",
+        "again",
         "asked_by",
         "carried",
         "connection",
@@ -182,6 +184,7 @@ class Transaction:
         self.earlier: Transaction | None = None  # an identical request with the same reference, still open
         self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
+        self.again: SentAgain | None = None  # of a request that TCP sent more than once
         self._results: list[ItemResult] | None = None
         self.known_body: Body | None = None  # of the request, once it was cut
 
@@ -211,10 +214,7 @@ class Transaction:
 
     @property
     def function(self) -> int:
-        """Function code; an Ack without parameters takes it from the request, -1 when unknown.
-
-        One octet, in S7comm-plus two (see `is_plus`).
-        """
+        """Function code, one octet, in S7comm-plus two; an Ack without parameters has that of the request, -1 for none."""
         parameters = self.parameters
         if isinstance(parameters, PlusParameters):
             return parameters.code

@@ -74,6 +74,27 @@ def test_slow_answers(limit_ns: int, took_ns: int, detail: str) -> None:
     assert finding.time_ns == talk.transactions[0].response_ns
 
 
+def test_a_slow_answer_to_a_request_that_was_sent_again() -> None:
+    """Then the network may be slow, or the device gone for a moment, not only busy."""
+    talk = Talk()
+    octets = dt(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, octets)
+    frame = talk.packet(CLIENT, octets, seq=talk.seq[CLIENT] - len(octets), after_ns=300 * MS)
+    talk.tell(words(1, 1), after_ns=900 * MS)
+    detail = f"Read Var DB1.DBW0: 1.20 s, the limit is 1.00 s; request sent again after 300 ms (packet {frame})"
+    assert only(talk, "transaction.slow").detail == detail
+
+
+def test_no_answer_to_a_request_that_was_sent_again() -> None:
+    talk = Talk()
+    octets = dt(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, octets)
+    talk.packet(SERVER)
+    frame = talk.packet(CLIENT, octets, seq=talk.seq[CLIENT] - len(octets), after_ns=2000 * MS)
+    talk.close()
+    assert only(talk, "transaction.unanswered").detail.endswith(f"; request sent again after 2.00 s (packet {frame})")
+
+
 # ---- refused --------------------------------------------------------------------------------------------------------
 
 

@@ -29,6 +29,7 @@ from tests.properties.messages import Item, dt
 from tests.properties.packets import Packet, Talk, cut_to
 from tests.report.schemas import complaints
 from tests.report.support import OWN, WORD, Kept, begun, observed, read
+from tests.s7plus.pdus import asked, framed, told
 
 Line = dict[str, Any]
 
@@ -470,3 +471,22 @@ def check(path: Path) -> None:
                 assert item["value"] == json.loads(
                     value_text(decode_value(item["transport_size"], bytes.fromhex(item["data"])))
                 )
+
+
+@pytest.mark.parametrize("locate", [False, True])
+@pytest.mark.parametrize("plus", [False, True])
+def test_a_request_that_tcp_sent_again(plus: bool, locate: bool) -> None:
+    """In lines of both protocols, with the packet as the others have it; no other transaction has the key."""
+    talk = begun()
+    if plus:
+        talk.send(0, dt(framed(asked(5)))).send(1, dt(framed(told(5))))
+    else:
+        read(talk, 5)
+    talk.segments.insert(-1, talk.segments[-2])
+    found = Both(locate)
+    observed(found, talk.packets(step_ns=300_000_000))
+    line = found.lines[-1]
+    assert complaints("transaction", line, exact=True) == []
+    where = {"frame": 1, "file": "two.pcap"} if locate else {"frame": 9}
+    assert line["sent_again"] == {"times": 1, "after_ns": 300_000_000} | where
+    assert not any("sent_again" in other for other in found.lines[:-1])

@@ -44,6 +44,7 @@ from tests.transactions.talk import (
     read,
     refused,
     setup,
+    tpkt,
     userdata,
     words,
     write,
@@ -780,3 +781,84 @@ def test_what_waits_behind_a_request_is_told_when_that_is_replaced(same: bool) -
     assert sorted(talk.pairs()) == [(first, 0), (second, 0), (third, 0)]
     assert talk.outcomes() == ["unanswered"] * 3
     assert talk.pipeline.exchange.dialogue.open == 0
+
+
+# ---- sent again by TCP ----------------------------------------------------------------------------------------------
+
+
+def again(transaction: Transaction) -> tuple[int, int, str] | None:
+    """Return how often a request was sent again, the latest packet, and the words for it."""
+    found = transaction.again
+    return None if found is None else (found.times, found.frame, found.text(transaction.request_ns))
+
+
+def test_a_request_that_tcp_sends_again() -> None:
+    talk = Talk()
+    talk.open()
+    octets = dt(read(1, dbw(1, 0)))
+    asked = talk.packet(CLIENT, octets)
+    first = talk.packet(CLIENT, octets, seq=talk.seq[CLIENT] - len(octets), after_ns=300 * MS)
+    second = talk.packet(CLIENT, octets, seq=talk.seq[CLIENT] - len(octets), after_ns=600 * MS)
+    assert second == first + 1 == asked + 2
+    talk.tell(words(1, 5))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 6))
+    talk.close()
+    assert talk.outcomes() == ["answered", "answered"]
+    assert [again(one) for one in talk.transactions] == [
+        (2, second, "request sent again 2 times, last after 900 ms"),
+        None,
+    ]
+
+
+def test_what_tcp_sends_again_together_with_something_new() -> None:
+    """The client repeats its request in one segment with what it sends next."""
+    talk = Talk()
+    talk.open()
+    octets = dt(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, octets)
+    empty = tpkt(b"\x02\xf0\x80")
+    frame = talk.packet(CLIENT, octets + empty, seq=talk.seq[CLIENT] - len(octets), after_ns=300 * MS)
+    talk.seq[CLIENT] += len(empty)
+    talk.tell(words(1, 5))
+    talk.close()
+    assert [again(one) for one in talk.transactions] == [(1, frame, "request sent again after 300 ms")]
+
+
+def test_what_was_captured_behind_a_gap_is_sent_again() -> None:
+    """The segment that fills the gap carries the request behind it once more."""
+    talk = Talk()
+    talk.open()
+    empty = tpkt(b"\x02\xf0\x80")
+    octets = dt(read(1, dbw(1, 0)))
+    talk.seq[CLIENT] += len(empty)
+    talk.packet(CLIENT, octets)
+    frame = talk.packet(CLIENT, empty + octets, seq=talk.seq[CLIENT] - len(octets) - len(empty), after_ns=200 * MS)
+    talk.tell(words(1, 5))
+    talk.close()
+    assert [again(one) for one in talk.transactions] == [(1, frame, "request sent again after 200 ms")]
+
+
+@pytest.mark.parametrize("case", ["captured twice", "a probe", "answered before", "only the one before it"])
+def test_what_is_no_request_sent_again(case: str) -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    octets = dt(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, octets)
+    at = talk.seq[CLIENT] - len(octets)
+    if case == "captured twice":
+        talk.packet(CLIENT, octets, seq=at, after_ns=20_000)
+    elif case == "a probe":
+        talk.packet(CLIENT, octets[-1:], seq=talk.seq[CLIENT] - 1, after_ns=300 * MS)
+    elif case == "answered before":
+        talk.tell(words(1, 5))
+        talk.packet(CLIENT, octets, seq=at, after_ns=300 * MS)
+    else:
+        talk.ask(read(2, dbw(1, 0)))
+        talk.packet(CLIENT, octets, seq=at, after_ns=300 * MS)
+        talk.tell(words(2, 6))
+    talk.tell(words(1, 5))
+    talk.close()
+    assert [again(one) for one in talk.transactions if one.request_frame] == [None] * (
+        2 if case == "only the one before it" else 1
+    )

@@ -152,6 +152,7 @@ class TransactionLines(Observer):
             or transaction.carried is not None
             or self.locate is not None
             or transaction.connection.naming is not None
+            or transaction.again is not None
         ):
             return ""
         buf = transaction.response_buf
@@ -190,6 +191,7 @@ class TransactionLines(Observer):
             and transaction.parameters.function >= 0
             and transaction.request_frame != 0
             and transaction.response_frame != 0
+            and transaction.again is None
         )
 
     def _usual(self, transaction: Transaction) -> bytes:
@@ -255,7 +257,7 @@ class TransactionLines(Observer):
             out.write(b',"request_time":null,"response_time":"')
             self._times.write(out, transaction.response_ns)
         out.write(b'","latency_ns":')
-        if transaction.outcome == ANSWERED and not transaction.reason:
+        if transaction.outcome == ANSWERED and not transaction.reason and transaction.again is None:
             write_decimal(out, transaction.response_ns - transaction.request_ns)
             out.write(_ANSWERED)
             return
@@ -264,6 +266,7 @@ class TransactionLines(Observer):
         )
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         out.write(f'{latency},"outcome":"{OUTCOMES[transaction.outcome]}","reason":{reason}'.encode("ascii"))
+        out.write(self._again(transaction).encode("ascii"))
 
     def _write_polled(self, out: BytesWriter, transaction: Transaction) -> None:
         """Write what follows the latency of a read or write of which all is well."""
@@ -351,9 +354,21 @@ class TransactionLines(Observer):
             f'{reference},"rosctr":{rosctr},"function":{function}'
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
             f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
-            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{opening}{body}{closing}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._again(transaction)}{opening}{body}{closing}'
             f',"errors":[{self._errors(transaction)}]{tail}}}'
         )
+
+    def _again(self, transaction: Transaction) -> str:
+        """Return that TCP sent a request more than once, empty for nearly all."""
+        again = transaction.again
+        if again is None:
+            return ""
+        number, file = str(again.frame), ""
+        if self.locate is not None:
+            number, name = self._place(again.frame, self.locate)
+            file = f',"file":{name}'
+        after = again.time_ns - transaction.request_ns
+        return f',"sent_again":{{"times":{again.times},"frame":{number}{file},"after_ns":{after}}}'
 
     def _places(self, asked: i64, told: i64, locate: Locate) -> str:
         """Return the packets of request and answer (0 for none) by number and file."""
