@@ -63,6 +63,11 @@ def went_wrong(transaction: Transaction) -> bool:
     return transaction.failed or transaction.flags & MISMATCHES != 0
 
 
+def half_captured(transaction: Transaction) -> bool:
+    """Tell whether the other half of a transaction is missing because of the capture: one direction, mid-stream, a hole."""
+    return transaction.flags & EXPECTED != 0
+
+
 def check_other_answer(transaction: Transaction) -> None:
     """Look at the return value of an S7comm-plus answer, or what an SCD message says of itself.
 
