@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from captures.craft.mc7 import FC3, OB1
+from captures.craft.mc7 import FC3, OB1, OB1_CHANGED
+from dissect.findings.block_rules import BlockWatch
+from dissect.findings.reporter import Reporter
 from dissect.program.carved import CarvedBlock, carve
 from dissect.transactions import transfers
 from dissect.transactions.operation import Operation
@@ -78,6 +80,18 @@ def test_a_download_of_which_the_client_was_heard(asks: int, pause_ns: int) -> N
     found = block(talk)
     assert (found.label, found.octets, found.missing, found.activated) == ("FC3", FC3, "", None)
     assert not FAILURES & set(talk.slugs())
+
+
+@pytest.mark.parametrize(("side", "found"), [(CLIENT, ["block.changed"]), (None, ["block.changed", "block.differs"])])
+def test_whether_a_block_runs_of_which_the_client_was_heard_nobody_knows(side: int | None, found: list[str]) -> None:
+    """Neither the block that was loaded nor the one before it is what an upload is compared with."""
+    judge = Reporter()
+    watch = BlockWatch(judge)
+    changed = [*download(OB1_CHANGED, "_0800001P", 40), *activate("0800001P", 50)]
+    read_out = upload(OB1, "_0800001A", 7, 40)
+    for talk in (late(read_out, 0), late(changed, 0) if side is None else heard(side, changed), late(read_out, 0)):
+        watch.take(transfer(talk))
+    assert [one.slug for one in judge.fresh if one.slug in {"block.changed", "block.differs"}] == found
 
 
 def test_several_downloads_of_which_the_client_was_heard() -> None:
