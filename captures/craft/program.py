@@ -45,7 +45,7 @@ def program(case: Case) -> None:
     case.find("block.changed")
     case.find("block.system_call")
     case.find("block.not_activated")
-    case.find("operation.unfinished")
+    case.find("operation.upload_unfinished")
 
 
 class Upload:

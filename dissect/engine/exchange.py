@@ -29,7 +29,7 @@ from dissect.stations.evidence import TELLING
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
-from dissect.transactions.operation import DONE, TRANSFERS, Operation
+from dissect.transactions.operation import DONE, DOWNLOAD, TRANSFERS, Operation
 from dissect.transactions.operations import Operations
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.payloads import SCD, ScdParameters
@@ -148,6 +148,8 @@ class Watch:
         for operation in over:
             if operation.oddities or operation.result != DONE:  # it is not compiled, and each setup is an operation
                 judge_operation(self._judge, operation)
+            if not operation.begun and operation.kind == DOWNLOAD:
+                self.security.loaded(operation)
             if operation.content and operation.kind in TRANSFERS:
                 self._look_at_block(operation)
             self._observer.operation(operation)

@@ -219,7 +219,7 @@ OPERATIONS: Final = Table(
         Column("from_client", BOOL, "", "the client began it", "Operation.asked_by"),
         Column("kind", WORD, "", "download, upload, polling … (operations --help)", "Operation.kind"),
         Column("subject", TEXT, "", "what it is about", "Operation.subject"),
-        Column("result", WORD, "", "done, refused, failed, unfinished or running", "Operation.result"),
+        Column("result", WORD, "", "done, refused, failed, unfinished, running or not_captured", "Operation.result"),
         Column("reason", TEXT, "", "why it did not end well", "Operation.reason"),
         Column("error_code", INT, "", "code of the refusal, 0 for none", "Operation.error_code"),
         Column("error_name", WORD, "", "its name", "dissect.report.operations"),

@@ -11,7 +11,7 @@ from dissect.findings.reporter import Reporter
 from dissect.program.carved import CODE, INTERFACE, CarvedBlock, carve
 from dissect.program.compare import changed_parts
 from dissect.s7.tables import CODE_BLOCKS
-from dissect.transactions.operation import DOWNLOAD, Operation
+from dissect.transactions.operation import DOWNLOAD, NOT_CAPTURED, Operation
 
 if TYPE_CHECKING:
     from dissect.findings.code_rules import CodeRules
@@ -38,9 +38,15 @@ class Known:
         return sum([len(block.octets) for block in (self.runs, self.loaded) if block is not None])
 
     def settle(self) -> None:
-        """Let the block that was loaded be the one that runs, unless it has not been activated."""
+        """Let the block that was loaded be the one that runs, unless it has not been activated.
+
+        Of a download whose outcome was not captured nobody knows whether it runs, or the block before it.
+        """
         if self.loaded is not None:
-            if self.loaded.activated is not False:
+            done = self.loaded.operation
+            if done is not None and done.result == NOT_CAPTURED:
+                self.runs = None
+            elif self.loaded.activated is not False:
                 self.runs = self.loaded
             self.loaded = None
 

@@ -52,7 +52,8 @@ def judge_operation(judge: Reporter, operation: Operation) -> None:
         _note(judge, "operation.failed", operation, why, operation.last_frame)
     elif operation.result == UNFINISHED and operation.kind in _TRANSFERS and _ought_to_end(operation):
         size = f"{operation.octets} of {operation.announced}" if operation.announced >= 0 else str(operation.octets)
-        _note(judge, "operation.unfinished", operation, f"after {size} bytes", operation.last_frame)
+        slug = "operation.upload_unfinished" if operation.kind == UPLOAD else "operation.unfinished"
+        _note(judge, slug, operation, f"after {size} bytes", operation.last_frame)
 
 
 def _ought_to_end(operation: Operation) -> bool:

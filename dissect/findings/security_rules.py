@@ -46,7 +46,9 @@ from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import items_said, subject
-from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
+from dissect.transactions.operation import Operation
+from dissect.transactions.results import half_captured
+from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, titled
@@ -183,7 +185,7 @@ class SecurityWatch:
         head = transaction.parameters.userdata
         if head is not None and transaction.rosctr == USERDATA:
             self._userdata(transaction, head)
-        elif transaction.request_frame:
+        elif _asked(transaction):
             self._job(transaction)
         if transaction.error_code in _PROTECTED and transaction.connection.traits.first("security.protected"):
             self.tell("security.protected", transaction, transaction.function_name)
@@ -229,7 +231,7 @@ class SecurityWatch:
                 slug = "security.stopped" if head.subfunction == MODE_STOP else "security.mode_changed"
                 self.tell(slug, transaction, f"mode {head.subfunction_name}")
             return
-        if not transaction.request_frame:
+        if not _asked(transaction):
             return
         group, subfunction = head.group, head.subfunction
         table = USERDATA_SUBFUNCTIONS.get(group)
@@ -246,6 +248,16 @@ class SecurityWatch:
                 self._inquiry(transaction, szl_id)
         elif group == GROUP_SECURITY and subfunction == SEND_PASSWORD:
             self.password(transaction)
+
+    def loaded(self, operation: Operation) -> None:
+        """Take a download whose beginning was not captured: its pieces tell that a client loaded a block."""
+        number = operation.connection.number
+        if self._judge.wants("security.program_change", number):
+            ends = operation.connection.tcp.ends
+            who = f"{ends[operation.asked_by]} to {ends[1 - operation.asked_by]}"
+            what = f"download {operation.subject}, {operation.octets} bytes, beginning not captured"
+            frames = sorted({operation.first_frame, operation.last_frame})
+            self._judge.detail("security.program_change", number, frames, operation.end_ns, f"{who}: {what}")
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
         """A client asks what the device is, by SZL-ID or (negative) block function: reported once, unless routine."""
@@ -307,6 +319,9 @@ class SecurityWatch:
             result = f", refused{part}: 0x{code:04x} {codes.name(code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", answer not captured" if transaction.unseen else ", not answered"
+        if transaction.outcome == ORPHAN:
+            what = what or f"{transaction.function_name}{accepted(transaction, code)}"
+            result += ", request not captured"
         what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         self._judge.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
@@ -337,6 +352,11 @@ def _item_codes(refused: list[ItemResult]) -> str:
     codes = sorted({int(result.return_code) for result in refused if result.refused})
     said = [coded(RETURN_CODES.hex(code), RETURN_CODES.name(code)) for code in codes[:_NAMED]]
     return f", refused: {', '.join(said)}" if said else ""
+
+
+def _asked(transaction: Transaction) -> bool:
+    """Tell whether a request was made: it was captured, or an answer says so whose request is missing from the capture."""
+    return transaction.request_frame > 0 or (transaction.outcome == ORPHAN and half_captured(transaction))
 
 
 def _ends(transaction: Transaction) -> tuple[str, str]:
@@ -371,7 +391,8 @@ def _forced(transaction: Transaction) -> str:
 def accepted(transaction: Transaction, code: int = -1) -> str:
     """Say that a command was accepted; what else became of it says `SecurityWatch.tell`, whose ``code`` this is."""
     refused = transaction.error_code if code < 0 else code
-    return ", accepted" if transaction.outcome == ANSWERED and not refused else ""
+    answered = transaction.outcome in {ANSWERED, ORPHAN}
+    return ", accepted" if answered and not refused else ""
 
 
 def _service_slug(name: str) -> str:

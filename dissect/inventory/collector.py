@@ -36,7 +36,17 @@ from dissect.source.packet import SourceFile
 from dissect.stations.facts import MAC, Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items
-from dissect.transactions.operation import DELETE, DOWNLOAD, FAILED, REFUSED, TRANSFERS, UPLOAD, Operation
+from dissect.transactions.operation import (
+    DELETE,
+    DOWNLOAD,
+    FAILED,
+    NAMELESS,
+    NOT_CAPTURED,
+    REFUSED,
+    TRANSFERS,
+    UPLOAD,
+    Operation,
+)
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 MAX_DEVICES: Final = 4096
@@ -241,6 +251,8 @@ class Inventory(Observer):
         done = _BLOCKS.get(operation.kind)
         if done is None or operation.result in {REFUSED, FAILED}:
             return
+        if operation.result == NOT_CAPTURED and not operation.content:
+            return  # it may have been refused
         device = self._device(str(operation.connection.tcp.ends[1 - operation.asked_by].host))
         if device is not None and operation.content and operation.kind in TRANSFERS:
             self._take_code(device, operation)
@@ -374,7 +386,7 @@ def _blocks_of(operation: Operation) -> list[str]:
         named = [f"{block.label}{f' {block.name!r}' if block.name else ''}" for block in carve(operation)]
         if named:
             return named
-    return [name] if name else []
+    return [name] if name and name != NAMELESS else []
 
 
 def _place(item: Item) -> tuple[str, int, int]:

@@ -15,7 +15,7 @@ from dissect.report.words import Places, named
 from dissect.report.writers.text import scd_line, transaction_line
 from dissect.stations.facts import KEYS, Fact
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import DONE, RUNNING, Operation
+from dissect.transactions.operation import NO_FAILURES, Operation
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable, shortened
 
@@ -123,7 +123,7 @@ def _style(event: Event) -> str:
         return "warning"
     failed = (
         (isinstance(what, Transaction) and what.failed)
-        or (isinstance(what, Operation) and what.result not in {DONE, RUNNING})
+        or (isinstance(what, Operation) and what.result not in NO_FAILURES)
         or (isinstance(what, Connection) and bool(what.refused))
     )
     return FAILED if failed else PLAIN

@@ -21,7 +21,7 @@ from dissect.report.scd import scd_summary
 from dissect.report.words import Places
 from dissect.report.writers.text import transaction_line
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import DONE, RUNNING, Operation
+from dissect.transactions.operation import NO_FAILURES, Operation
 from dissect.transactions.transaction import Transaction
 from dissect.variables.summary import sparkline
 from dissect.variables.writers import place_text, shown
@@ -214,7 +214,7 @@ def begun(entry: Entry) -> int:
 def _mark(entry: Entry) -> Piece:
     what = entry.what
     if isinstance(what, Operation):
-        return ("=", DIM) if what.result in {DONE, RUNNING} else ("=", ODD)
+        return ("=", DIM) if what.result in NO_FAILURES else ("=", ODD)
     if not isinstance(what, Transaction):
         return ("E", BAD) if what[0].message.error is not None else (" ", PLAIN)
     if what.has_errors:

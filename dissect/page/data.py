@@ -212,7 +212,7 @@ class Data:
                     self._seconds(span.end_ns),
                     span.kind,
                     f"o{span.number}",
-                    f"{KINDS[span.kind]}, {span.result}",
+                    f"{KINDS[span.kind]}, {span.result.replace('_', ' ')}",
                 ]
                 for span in of.spans
                 if span.host == host

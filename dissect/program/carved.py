@@ -12,7 +12,7 @@ from typing import Final
 from dissect.program.classic import ClassicBlock, read_classic
 from dissect.program.plus import PlusBlock, plus_block_of, plus_blocks
 from dissect.s7.blocks import HEADER as HEADER_LAYOUT
-from dissect.transactions.operation import DONE, TRANSFERS, Activation, Operation
+from dissect.transactions.operation import DONE, NAMELESS, NOT_CAPTURED, TRANSFERS, Activation, Operation
 
 S7COMM: Final = "s7comm"
 S7COMM_PLUS: Final = "s7comm_plus"
@@ -170,7 +170,7 @@ def carve(operation: Operation) -> list[CarvedBlock]:
         return _carve_plus(operation)
     if not operation.octets and operation.error_code:
         return []
-    found = block_of(operation.content, operation.subject)
+    found = block_of(operation.content, operation.subject if operation.subject != NAMELESS else "")
     found.operation = operation
     found.activation = operation.activation
     found.missing = _missing(operation, found)
@@ -188,7 +188,8 @@ def block_of(octets: bytes, named: str = "") -> CarvedBlock:
         found = CarvedBlock(name[1], int(name[2]), octets, S7COMM)
     else:
         found = CarvedBlock(FILE, -1, octets, S7COMM)
-    found.title = "" if name is not None else named
+    headed = classic is not None and named == f"{classic.kind} {classic.number}"
+    found.title = "" if name is not None or headed else named
     return found
 
 
@@ -201,13 +202,17 @@ def _missing(operation: Operation, block: CarvedBlock) -> str:
     got = len(block.octets)
     if operation.dropped:
         return f"{operation.dropped} bytes were too much to keep"
+    if operation.result == NOT_CAPTURED and not got:
+        return "no contents captured"
     if operation.announced > got:
         return f"{got} of {operation.announced} bytes"
     if block.classic is not None and block.classic.missing and not operation.subject.endswith(_HEADER_ALONE):
         return f"{got} of {block.classic.size} bytes"
+    if not operation.begun and block.classic is None:
+        return "its beginning was not captured"
     if not operation.complete:
         return f"ended after {got} bytes"
-    if operation.result != DONE:
+    if operation.result not in {DONE, NOT_CAPTURED}:
         return f"transfer {operation.result}"
     return ""
 

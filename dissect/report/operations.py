@@ -10,7 +10,14 @@ from dissect.report.words import Places
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.szl import SZL_HEAD
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.operation import DONE, LONG_ANSWER, POLLING, RUNNING, Operation
+from dissect.transactions.operation import (
+    LONG_ANSWER,
+    NO_FAILURES,
+    NOT_CAPTURED,
+    POLLING,
+    RUNNING,
+    Operation,
+)
 from dissect.transactions.transaction import CONNECTION_CLOSED
 from dissect.wire.codes import CodeTable
 from dissect.wire.text import Clock, shortened
@@ -58,7 +65,7 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
 
 def styled_operation(operation: Operation, clock: Clock, places: Places) -> Line:
     """Return `operation_line` with its style: what did not come to its end stands out."""
-    style = PLAIN if operation.result in {DONE, RUNNING} else FAILED
+    style = PLAIN if operation.result in NO_FAILURES else FAILED
     return Line(operation_line(operation, clock, places), style, HANG)
 
 
@@ -86,8 +93,10 @@ def error_codes(operation: Operation) -> CodeTable:
 
 
 def shouted(text: str) -> str:
-    """Return a result the way it stands on a line: loud unless all is well."""
-    return text if text in {DONE, RUNNING} else text.upper()
+    """Return a result the way it stands on a line: loud when something went wrong."""
+    if text == NOT_CAPTURED:
+        return "outcome not captured"
+    return text if text in NO_FAILURES else text.upper()
 
 
 def result(operation: Operation) -> str:
@@ -99,7 +108,8 @@ def result(operation: Operation) -> str:
         return f"{shout} 0x{operation.error_code:04x} {error_codes(operation).name(operation.error_code)}"
     why = facets.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
-    told = ", ".join([text for text in (why, odd) if text])
+    late = "" if operation.begun else "beginning not captured"
+    told = ", ".join([text for text in (why, late, odd) if text])
     return f"{shout} ({told})" if told else shout
 
 
@@ -119,6 +129,7 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "subject": operation.subject,
         "first_frame": places.number(operation.first_frame),
         "last_frame": places.number(operation.last_frame),
+        "beginning_captured": operation.begun,
         "begin_time": clock.iso(operation.begin_ns),
         "duration_ns": operation.duration_ns,
         "result": operation.result,

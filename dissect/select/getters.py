@@ -33,7 +33,7 @@ from dissect.select.things import Context, Found, Message, Packet
 from dissect.tcp.link import vlan_ids
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import DONE, RUNNING, Operation
+from dissect.transactions.operation import NO_FAILURES, Operation
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.results import NO_CODE
 from dissect.transactions.transaction import Transaction
@@ -211,7 +211,7 @@ def duration(thing: Operation | Connection, _context: Context) -> int:
 def failed(thing: Transaction | Operation, _context: Context) -> bool:
     """Tell whether something was refused or not answered."""
     if isinstance(thing, Operation):
-        return thing.result not in {DONE, RUNNING}
+        return thing.result not in NO_FAILURES
     return bool(thing.failed)
 
 

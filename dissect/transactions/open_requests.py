@@ -327,6 +327,22 @@ class OpenRequests:
             self.orphans.remove(orphan)
             self.orphans = self.orphans or None
 
+    def passed_orphans(self, end_seq: i64) -> list[Transaction]:
+        """Remove and return the held answers that acknowledge less than a request that ends at sequence number ``end_seq``.
+
+        What they answer came before that request, and was not seen: every later request ends further on.
+        """
+        passed: list[Transaction] = []
+        kept: list[Orphan] = []
+        for orphan in self.orphans or []:
+            if orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) >= HALF_SPACE:
+                passed.append(orphan.transaction)
+            else:
+                kept.append(orphan)
+        if passed:
+            self.orphans = kept or None
+        return passed
+
     def expired_orphans(self, time_ns: i64, packet: i64) -> list[Transaction]:
         """Remove and return the held answers whose time is over."""
         orphans = self.orphans

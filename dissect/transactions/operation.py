@@ -61,6 +61,7 @@ REFUSED: Final = "refused"
 FAILED: Final = "failed"
 UNFINISHED: Final = "unfinished"
 RUNNING: Final = "running"
+NOT_CAPTURED: Final = "not_captured"
 #: Every result with a sentence.
 RESULTS: Final[dict[str, str]] = {
     DONE: "It completed.",
@@ -68,7 +69,13 @@ RESULTS: Final[dict[str, str]] = {
     FAILED: "It started, and a later step was refused or reported an error.",
     UNFINISHED: "Its end is missing: the connection or the capture ended first, or a request was not answered.",
     RUNNING: "A subscription or test job that was running when the connection or the capture ended.",
+    NOT_CAPTURED: "What tells how it ended is not in the capture, mostly because only one direction was captured.",
 }
+#: Those in which nothing went wrong, as far as it was captured.
+NO_FAILURES: Final = frozenset((DONE, RUNNING, NOT_CAPTURED))
+
+#: The subject of a transfer while nothing that was captured says what is transferred.
+NAMELESS: Final = "name not captured"
 
 # What contradicts itself in an operation (`Operation.oddities`).
 WRONG_ID: Final = "wrong_id"
@@ -129,7 +136,9 @@ class Operation:
     ``announced`` is the size that was stated beforehand, -1 when none was. ``content`` is the answer or BSEND that came in
     parts, joined, once it is whole; of a download or upload, what passed of the block or file once the operation is over (of
     S7comm-plus the whole PDU that carries the blocks), of which ``dropped`` octets were too much to keep. It is empty for
-    other kinds. ``activation`` says what became of a block that was loaded whole. Times are nanoseconds since 1970.
+    other kinds. ``activation`` says what became of a block that was loaded whole. ``begun`` is False when the beginning of a
+    transfer is not in the capture, ``half_captured`` True when a request or answer of it is not, because only one direction
+    was captured. Times are nanoseconds since 1970.
     """
 
     __slots__ = (
@@ -137,6 +146,7 @@ class Operation:
         "announced",
         "asked_by",
         "begin_ns",
+        "begun",
         "complete",
         "connection",
         "content",
@@ -145,6 +155,7 @@ class Operation:
         "end_ns",
         "error_code",
         "first_frame",
+        "half_captured",
         "held",
         "key",
         "kind",
@@ -178,6 +189,8 @@ class Operation:
         self.octets: i64 = 0
         self.announced = -1
         self.complete = False  # the last piece came
+        self.begun = True
+        self.half_captured = False
         self.result = ""
         self.reason = ""
         self.error_code = 0
@@ -236,10 +249,11 @@ class Operation:
 class OpenOperations:
     """The operations of a connection that go on."""
 
-    __slots__ = ("joiner", "plus", "set_up", "these")
+    __slots__ = ("halves", "joiner", "plus", "set_up", "these")
 
     def __init__(self) -> None:
         self.these: list[Operation] = []
+        self.halves: list[Transaction] = []  # steps of transfers in one direction, until they can be put in order
         self.joiner: Joiner | None = None  # once something came in parts
         self.plus: PlusOpen | None = None  # of S7comm-plus
         self.set_up = False  # the first Setup communication was told
@@ -248,6 +262,13 @@ class OpenOperations:
         """Return the open operation of a kind with this key."""
         for operation in self.these:
             if operation.kind == kind and operation.key == key:
+                return operation
+        return None
+
+    def latest(self, kind: str, asked_by: int) -> Operation | None:
+        """Return the open operation of a kind that began last, of those that a side asked for (-1: either)."""
+        for operation in reversed(self.these):
+            if operation.kind == kind and asked_by in (-1, operation.asked_by):
                 return operation
         return None
 
@@ -303,13 +324,22 @@ class OperationBook:
             going.remove(operation)
         self.over.append(operation)
 
+    def break_off(self, operation: Operation, reason: str) -> None:
+        """An operation goes on no more; of one that was captured in one direction nobody knows how it ended."""
+        if operation.half_captured and not operation.connection.answered:
+            self.close(operation, NOT_CAPTURED)
+        else:
+            self.close(operation, UNFINISHED, reason)
+
     def settle(
         self, operation: Operation, transaction: Transaction, went_well: str, went_wrong: str, code: int = -1
     ) -> None:
         """Close an operation by what became of its last transaction, or of an item of it: its error, 0 for none."""
         if code < 0:
             code = int(transaction.error_code)
-        if not transaction.response_frame:
+        if transaction.unseen:
+            self.close(operation, NOT_CAPTURED)
+        elif not transaction.response_frame:
             self.close(operation, UNFINISHED, transaction.reason)
         elif code:
             operation.error_code = code

@@ -1,23 +1,17 @@
 """From transactions to operations: which belong together, what came of them (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
 
 `Operations` gets every transaction except reads and writes, in the order in which they end, and collects the operations that
-are over in ``over``. It states facts; findings are made elsewhere.
-
-`Transfers` follows downloads and uploads: who requests which piece, and whether all of it arrived (reference 3.7 and 3.8). In
-a download the PLC requests the pieces with jobs of its own; python-snap7's client sends them unrequested instead. Both are
-one operation, begun by the request that names the block.
+are over in ``over``. It states facts; findings are made elsewhere. Downloads and uploads are followed by
+`dissect.transactions.transfers`.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from dissect.s7.body import Body
-from dissect.s7.control import PI_BLOCK
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import Pdu
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.services import DELETE, LINK_IN, LINK_IN_SECOND, PROGRAM
+from dissect.s7.services import PROGRAM
 from dissect.s7.tables import (
     ACKNOWLEDGED,
     ALARM_8,
@@ -31,8 +25,6 @@ from dissect.s7.tables import (
     CYCLIC_TRANSFER,
     DELETE_JOB,
     DIAGNOSTIC_MESSAGE,
-    DOWNLOAD_BLOCK,
-    DOWNLOAD_ENDED,
     END_UPLOAD,
     FORCE_VARIABLES,
     GROUP_CPU,
@@ -52,29 +44,18 @@ from dissect.s7.tables import (
     SCAN,
     SEND_PASSWORD,
     SETUP_COMMUNICATION,
-    START_UPLOAD,
     UNLOCKED,
     UNSUBSCRIBE,
     USERDATA,
     VARIABLE_STATUS,
 )
-from dissect.s7.tables import (
-    JOB as JOB_PDU,
-)
-from dissect.s7.tables import (
-    UPLOAD as UPLOAD_PIECE,
-)
-from dissect.s7.transfer import FILE_NAME, PIECE, PLAIN_FILE_NAME, SHORT_FILE_NAME
-from dissect.transactions.connection import MAX_REMEMBERED, Connection
+from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
-    BEYOND_END,
     BSEND,
     CONNECT,
     CONTROL,
-    CUT_SHORT,
     CYCLIC,
     DONE,
-    DOWNLOAD,
     FAILED,
     LONG_ANSWER,
     MESSAGES,
@@ -85,233 +66,16 @@ from dissect.transactions.operation import (
     SESSION,
     TEST_JOB,
     UNFINISHED,
-    UPLOAD,
-    WRONG_ID,
     WRONG_SIZE,
-    Activation,
     Operation,
     OperationBook,
 )
-from dissect.transactions.results import NOT_LOADED, STRAY_PUSH
-from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
+from dissect.transactions.results import STRAY_PUSH, half_captured
+from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.wire.octets import u16
-from dissect.wire.part import Part
 
-_NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)
-_MAX_NAME: Final = 200
-#: Bodies of requests that are kept for the next one that says the same, and octets of their parameters.
-_MAX_BODIES: Final = 32
-_MAX_OCTETS: Final = 128
-#: Jobs whose answers say something of a transfer; those of the others need not be read.
-_TELLING_ANSWERS: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD_PIECE))
-#: What a message that ends a transfer says when all went well.
-_GOOD: Final = 0
-
-
-class Transfers:
-    """Follows the transfers of all connections, and puts them into a book of operations."""
-
-    def __init__(self, book: OperationBook) -> None:
-        self._book = book
-        self._bodies: dict[bytes, Body] = {}  # of jobs without data, by their parameters: each piece is asked for alike
-
-    def take(self, transaction: Transaction) -> None:
-        """Take a job that is over: a step of a transfer, or none."""
-        function = transaction.function
-        body = self._asked(transaction)
-        if body is None:
-            return
-        answer = Body()
-        if function in _TELLING_ANSWERS:
-            response = transaction.response
-            answer = response.body if response is not None else answer
-        if function == REQUEST_DOWNLOAD:
-            self._begin_download(transaction, body)
-        elif function == DOWNLOAD_BLOCK:
-            self._download_piece(transaction, body, answer)
-        elif function == DOWNLOAD_ENDED:
-            self._end_download(transaction, body)
-        elif function == START_UPLOAD:
-            self._begin_upload(transaction, body, answer)
-        elif function == UPLOAD_PIECE:
-            self._upload_piece(transaction, body, answer)
-        elif function == END_UPLOAD:
-            self._end_upload(transaction, body)
-        elif function == PLC_STOP or (function == PI_SERVICE and body.text("service") == PROGRAM):
-            what = transaction.function_name if function == PLC_STOP else subject_of(transaction)
-            operation = self._book.begin(CONTROL, "", transaction, what)
-            self._book.settle(operation, transaction, DONE, REFUSED)
-        elif function == PI_SERVICE:
-            _follow_blocks(transaction, body)
-
-    def _asked(self, transaction: Transaction) -> Body | None:
-        """Return the body of the request; of one that was asked before with the same octets it is the same one."""
-        octets = transaction.parameters.octets
-        if transaction.rosctr != JOB_PDU or transaction.request_size != HEADER_SIZE + len(octets):
-            return transaction.request_body
-        body = self._bodies.get(octets)
-        if body is not None:
-            transaction.known_body = body
-            return body
-        body = transaction.request_body
-        if body is not None and len(octets) <= _MAX_OCTETS:
-            if len(self._bodies) >= _MAX_BODIES:
-                self._bodies.clear()
-            self._bodies[octets] = body
-        return body
-
-    # ---- to the PLC -------------------------------------------------------------------------------------------------
-
-    def _begin_download(self, transaction: Transaction, body: Body) -> None:
-        name = _name(body)
-        going = transaction.connection.operations.find(DOWNLOAD, name)
-        if going is not None:
-            self._book.close(going, UNFINISHED, "restarted")
-        operation = self._book.begin(DOWNLOAD, name, transaction, name)
-        length = body.text("load_length")
-        operation.announced = int(length) if length.isascii() and length.isdigit() else -1
-        if not _went_well(transaction):
-            self._book.settle(operation, transaction, DONE, REFUSED)
-
-    def _download_piece(self, transaction: Transaction, body: Body, answer: Body) -> None:
-        operation = transaction.connection.operations.find(DOWNLOAD, _name(body))
-        if operation is None:
-            return
-        operation.add(transaction)
-        if operation.complete:
-            operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
-        piece = answer.find(PIECE)
-        if piece is not None:
-            self._gather(operation, piece, transaction.response)
-        else:
-            self._gather(operation, body.find(PIECE), transaction.request)
-        operation.complete = _last(transaction, answer)
-        if transaction.error_code:
-            self._book.settle(operation, transaction, DONE, FAILED)
-
-    def _end_download(self, transaction: Transaction, body: Body) -> None:
-        operation = transaction.connection.operations.find(DOWNLOAD, _name(body))
-        if operation is None:
-            return
-        operation.add(transaction)
-        code = max(body.number("error_code"), _GOOD)
-        if code:
-            operation.error_code = code
-            self._book.close(operation, FAILED)
-            return
-        self._check_size(operation, transaction)
-        self._book.settle(operation, transaction, DONE, FAILED)
-        if operation.result == DONE:
-            loaded = transaction.connection.traits.loaded
-            if len(loaded) < MAX_REMEMBERED or operation.key in loaded:
-                frames = [operation.first_frame, operation.last_frame]
-                operation.activation = Activation(operation.key, frames, operation.end_ns)
-                loaded[operation.key] = operation.activation
-
-    def _gather(self, operation: Operation, piece: Part | None, pdu: Pdu | None) -> None:
-        """Take the piece of a block that a PDU carries."""
-        if piece is None or pdu is None:
-            return
-        size = max(piece.number("length"), 0)
-        operation.octets += size
-        self._book.gather(operation, pdu.data[PIECE.size : PIECE.size + size])
-
-    def _check_size(self, operation: Operation, transaction: Transaction) -> None:
-        frame = int(transaction.request_frame)
-        if operation.connection.tcp.has_holes:
-            return  # pieces may be in the holes
-        if not operation.complete:
-            operation.odd(CUT_SHORT, f"ended after {operation.octets} bytes although more was announced", frame)
-        elif operation.announced >= 0 and operation.octets != operation.announced:
-            detail = f"{operation.octets} bytes, {operation.announced} announced"
-            operation.odd(WRONG_SIZE, detail, frame)
-
-    # ---- from the PLC -----------------------------------------------------------------------------------------------
-
-    def _begin_upload(self, transaction: Transaction, body: Body, answer: Body) -> None:
-        key = f"{transaction.asked_by}/{answer.number('upload_id')}"
-        going = transaction.connection.operations.find(UPLOAD, key)
-        if going is not None:
-            self._book.close(going, UNFINISHED, "restarted")
-        operation = self._book.begin(UPLOAD, key, transaction, _name(body))
-        length = answer.text("total")
-        operation.announced = int(length) if length.isascii() and length.isdigit() else -1
-        if not _went_well(transaction):
-            self._book.settle(operation, transaction, DONE, REFUSED)
-
-    def _find_upload(self, transaction: Transaction, body: Body) -> Operation | None:
-        """Return the upload a step belongs to; a step that names another id than the only one going on is odd."""
-        operations = transaction.connection.operations
-        named = operations.find(UPLOAD, f"{transaction.asked_by}/{body.number('upload_id')}")
-        if named is not None:
-            return named
-        going = [one for one in operations.these if one.kind == UPLOAD and one.asked_by == transaction.asked_by]
-        if going:
-            detail = f"upload {body.number('upload_id')}, the PLC assigned {going[-1].key.partition('/')[2]}"
-            going[-1].odd(WRONG_ID, detail, int(transaction.request_frame))
-        return None
-
-    def _upload_piece(self, transaction: Transaction, body: Body, answer: Body) -> None:
-        operation = self._find_upload(transaction, body)
-        if operation is None:
-            return
-        operation.add(transaction)
-        if operation.complete:
-            operation.odd(BEYOND_END, "a segment was requested after the last one", int(transaction.request_frame))
-        self._gather(operation, answer.find(PIECE), transaction.response)
-        operation.complete = _last(transaction, answer)
-        if transaction.error_code:
-            self._book.settle(operation, transaction, DONE, FAILED)
-
-    def _end_upload(self, transaction: Transaction, body: Body) -> None:
-        operation = self._find_upload(transaction, body)
-        if operation is None:
-            return
-        operation.add(transaction)
-        if not operation.octets and operation.parts == 2:
-            operation.odd(CUT_SHORT, "ended before a segment was requested", int(transaction.request_frame))
-        else:
-            self._check_size(operation, transaction)
-        self._book.settle(operation, transaction, DONE, FAILED)
-
-
-def _name(body: Body) -> str:
-    """Return the block or file that a step names, for a person and as a key."""
-    for part in body.parameters:
-        if part.layout in _NAMES:
-            return part.note[:_MAX_NAME]
-    return ""
-
-
-def _went_well(transaction: Transaction) -> bool:
-    return transaction.outcome == ANSWERED and not transaction.error_code
-
-
-def _last(transaction: Transaction, answer: Body) -> bool:
-    """Return whether an answer says that no more follows."""
-    return transaction.outcome != UNANSWERED and answer.number("more") != 1
-
-
-def _follow_blocks(transaction: Transaction, body: Body) -> None:
-    """Blocks are activated or deleted: note what becomes of those that were loaded, and one that was not loaded before."""
-    connection = transaction.connection
-    loaded = connection.traits.loaded
-    service = body.text("service")
-    links = service in {LINK_IN, LINK_IN_SECOND}
-    if not links and service != DELETE:
-        return
-    for part in body.parameters:
-        if part.layout is not PI_BLOCK:
-            continue
-        known = loaded.get(part.note.removeprefix("block "))
-        if known is None:
-            if links and not connection.mid_stream and not connection.tcp.has_holes:
-                transaction.flags |= NOT_LOADED
-        elif not links:
-            known.deleted = True
-        elif not transaction.error_code and transaction.outcome != UNANSWERED:
-            known.frame = int(transaction.request_frame)
-
+if TYPE_CHECKING:
+    from dissect.transactions.transfers import Transfers
 
 _CYCLIC_STARTS: Final = frozenset((CYCLIC_TRANSFER, CHANGE_DRIVEN))
 _ALARM_PUSHES: Final = frozenset((
@@ -330,11 +94,26 @@ _DATA_LENGTH_AT: Final = 8
 _OURS: Final = frozenset(("", "s7comm"))
 
 
+def _went_well(transaction: Transaction) -> bool:
+    """Return whether a request was accepted; an answer whose request was not captured says so as well."""
+    answered = transaction.outcome == ANSWERED or (transaction.outcome == ORPHAN and half_captured(transaction))
+    return answered and not transaction.error_code
+
+
 def subject_of(transaction: Transaction) -> str:
     """Return what a request is about: the notes of its parts, or its function; text from the wire, not escaped."""
     body = transaction.request_body
     notes = dict.fromkeys(body.notes) if body is not None else {}
     return ", ".join(notes)[:_MAX_SUBJECT] or transaction.function_name
+
+
+def _joined(subject: str, more: str) -> str:
+    """Return what a subscription is about that is asked for again, with more or other messages: all that it was about."""
+    words = dict.fromkeys(subject.split(", "))
+    for word in more.removeprefix("events: ").split(", "):
+        if word not in words and f"events: {word}" not in words:
+            words[word] = None
+    return ", ".join(words)[:_MAX_SUBJECT]
 
 
 def payload_size(transaction: Transaction) -> int:
@@ -376,9 +155,11 @@ class Operations(OperationBook):
                 self._userdata(transaction, head)
         elif parameters.function == SETUP_COMMUNICATION:
             self._set_up(transaction)
-        elif REQUEST_DOWNLOAD <= parameters.function <= PLC_STOP:
+        elif parameters.function == PLC_STOP or parameters.function == PI_SERVICE:
+            self._command(transaction)
+        elif REQUEST_DOWNLOAD <= parameters.function <= END_UPLOAD:
             if self._transfers is None:
-                from dissect.transactions.operations import Transfers
+                from dissect.transactions.transfers import Transfers  # late, as few captures have such things
 
                 self._transfers = Transfers(self)
             self._transfers.take(transaction)
@@ -387,8 +168,31 @@ class Operations(OperationBook):
         """A connection is over, ``reason`` is how (one of those of transactions): so are its operations."""
         if connection.cr_seen and not connection.operations.set_up and connection.protocol in _OURS:
             self._never_set_up(connection, reason)
+        if self._transfers is not None and connection.operations.halves:
+            self._transfers.follow_halves(connection)
         for operation in list(connection.operations.these):
-            self.close(operation, RUNNING if operation.kind in ENDLESS else UNFINISHED, reason)
+            if operation.kind in ENDLESS:
+                self.close(operation, RUNNING, reason)
+            else:
+                self.break_off(operation, reason)
+
+    # ---- commands ---------------------------------------------------------------------------------------------------
+
+    def _command(self, transaction: Transaction) -> None:
+        """A PLC is stopped or started, or blocks are activated or deleted; an answer alone names the stop only."""
+        body = transaction.request_body
+        if transaction.function == PLC_STOP:
+            if body is not None or half_captured(transaction):
+                operation = self.begin(CONTROL, "", transaction, transaction.function_name)
+                self.settle(operation, transaction, DONE, REFUSED)
+        elif body is None:
+            return
+        elif body.text("service") == PROGRAM:
+            self.settle(self.begin(CONTROL, "", transaction, subject_of(transaction)), transaction, DONE, REFUSED)
+        else:
+            from dissect.transactions.transfers import follow_blocks  # late, as above
+
+            follow_blocks(transaction, body)
 
     # ---- connections ------------------------------------------------------------------------------------------------
 
@@ -549,6 +353,8 @@ class Operations(OperationBook):
             running.add(transaction)
             if stops:
                 self.settle(running, transaction, DONE, FAILED)
+            elif not transaction.error_code:
+                running.subject = _joined(running.subject, subject_of(transaction))
             return
         if stops:
             return

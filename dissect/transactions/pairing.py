@@ -129,6 +129,9 @@ class Dialogue:
                     transaction.flags |= REORDERED
                 self._join(transaction, orphan.transaction)
                 return transaction
+            if side.peer is not None:
+                for passed in requests.passed_orphans(side.end_seq):
+                    self._give_up_orphan(passed, side.peer)
         self.open += 1
         if self.watching and not side.watched:
             self._watch(side)

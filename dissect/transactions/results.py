@@ -70,6 +70,11 @@ def wants_answer(transaction: Transaction) -> bool:
     return request is None or request.wants_response
 
 
+def half_captured(transaction: Transaction) -> bool:
+    """Tell whether the other half of a transaction is missing because of the capture: one direction, mid-stream, a hole."""
+    return transaction.flags & EXPECTED != 0
+
+
 def check_other_answer(transaction: Transaction) -> None:
     """Look at the return value of an S7comm-plus answer, or what an SCD message says of itself.
 

@@ -38,6 +38,7 @@ def read_out(talk: Talk, *, sizes: tuple[int, ...] = (222, 78), announced: int =
     "operation.failed",
     "operation.not_loaded",
     "operation.unfinished",
+    "operation.upload_unfinished",
     "operation.wrong_id",
     "operation.wrong_size",
     "operation.stray_push",
@@ -81,6 +82,16 @@ def the_line_breaks_in_between(talk: Talk) -> None:
     talk.tell(events.answered(1, 0x1A))
     talk.tell(events.download_block(10))
     talk.ask(events.piece(10, 0x1B, 222, more=True))
+    talk.packet(SERVER, flags=RST)
+
+
+@speaks("operation.upload_unfinished")
+def the_line_breaks_while_a_block_is_read(talk: Talk) -> None:
+    talk.open()
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1))
+    talk.ask(events.upload(2))
+    talk.tell(events.piece(2, 0x1E, 222, more=True))
     talk.packet(SERVER, flags=RST)
 
 

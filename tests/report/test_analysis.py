@@ -99,8 +99,8 @@ def test_every_outcome_is_counted() -> None:
         "transaction.item_error",
         "transaction.refused",
         "transaction.refused",
-        "transaction.unanswered",
         "transaction.orphan",
+        "transaction.unanswered",
     ]
     assert [connection.number for connection in analysis.connections] == [1]
 

@@ -257,6 +257,20 @@ def test_messages_until_they_are_cancelled(talk: Talk) -> None:
     assert (told.kind, told.result, told.parts, told.pushes) == ("messages", "done", 3, 1)
 
 
+def test_messages_that_are_asked_for_again(talk: Talk) -> None:
+    """What a subscription is about is all that it was asked for, as pushes may be of each; what is refused does not count."""
+    talk.ask(events.asks(1, 4, 2, events.SUBSCRIBE))
+    talk.tell(events.tells(1, 4, 2, b"\x02\x00"))
+    alarms = bytes.fromhex("8100") + b"ABCDEFGH" + bytes.fromhex("0500")
+    talk.ask(events.asks(2, 4, 2, alarms))
+    talk.tell(events.tells(2, 4, 2, b"\x02\x00\x05\x01\x00"))
+    talk.ask(events.asks(3, 4, 2, bytes.fromhex("0300") + b"ABCDEFGH"))
+    talk.tell(events.tells(3, 4, 2, code=0x8104))
+    talk.finish()
+    told = only(talk)
+    assert (told.subject, told.parts) == ("events: mode transitions, alarms, ALARM initiate", 3)
+
+
 def test_cancelling_what_was_not_subscribed_to_is_no_operation(talk: Talk) -> None:
     talk.ask(events.asks(2, 4, 2, events.UNSUBSCRIBE))
     talk.tell(events.tells(2, 4, 2, b"\x02\x00", sequence=1))

@@ -419,8 +419,19 @@ def test_the_acknowledgement_tells_an_old_answer_from_an_early_one(talk: Talk) -
     asked = talk.ask(read(5, dbw(1, 0)))
     answered = talk.tell(words(5, 2))
     talk.close()
-    assert talk.pairs() == [(asked, answered), (0, orphan)]
-    assert talk.outcomes() == ["answered", "orphan_answer"]
+    assert talk.pairs() == [(0, orphan), (asked, answered)]
+    assert talk.outcomes() == ["orphan_answer", "answered"]
+
+
+def test_an_answer_is_held_no_longer_than_its_request_can_come() -> None:
+    """The next request lies behind what the answer acknowledged, so that its own came before the capture."""
+    talk = Talk()
+    orphan = talk.tell(words(4, 1))
+    assert talk.pairs() == []
+    asked = talk.ask(read(5, dbw(1, 0)))
+    assert talk.pairs() == [(0, orphan)]
+    answered = talk.tell(words(5, 2))
+    assert talk.pairs() == [(0, orphan), (asked, answered)]
 
 
 def test_what_a_request_had_acknowledged_is_no_answer_to_it(talk: Talk) -> None:
