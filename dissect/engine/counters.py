@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
@@ -11,10 +13,20 @@ from dissect.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, Octet
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.table import Side, endpoints
 from dissect.wire.octets import Tally
+from dissect.wire.text import duration_text
+
+#: Steps back of the clock up to this are what two capture queues do.
+_DISORDER_NS: Final = 1_000_000
+#: Later than every packet.
+_NEVER_NS: Final = 0x7FFF_FFFF_FFFF_FFFF
 
 
 class Counters:
-    """The accounts of a run. ``frames`` counts packets; ``now_ns`` is the time of the latest one."""
+    """The accounts of a run. ``frames`` counts packets; ``first_ns`` and ``now_ns`` are the times of the first and latest read.
+
+    Times are nanoseconds since 1970. `earliest_ns` and `latest_ns` are others only where the clock ran backwards: they cost
+    nothing but there (`widen`).
+    """
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter: Reporter = reporter
@@ -24,7 +36,24 @@ class Counters:
         self.cut_frames: i64 = 0
         self.first_ns: i64 = 0
         self.now_ns: i64 = 0
+        self._lowest_ns: i64 = _NEVER_NS
+        self._highest_ns: i64 = 0
         self.packets: Tally = Tally(len(CATEGORIES), PAYLOAD, NO_PAYLOAD)
+
+    @property
+    def earliest_ns(self) -> int:
+        """The smallest time of a packet, whenever that was read; 0 before the first."""
+        return int(min(self.first_ns, self._lowest_ns))
+
+    @property
+    def latest_ns(self) -> int:
+        """The largest time of a packet, whenever that was read; 0 before the first."""
+        return int(max(self.now_ns, self._highest_ns))
+
+    def widen(self, earliest_ns: i64, latest_ns: i64) -> None:
+        """Take two times of packets that `first_ns` and `now_ns` need not show: the clock ran backwards between them."""
+        self._lowest_ns = min(self._lowest_ns, earliest_ns)
+        self._highest_ns = max(self._highest_ns, latest_ns)
 
     def note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about the packet at hand."""
@@ -48,6 +77,8 @@ class Counters:
 
     def restart(self, time_ns: i64) -> None:
         """Another capture begins: fragments that wait are forgotten, but stay counted."""
+        if time_ns < self.now_ns:
+            self.widen(time_ns, self.now_ns)
         self.now_ns = time_ns
         old = self.fragments
         fragments = FragmentStore()
@@ -70,6 +101,12 @@ class Counters:
             self._reporter.counts[slug] += 1
         else:
             self.note(slug, detail)
+
+    def note_step_back(self, time_ns: i64) -> None:
+        """The packet at hand, of ``time_ns``, is older than the one before it."""
+        self.widen(time_ns, self.now_ns)
+        if self.now_ns - time_ns > _DISORDER_NS:
+            self.note("capture.time_backwards", f"by {duration_text(int(self.now_ns - time_ns))}")
 
     def note_cut(self, size: i64, wire_length: i64) -> None:
         """The capture kept ``size`` of ``wire_length`` octets of the packet at hand."""

@@ -54,7 +54,6 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
-from dissect.wire.text import duration_text
 
 __all__ = ["Observer", "Options", "Pipeline"]
 
@@ -64,8 +63,6 @@ _FUSED_SIZE: Final = 54
 
 #: A TPKT with a DT and the header of an S7 PDU.
 _LEAST: Final = 17
-#: Steps back of the clock up to this are what two capture queues do.
-_DISORDER_NS: Final = 1_000_000
 #: After a reset a segment this far ahead may have been captured out of order; anything else comes too late.
 _AFTER_RESET: Final = 65536
 #: A segment with one of these is no probe.
@@ -238,8 +235,7 @@ class Pipeline(PacketSink):
     def _step_back(self, time_ns: i64) -> None:
         """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
         counters, timers = self.counters, self.timers
-        if counters.now_ns - time_ns > _DISORDER_NS:
-            counters.note("capture.time_backwards", f"by {duration_text(int(counters.now_ns - time_ns))}")
+        counters.note_step_back(time_ns)
         if timers.deadline_ns != FAR_FUTURE:
             timers.deadline_ns = min(timers.deadline_ns, next_tick(time_ns))
 

@@ -55,6 +55,7 @@ class _Counted(NamedTuple):
     waiting: int
     first_ns: int
     now_ns: int
+    span: tuple[int, int]
     keys: int
 
 
@@ -65,6 +66,7 @@ def part_of(found: Observer, pipeline: Pipeline, files: list[SourceFile]) -> Fil
         int(pipeline.counters.fragments.waiting),
         pipeline.first_ns,
         pipeline.now_ns,
+        (pipeline.counters.earliest_ns, pipeline.counters.latest_ns),
         len(pipeline.tls.keys) + int(pipeline.tls.more_keys),
     )
     file = files[0]
@@ -129,6 +131,9 @@ class Sum:
         counters.fragments.dropped += counters.fragments.waiting  # a file ended: they will not be whole any more
         counters.fragments.waiting = counted.waiting
         if counted.first_ns or counted.now_ns:
+            if begun:
+                counters.widen(counters.earliest_ns, counters.latest_ns)
+            counters.widen(*counted.span)
             counters.first_ns = counters.first_ns if begun else counted.first_ns
             counters.now_ns = counted.now_ns
         pipeline.tls.more_keys += counted.keys - self._given_keys

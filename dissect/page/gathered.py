@@ -110,8 +110,12 @@ class SpreadOf:
 
 
 def span_of(pipeline: Pipeline) -> tuple[int, int] | None:
-    """Return when the first and the latest packet came, nanoseconds since 1970; None before the first."""
-    return (int(pipeline.first_ns), int(pipeline.now_ns)) if pipeline.frames else None
+    """Return the earliest and the latest time of a packet, nanoseconds since 1970; None before the first.
+
+    These are not those of the first and the last packet where captures are read in another order, or a clock was set back.
+    """
+    counters = pipeline.counters
+    return (counters.earliest_ns, counters.latest_ns) if counters.frames else None
 
 
 class Gathered(Observer):

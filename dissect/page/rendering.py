@@ -66,7 +66,7 @@ class Side:
         clock = self.gathered.rows.clock
         analysis = self.gathered.analysis
         parts = [
-            f"from {clock.moment(self.gathered.start_ns)} to {clock.moment(self.gathered.end_ns)}",
+            f"from {words.span(clock, self.gathered.start_ns, self.gathered.end_ns)}",
             # Of a part only what was selected is counted; its packets are not told apart.
             *([counted(int(pipeline.frames), "packet")] if analysis.part is None else []),
             counted(len(analysis.connections) + int(analysis.connections_not_listed), "connection"),

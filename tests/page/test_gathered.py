@@ -8,6 +8,7 @@ import pytest
 
 from dissect.page import gathered as room
 from dissect.page import tag_steps
+from dissect.page.data import Data
 from tests.page.support import gathered_of
 from tests.properties import messages
 from tests.properties.messages import dt
@@ -83,6 +84,32 @@ def test_files_apart_leave_a_gap_of_all(tmp_path: Path) -> None:
     assert gap.connection == 0
     assert 3599 < (gap.end_ns - gap.begin_ns) / 1e9 < 3600
     assert gathered_of([first]).between_files() == []
+
+
+def test_captures_in_another_order_span_all_their_packets(tmp_path: Path) -> None:
+    early = saved(tmp_path / "a.pcapng", polled([1, 2]).packets())
+    late = saved(tmp_path / "b.pcapng", polled([3, 4], 40001).packets(start_ns=EPOCH_NS + 10**9))
+    later = saved(tmp_path / "c.pcapng", polled([5, 6], 40002).packets(start_ns=EPOCH_NS + 2 * 10**9))
+    right = gathered_of([early, late, later])
+    for paths in ([later, late, early], [late, early, later], [late, later, early]):
+        wrong = gathered_of(paths)
+        assert (wrong.start_ns, wrong.end_ns) == (right.start_ns, right.end_ns)
+        session = Data(wrong, "").as_dict()
+        assert session["span"] > 2
+        assert (
+            sum([row[1] for row in session["rates"]["bins"] if 0 <= row[0] <= session["span"]]) == wrong.analysis.total
+        )
+
+
+def test_a_clock_that_is_set_back_spans_all_its_packets(tmp_path: Path) -> None:
+    packets = polled([1, 2, 3, 4]).packets(step_ns=MS)
+    half = len(packets) // 2
+    turned = [*packets[:half], *[packet._replace(time_ns=packet.time_ns - 10**9) for packet in packets[half:]]]
+    found = gathered_of([saved(tmp_path / "a.pcapng", turned)])
+    times = [packet.time_ns for packet in turned]
+    assert (found.start_ns, found.end_ns) == (min(times), max(times))
+    assert found.analysis.pipeline is not None
+    assert (found.analysis.pipeline.first_ns, found.analysis.pipeline.now_ns) == (times[0], times[-1])
 
 
 def test_who_talks_to_whom_with_the_worst_finding(tmp_path: Path) -> None:
