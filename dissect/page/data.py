@@ -49,6 +49,8 @@ _TEXT: Final = 160
 
 #: A cell is one of these kinds: it says how it is shown and sorted.
 TEXT, SHORT, NUMBER, SECONDS, DURATION, SIZE = "text", "short", "number", "seconds", "duration", "size"
+#: A number that is 0 in most tables: a column of nothing else is left out.
+RARE: Final = "rare"
 #: The number of a connection, transaction or operation: digits without thousands apart.
 ID: Final = "id"
 
@@ -125,9 +127,10 @@ class Data:
         ]
 
     def _spreads(self) -> dict[str, Any]:
-        found = sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].times.count, entry[0]))
+        answered = [entry for entry in self._of.spreads.items() if entry[1].times.count]
+        found = sorted(answered, key=lambda entry: (-entry[1].times.count, entry[0]))
         rows = []
-        for (host, function), spread in [entry for entry in found if entry[1].times.count][:_SPREADS]:
+        for (host, function), spread in found[:_SPREADS]:
             times = spread.times
             bands: dict[int, int] = {}
             for number, count in times.buckets.items():
@@ -295,8 +298,8 @@ class Data:
                 [
                     ("number", ID), ("time", SECONDS), ("client", SHORT), ("server", SHORT), ("protocol", TEXT),
                     ("TSAPs", TEXT),
-                    ("PDUs", NUMBER), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER), ("bytes", SIZE),
-                    ("end", TEXT),
+                    ("PDUs", NUMBER), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER),
+                    ("still open", RARE), ("bytes", SIZE), ("end", TEXT),
                 ],
                 of.connections,
                 listed + int(of.analysis.connections_not_listed),
@@ -331,7 +334,7 @@ class Data:
     def _table(
         self, name: str, title: str, columns: list[tuple[str, str]], rows: list[dict[str, Any]], total: int
     ) -> dict[str, Any]:
-        """Return a table; absolute times become seconds after the start. A column of texts that no row has is left out."""
+        """Return a table; absolute times become seconds after the start. A column that no row has is left out."""
         times = [number for number, (_, kind) in enumerate(columns) if kind == SECONDS]
         made = []
         for row in rows:
@@ -342,11 +345,15 @@ class Data:
         empty = {
             number
             for number, (_, kind) in enumerate(columns)
-            if kind == TEXT and made and not any([row["cells"][number] for row in made])
+            if kind in {TEXT, RARE} and made and not any([row["cells"][number] for row in made])
         }
         for row in made:
             row["cells"] = [cell for number, cell in enumerate(row["cells"]) if number not in empty]
-        shown = [column for number, column in enumerate(columns) if number not in empty]
+        shown = [
+            (title, NUMBER if kind == RARE else kind)
+            for number, (title, kind) in enumerate(columns)
+            if number not in empty
+        ]
         return {"name": name, "title": title, "columns": shown, "rows": made, "total": max(total, len(rows))}
 
     def _devices(self) -> dict[str, Any]:
@@ -374,13 +381,14 @@ class Data:
 
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
-        for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: -entry[1].times.count):
+        for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0])):
             times = spread.times
             rows.append(
                 {
                     "key": f"f{len(rows) + 1}",
                     "cells": [
-                        self._of.rows.host(host), function, times.count, spread.errors, spread.missed,
+                        self._of.rows.host(host), function, spread.total, times.count, spread.errors, spread.missed,
+                        spread.still_open, spread.orphans, spread.alone,
                         times.quantile(0.5) if times.count else None, times.quantile(0.95) if times.count else None,
                         times.largest if times.count else None,
                     ],
@@ -389,7 +397,8 @@ class Data:
                 }
             )  # fmt: skip
         columns = [
-            ("PLC", TEXT), ("function", TEXT), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER),
+            ("PLC", TEXT), ("function", TEXT), ("count", NUMBER), ("answered", NUMBER), ("with errors", NUMBER),
+            ("no answer", NUMBER), ("still open", RARE), ("no request", RARE), ("push or one-way", RARE),
             ("median", DURATION), ("95 %", DURATION), ("longest", DURATION),
         ]  # fmt: skip
         return self._table("functions", "Functions by PLC", columns, rows, len(rows) + self._of.spreads_not_told_apart)

@@ -16,7 +16,7 @@ from dissect.inventory.collector import Inventory
 from dissect.page.bins import Bins, Spread, bucket
 from dissect.page.numbers import counted
 from dissect.page.polls import Requests
-from dissect.page.rows import ERROR, MISSED, OK, Rows, outcome_of, time_of
+from dissect.page.rows import ERROR, MISSED, Rows, outcome_of, time_of
 from dissect.page.tag_steps import Tags
 from dissect.page.talks import Talks
 from dissect.program.carved import carve
@@ -27,7 +27,7 @@ from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, Operation
-from dissect.transactions.transaction import PUSH, Transaction
+from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
 
 #: Rows of each table.
@@ -99,14 +99,22 @@ class Span:
 
 
 class SpreadOf:
-    """The answer times of one function of one PLC, and what else became of its requests."""
+    """The answer times of one function of one PLC, and what else became of its requests: all of its transactions.
 
-    __slots__ = ("errors", "missed", "times")
+    ``still_open`` are requests whose answer was not due yet when the capture ended, ``orphans`` answers without a request,
+    ``alone`` what needs no partner: pushes, and requests that want no answer.
+    """
+
+    __slots__ = ("alone", "errors", "missed", "orphans", "still_open", "times", "total")
 
     def __init__(self) -> None:
         self.times = Spread()
+        self.total = 0
         self.errors = 0
         self.missed = 0
+        self.still_open = 0
+        self.orphans = 0
+        self.alone = 0
 
 
 def span_of(pipeline: Pipeline) -> tuple[int, int] | None:
@@ -194,8 +202,7 @@ class Gathered(Observer):
             self.answer_times.add(now, bucket(latency) // (32 // BANDS))
             if latency > self._slow_floor:
                 self._keep_slow(latency, transaction)
-        if latency is not None or outcome in {ERROR, MISSED}:
-            self._spread(transaction, latency, outcome)
+        self._spread(transaction, latency)
         if outcome in {ERROR, MISSED}:
             self._failure(transaction, now)
         userdata = transaction.parameters.userdata
@@ -325,7 +332,7 @@ class Gathered(Observer):
         else:
             self.gaps_not_drawn += 1
 
-    def _spread(self, transaction: Transaction, latency: int | None, outcome: int) -> None:
+    def _spread(self, transaction: Transaction, latency: int | None) -> None:
         key = (transaction.connection.tcp.ends[1 - transaction.asked_by].host, transaction.function_name)
         spread = self.spreads.get(key)
         if spread is None:
@@ -333,13 +340,21 @@ class Gathered(Observer):
                 self.spreads_not_told_apart += 1
                 return
             spread = self.spreads.setdefault(key, SpreadOf())
+        spread.total += 1
         if latency is not None:
             spread.times.add(latency)
-        if outcome != OK:
-            if outcome == ERROR:
-                spread.errors += 1
-            else:
+        if transaction.has_errors:
+            spread.errors += 1
+        outcome = transaction.outcome
+        if outcome == UNANSWERED:
+            if transaction.missed:
                 spread.missed += 1
+            else:
+                spread.still_open += 1
+        elif outcome == ORPHAN:
+            spread.orphans += 1
+        elif outcome == PUSH:
+            spread.alone += 1
 
     def _failure(self, transaction: Transaction, now: int) -> None:
         self.failed_in_all += 1

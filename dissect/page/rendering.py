@@ -17,6 +17,7 @@ from dissect.page.rows import Rows, file_title
 from dissect.page.verdict import verdict
 from dissect.report import words
 from dissect.report.text import completeness
+from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, printable
 
 #: What to do where the template engine is missing.
@@ -91,8 +92,8 @@ class Side:
             (gathered.gaps_not_drawn, "gap that is not drawn", "gaps that are not drawn"),
             (
                 gathered.spreads_not_told_apart,
-                "answer of further functions, in no distribution",
-                "answers of further functions, in no distribution",
+                "transaction of further functions, in no distribution and not in the table of functions",
+                "transactions of further functions, in no distribution and not in the table of functions",
             ),
             (
                 gathered.requests.not_followed,
@@ -106,6 +107,9 @@ class Side:
             ),
         )
         told += [counted(number, one, many) for number, one, many in limits if number]
+        set_up = sum(analysis.operations.get(CONNECT, {}).values())
+        if set_up:
+            told.append(f"{counted(set_up, 'operation')} to set up a connection: in the table of connections only")
         if not gathered.requests.looked_at_all:
             told.append("too many transactions were refused: the variables are known of the first 20,000 only")
         return told

@@ -164,6 +164,7 @@ class Rows:
                 int(connection.answered),
                 int(connection.errors),
                 int(connection.missed),
+                int(connection.still_open),
                 sum([int(stream.octets) for stream in connection.tcp.streams]),
                 connection.refused
                 or (endings.phrase(connection, self.places) if connection.ending is not None else "open"),

@@ -41,24 +41,42 @@ def add_counts(counts: dict[str, int], more: dict[str, int]) -> None:
 class FunctionStatistics:
     """The transactions of one function (for userdata: of one group and subfunction)."""
 
-    __slots__ = ("answered", "errors", "latencies", "name", "one_way", "orphans", "pushes", "total", "unanswered")
+    __slots__ = (
+        "answered",
+        "errors",
+        "latencies",
+        "name",
+        "one_way",
+        "orphans",
+        "pushes",
+        "still_open",
+        "total",
+        "unanswered",
+    )
 
     def __init__(self, name: str) -> None:
         self.name: str = name
         self.total: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
+        self.still_open: i64 = 0  # of those: the capture ended before their answer was due
         self.orphans: i64 = 0
         self.pushes: i64 = 0
         self.one_way: i64 = 0
         self.errors: i64 = 0
         self.latencies: Latencies = Latencies()
 
+    @property
+    def missed(self) -> int:
+        """Requests whose answer was due and did not come (`Transaction.missed`)."""
+        return int(self.unanswered - self.still_open)
+
     def merge(self, other: FunctionStatistics) -> None:
         """Add the transactions of ``other``."""
         self.total += other.total
         self.answered += other.answered
         self.unanswered += other.unanswered
+        self.still_open += other.still_open
         self.orphans += other.orphans
         self.pushes += other.pushes
         self.one_way += other.one_way
@@ -268,6 +286,7 @@ class Analysis(Observer):
                 self._keep_failed(transaction)
             else:
                 self.still_open += 1
+                statistics.still_open += 1
         elif outcome == ORPHAN:
             self.orphans += 1
             statistics.orphans += 1

@@ -33,6 +33,7 @@ class Plc:
         self.answered = 0
         self.errors = 0
         self.missed = 0
+        self.still_open = 0
 
 
 def brief_lines(
@@ -73,6 +74,7 @@ def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line
         (analysis.total, "transactions"),
         (analysis.with_errors, "with errors"),
         (analysis.unanswered - analysis.still_open, "unanswered"),
+        (analysis.still_open, "still open"),
     ]
     said.append(", ".join([f"{number} {what}" for number, what in counts if number or what == "transactions"]))
     yield Line(f"  {'; '.join(said)}", "warning" if interrupted or analysis.part is not None else PLAIN, 4)
@@ -106,11 +108,14 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
             plc.answered += int(connection.answered)
             plc.errors += int(connection.errors)
             plc.missed += int(connection.missed)
+            plc.still_open += int(connection.still_open)
     if not found:
         return
     yield Line("PLCs", HEADING)
     stations = analysis.stations.stations
-    rows = [["", "", "", "", "connections", "PDUs", "answered", "errors", "no answer"]]
+    some_open = any([plc.still_open for plc in found.values()])
+    head = ["", "", "", "", "connections", "PDUs", "answered", "errors", "no answer"]
+    rows = [[*head, "still open"] if some_open else head]
     order = sorted(found, key=lambda host: (-found[host].missed - found[host].errors, -found[host].pdus, host))
     for host in order[:_PLCS]:
         plc, station = found[host], stations.get(host)
@@ -118,9 +123,11 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
             shortened(station.latest(key), 30) if station is not None else ""
             for key in (facts.ORDER_NUMBER, facts.FIRMWARE, facts.OPERATING_MODE)
         ]
-        numbers = (plc.connections, plc.pdus, plc.answered, plc.errors, plc.missed)
+        numbers = [plc.connections, plc.pdus, plc.answered, plc.errors, plc.missed]
+        if some_open:
+            numbers.append(plc.still_open)
         rows.append([places.name(host), *told, *[str(number) if number else "." for number in numbers]])
-    yield from table(rows, frozenset(range(4, 9)))
+    yield from table(rows, frozenset(range(4, 10)))
     if len(order) > _PLCS:
         yield Line(f"  and {len(order) - _PLCS} more; `s7dissect devices` lists them", DIM)
 
@@ -145,6 +152,8 @@ def _row(connection: Connection, places: Places) -> list[str]:
         said.append(f"{connection.errors} with errors")
     if connection.missed:
         said.append(f"{connection.missed} unanswered")
+    if connection.still_open:
+        said.append(f"{connection.still_open} still open")
     if connection.refused:
         said.append(f"REFUSED: {connection.refused}")
     elif connection.tcp.ended:

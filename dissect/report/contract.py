@@ -137,6 +137,7 @@ def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
     values["total"] = statistics.total
     values["answered"] = statistics.answered
     values["unanswered"] = statistics.unanswered
+    values["still_open"] = statistics.still_open
     values["with_errors"] = statistics.errors
     values["latency_ns"] = statistics.latencies.as_dict()
     return values
@@ -185,6 +186,7 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "pdus": connection.pdus,
         "answered": connection.answered,
         "unanswered": connection.unanswered,
+        "still_open": connection.still_open,
         "orphan_answers": connection.orphans,
         "unsolicited": connection.unsolicited,
         "one_way": connection.one_way,

@@ -338,6 +338,7 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
 def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
     """Yield a row for each function. The columns of what has no partner are there where anything would stand in them."""
     columns: list[tuple[str, Callable[[FunctionStatistics], int]]] = [
+        ("still open", lambda one: int(one.still_open)),
         ("no request", lambda one: int(one.orphans)),
         ("pushes", lambda one: int(one.pushes)),
         ("one-way", lambda one: int(one.one_way)),
@@ -347,7 +348,7 @@ def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
     rows = [head]
     for one in sorted(functions, key=lambda one: (-one.total, one.name)):
         times = one.latencies
-        numbers = [int(one.errors), int(one.unanswered), *[number_of(one) for _, number_of in shown]]
+        numbers = [int(one.errors), one.missed, *[number_of(one) for _, number_of in shown]]
         rows.append(
             [
                 one.name,

@@ -10,7 +10,11 @@ import json
 import math
 import re
 from importlib.resources import files
+from typing import Any
 
+import pytest
+
+from dissect import analyze
 from dissect.page.rendering import embedded
 from tests.page.support import NAUGHTY, data_of, page_of, session_of
 from tests.report.schemas import ROOT
@@ -61,6 +65,29 @@ def test_nothing_points_outside_or_stands_in_an_attribute_that_runs() -> None:
     ):
         assert word not in SCRIPT, word
     assert re.findall(r"https?://(?!www\.w3\.org/2000/svg)", SCRIPT) == []
+
+
+def column_of(table: dict[str, Any], title: str) -> list[Any]:
+    """Return the cells of a column, none where the table does without it."""
+    titles = [one for one, _ in table["columns"]]
+    return [row["cells"][titles.index(title)] for row in table["rows"]] if title in titles else []
+
+
+@pytest.mark.parametrize("name", ["crafted/reference-examples", "many-open", "answer-lost", "nodes7-poll"])
+def test_the_tables_count_what_analyze_counts(name: str) -> None:
+    path = ROOT / "captures" / f"{name}.pcapng"
+    page = page_of(path)
+    tables = {table["name"]: table for table in session_of(page)["tables"]}
+    told: dict[str, Any] = json.loads(json.dumps(analyze(path).as_dict(), default=list))
+    functions, connections = told["functions"], told["connections"]
+    assert sorted(column_of(tables["functions"], "function")) == sorted([one["name"] for one in functions])
+    for table, rows in (("functions", functions), ("connections", connections)):
+        missed = sum([one["unanswered"] - one["still_open"] for one in rows])
+        assert sum(column_of(tables[table], "no answer")) == missed
+        assert sum(column_of(tables[table], "still open")) == sum([one["still_open"] for one in rows])
+    assert sum(column_of(tables["functions"], "count")) == sum([one["total"] for one in functions])
+    set_up = sum(told["operations"].get("connect", {}).values())
+    assert (f"{set_up} operation" in page) == (set_up > 0)
 
 
 def test_a_column_of_texts_that_no_row_has_is_left_out() -> None:

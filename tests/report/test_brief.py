@@ -69,8 +69,8 @@ def test_a_row_a_plc_and_a_line_a_connection() -> None:
     analysis = many(2, 1)
     lines = [line.text for line in brief_lines(analysis, hosts={"10.0.0.100": "Press"})]
     at = lines.index("PLCs")
-    assert lines[at + 1].split() == ["connections", "PDUs", "answered", "errors", "no", "answer"]
-    assert lines[at + 2].split() == ["Press", "6ES7", "0", "V3.2.6", "RUN", "2", "18", "8", ".", "."]
+    assert lines[at + 1].split() == ["connections", "PDUs", "answered", "errors", "no", "answer", "still", "open"]
+    assert lines[at + 2].split() == ["Press", "6ES7", "0", "V3.2.6", "RUN", "2", "18", "8", ".", ".", "2"]
     begin = lines.index("Connections: 2")
     assert lines[begin + 1].startswith("  1  10.0.0.10:50000 → Press:102")
 
@@ -92,6 +92,25 @@ def test_nobody_says_what_it_is(capfdbinary: Capture) -> None:
     assert told["devices"] == []
     told = json.loads(run(capfdbinary, "analyze", CAPTURES / "szl.pcapng", "-T", "json").out)
     assert [(one["address"], one["serial_number"]) for one in told["devices"]] == [("127.0.0.1", "S C-C2UR28922012")]
+
+
+def test_what_is_still_open_is_not_without_answer(capfdbinary: Capture) -> None:
+    path = CAPTURES / "crafted" / "reference-examples.pcapng"
+    told = json.loads(run(capfdbinary, "analyze", path, "-T", "json").out)
+    still_open = told["transactions"]["still_open"]
+    assert still_open == told["transactions"]["unanswered"] == 11
+    assert sum([one["still_open"] for one in told["functions"]]) == still_open
+    assert sum([one["still_open"] for one in told["connections"]]) == still_open
+    lines = run(capfdbinary, "analyze", path).out.splitlines()
+    (head,) = [line for line in lines if line.startswith("  function ")]
+    (row,) = [line for line in lines if line.startswith("  Read Var ")]
+    assert head.split()[1:9] == ["count", "errors", "no", "answer", "still", "open", "no", "request"]
+    assert row.split()[2:6] == ["9", "1", ".", "4"]
+    brief = run(capfdbinary, "analyze", "--brief", path).out.splitlines()
+    assert brief[1].endswith("; 48 transactions, 7 with errors, 11 still open")
+    (row,) = [line for line in brief if line.startswith("  192.0.2.20 ")]
+    assert row.split()[-2:] == [".", "11"]
+    assert len([line for line in brief if line.endswith(" 75 PDUs, 7 with errors, 11 still open")]) == 1
 
 
 def test_a_row_a_file_adds_up(capfdbinary: Capture) -> None:

@@ -55,7 +55,7 @@ def consistent(told: Told) -> None:
     unpaired = told["s7"]["unpaired"] + told["s7plus"]["unpaired"]
     assert pdus == 2 * counts["answered"] + sum(counts[key] for key in outcomes[1:]) + unpaired
     assert told["s7plus"]["pdus"] == sum(told["s7plus"]["versions"].values())
-    for key in ("total", "answered", "unanswered", "with_errors"):
+    for key in ("total", "answered", "unanswered", "still_open", "with_errors"):
         assert counts[key] == sum(function[key] for function in told["functions"])
     if not told["connections_not_listed"]:
         for key in (*outcomes, "with_errors"):
@@ -218,6 +218,7 @@ def test_a_connection_from_beginning_to_end() -> None:
         "pdus": 5,
         "answered": 2,
         "unanswered": 1,
+        "still_open": 0,
         "orphan_answers": 0,
         "unsolicited": 0,
         "one_way": 0,
