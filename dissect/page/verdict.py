@@ -89,7 +89,10 @@ def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     """What broke, with the packets that show it."""
     detail = shortened(first.detail, _DETAIL).rstrip(".")
     shown = gathered.rows.places.phrase(first.frames)
-    said = f"{rule.sentence} {detail} ({shown})." if detail else f"{rule.sentence[:-1]} ({shown})."
+    # What was seen goes on where the sentence ends: it is no sentence of its own, and may begin with a name in small letters.
+    broke = rule.sentence[:-1]
+    joint = ";" if ": " in broke else ":"
+    said = f"{broke}{joint} {detail} ({shown})." if detail else f"{broke} ({shown})."
     answered = int(gathered.analysis.answered)
     if rule.kind in {SECURITY, CAPTURE} and gathered.failed_in_all == gathered.failed_pushes and answered:
         return f"No request failed; {counted(answered, 'answer')} arrived. What stands out: {said}"
@@ -128,10 +131,12 @@ def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
     errors = sum([1 for rule in rules[1:] if rule.severity == ERROR])
     if not others:
         return f"{said}; there is no other error or warning."
-    kinds = f", {words.count(errors, 'error')} among them" if errors else ""
-    return f"{said}; there {'are' if others > 1 else 'is'} {words.count(others, 'more kind')} of finding below{kinds}.".replace(
-        "more kinds of finding", "more kinds of findings"
+    # Notes are listed below as well, but nothing is wrong with them.
+    weights = [(errors, "error"), (others - errors, "warning")]
+    kinds = " and ".join(
+        [words.count(number, f"more kind of {what}", f"more kinds of {what}s") for number, what in weights if number]
     )
+    return f"{said}; there {'are' if others > 1 else 'is'} {kinds} below."
 
 
 def _sound(gathered: Gathered) -> list[str]:

@@ -22,7 +22,7 @@ def test_what_broke_since_when_and_who() -> None:
     assert said.severity == "warning"
     what, since, who = said.sentences
     assert (
-        what == "An item of a read or write was refused. Read Var DB2.DBB400 x4: 0x05 Invalid address (packets 10, 11)."
+        what == "An item of a read or write was refused: Read Var DB2.DBB400 x4: 0x05 Invalid address (packets 10, 11)."
     )
     assert since.startswith("It happened 4 times: the first time at 2026-11-21 01:31:15.5")
     assert who == "It concerns 127.0.0.1 → 127.0.0.1; there is no other error or warning."
@@ -82,3 +82,26 @@ def test_the_heaviest_finding_comes_first() -> None:
         [rule.severity for rule in rules], key=["error", "warning", "note"].index
     )
     assert rules[0].slug == "security.plc_stop"
+
+
+def test_what_was_seen_goes_on_where_the_sentence_ends_and_notes_are_not_counted() -> None:
+    gathered = gathered_of([OWN / "crafted" / "reference-examples.pcapng"])
+    what, _, who = verdict(gathered).sentences
+    assert what == (
+        "A connection does not begin with a connect request and its confirm: the first TPDU of the server is AK, after a "
+        "connect request (packet 100)."
+    )
+    left = [rule.severity for rule in by_weight(gathered.analysis)[1:]]
+    errors, warnings = left.count("error"), left.count("warning")
+    assert "note" in left
+    assert who.endswith(f"; there are {errors} more kinds of errors and {warnings} more kinds of warnings below.")
+
+
+def test_one_more_kind_is_not_several(tmp_path: Path) -> None:
+    talk = begun()
+    read(talk, 1, WORD, 0x0A)
+    talk.send(1, dt(messages.read_answer(9, [WORD], [0x0A])))
+    gathered = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
+    left = [rule.severity for rule in by_weight(gathered.analysis)[1:] if rule.severity != "note"]
+    assert left == ["warning"]
+    assert verdict(gathered).sentences[2].endswith("; there is 1 more kind of warning below.")
