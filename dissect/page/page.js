@@ -28,8 +28,29 @@
   // ---- numbers in words ---------------------------------------------------------------------------------------------
 
   const integer = (number) => String(Math.round(number)).replace(/\B(?=(\d{3})+$)/g, ",");
-  function duration(ns) {
-    if (ns === null || ns === undefined) return "–";
+  /** A number with so many decimals; a tie goes to the even digit, as in every other output. */
+  function fixed(value, digits) {
+    const scale = 10 ** digits, scaled = value * scale;
+    if (!Number.isInteger(value * 8) || Math.abs(scaled % 1) !== 0.5) return value.toFixed(digits);
+    const below = Math.floor(scaled);
+    return ((below % 2 ? below + 1 : below) / scale).toFixed(digits);
+  }
+  /** A duration as the commands write it (`duration_text`). */
+  function duration(measured) {
+    if (measured === null || measured === undefined) return "–";
+    const ns = Math.round(measured), size = Math.abs(ns);
+    if (size > 0 && size < 1e4) return `${fixed(ns / 1e3, 1)} µs`;
+    if (size < 999500) return `${fixed(ns / 1e3, 0)} µs`;
+    if (size < 99995000) return `${fixed(ns / 1e6, 2)} ms`;
+    if (size < 999500000) return `${fixed(ns / 1e6, 0)} ms`;
+    if (size < 600e9) return `${fixed(ns / 1e9, 2)} s`;
+    const seconds = Math.floor(size / 1e9);
+    const units = [[Math.floor(seconds / 86400), "d"], [Math.floor(seconds / 3600) % 24, "h"], [Math.floor(seconds / 60) % 60, "min"], [seconds % 60, "s"]];
+    const said = units.slice(units.findIndex(([number]) => number > 0)).map(([number, unit]) => `${number} ${unit}`);
+    return (ns < 0 ? "-" : "") + said.join(" ");
+  }
+  /** A round duration, of a tick or a bin: without the decimals that are zero. */
+  function round(ns) {
     const size = Math.abs(ns);
     if (size === 0) return "0 s";
     if (size < 1e3) return `${Math.round(ns)} ns`;
@@ -54,9 +75,9 @@
     return days[0] !== days[1];
   });
   function clock(session, seconds, step) {
-    if (several) return `+${duration(seconds * 1e9)}`;
+    if (several) return `+${round(seconds * 1e9)}`;
     const when = new Date(Math.round((session.start_ms + session.offset_s * 1e3 + seconds * 1e3) * 1e3) / 1e3);
-    if (Number.isNaN(when.getTime())) return `+${duration(seconds * 1e9)}`;
+    if (Number.isNaN(when.getTime())) return `+${round(seconds * 1e9)}`;
     const day = `${when.getUTCFullYear()}-${two(when.getUTCMonth() + 1)}-${two(when.getUTCDate())}`;
     if (step >= 86400) return day;
     const hours = `${two(when.getUTCHours())}:${two(when.getUTCMinutes())}`;
@@ -139,7 +160,7 @@
     return `${text.slice(0, Math.max(1, most))}…`;
   }
   /** A round duration at an axis: above a second always in seconds, which powers of ten read best in. */
-  const axis = (ns) => (ns < 1e9 ? duration(ns) : `${integer(ns / 1e9)} s`);
+  const axis = (ns) => (ns < 1e9 ? round(ns) : `${integer(ns / 1e9)} s`);
   const canvas = (width, height, label) => svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": label });
   const nothing = (text) => [html("p", { class: "quiet", text })];
 
@@ -191,7 +212,7 @@
   const OUTCOME_CSS = ["ok", "errors", "missed", "push", "other"];
   const MARKS = { error: "M-6 0L0-6L6 0L0 6Z", warning: "M-5 5L0-5L5 5Z", note: "M-4-4H4V4H-4Z" };
   /** Rates are per second; where bins are shorter than that, per bin: one request in 1 ms is not 1000 in a second. */
-  const perSeconds = Math.min(1, sessions[0].rates.width), perWhat = perSeconds < 1 ? duration(perSeconds * 1e9).replace(/^1 /, "") : "second";
+  const perSeconds = Math.min(1, sessions[0].rates.width), perWhat = perSeconds < 1 ? round(perSeconds * 1e9).replace(/^1 /, "") : "second";
   function drawRates(width) {
     if (!sessions.some((one) => one.rates.bins.length)) return nothing("No transactions.");
     const height = 250, left = 52;
@@ -227,7 +248,7 @@
         const from = Math.round(Math.max(left, x(bin[0]))), to = Math.round(Math.min(right, x(bin[0] + w)));
         const broad = Math.max(1, to - from - (to - from > 4 ? 1 : 0));
         const said = session.rates.names.map((name, column) => (bin[column + 1] ? `${integer(bin[column + 1])} ${name}` : "")).filter(Boolean);
-        const tip = `${moment(session, bin[0])}, ${duration(w * 1e9)}\n${said.join("\n")}`;
+        const tip = `${moment(session, bin[0])}, ${round(w * 1e9)}\n${said.join("\n")}`;
         for (const [columns, scale] of [[GOOD, up], [BAD, down]]) {
           let reached = 0;
           for (const column of columns) {
@@ -256,7 +277,7 @@
     const bands = !several && session.gaps.length ? [["gap", "missing from the capture"]] : [];
     const kinds = several ? [["outline s0", "A"], ["outline s1", "B (dashed)"]] : session.rates.names.map((name, column) => [OUTCOME_CSS[column], name]).filter((_, column) => session.rates.bins.some((bin) => bin[column + 1]));
     const marked = session.marks.marks.length, made = session.marks.total;
-    const note = `${!several && made > marked ? `The ${marked} most severe of ${integer(made)} findings are marked. ` : ""}Counted in bins of ${duration(session.rates.width * 1e9)}. Failures point down, on a scale of their own.`;
+    const note = `${!several && made > marked ? `The ${marked} most severe of ${integer(made)} findings are marked. ` : ""}Counted in bins of ${round(session.rates.width * 1e9)}. Failures point down, on a scale of their own.`;
     return [root, legend([...kinds, ...bands, ...marks]), html("p", { class: "quiet", text: note })];
   }
 
@@ -315,14 +336,14 @@
         const found = drawnCells.find((box) => px >= box[0] && px <= box[0] + box[2] && py >= box[1] && py <= box[1] + box[3]);
         if (!found) return "";
         const [seconds, from, to, count] = found[4];
-        return `${integer(count)} answers in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${duration(w * 1e9)}`;
+        return `${integer(count)} answers in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${round(w * 1e9)}`;
       };
       for (const [seconds, ns, key, what] of session.points) {
         if (!inside(seconds, seconds)) continue;
         root.append(hit(prefixes[side], key, `${what}\n${duration(ns)} at ${moment(session, seconds)}`, svg("circle", { class: "point", cx: at(x(seconds)), cy: at(y(ns)), r: 3.5 })));
       }
     });
-    const note = several ? `Medians in bins of ${duration(sessions[0].times.width * 1e9)}; no line means no answer.` : `Density in bins of ${duration(sessions[0].times.width * 1e9)}; the ${sessions[0].points.length} slowest answers are points that lead to their rows.${lowest < SHORTEST ? " At the lower edge: answers captured before their requests." : ""}`;
+    const note = several ? `Medians in bins of ${round(sessions[0].times.width * 1e9)}; no line means no answer.` : `Density in bins of ${round(sessions[0].times.width * 1e9)}; the ${sessions[0].points.length} slowest answers are points that lead to their rows.${lowest < SHORTEST ? " At the lower edge: answers captured before their requests." : ""}`;
     return [root, several ? legend([["outline s0", "A"], ["outline s1", "B (dashed)"]]) : legend([["heat h2", "few answers"], ["heat h5", "many answers"], ["point", "one of the slowest"]]), html("p", { class: "quiet", text: note })];
   }
 
@@ -503,7 +524,7 @@
         root.append(svg("g", { class: "writer", "data-tip": said, tabindex: 0, "aria-label": said }, svg("path", { class: "write", transform: `translate(${at(x(seconds))} ${at(y(value))})`, d: "M0-7L6 6H-6Z" })));
       }
       const writers = [...new Set(tag.writes.map((write) => write[2]))];
-      const gathered = tag.width ? ` Gathered in bins of ${duration(tag.width * 1e9)}: smallest to largest.` : "";
+      const gathered = tag.width ? ` Gathered in bins of ${round(tag.width * 1e9)}: smallest to largest.` : "";
       return [root, html("p", { class: "quiet", text: `${integer(tag.values)} values.${writers.length ? ` Triangles: written by ${writers.slice(0, 4).join(", ")}${writers.length > 4 ? "…" : ""}.` : ""}${tag.writes_not_kept ? ` ${integer(tag.writes_not_kept)} more writes.` : ""}${gathered} Nothing is drawn across a gap.` })];
     };
   }

@@ -8,12 +8,15 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
+from random import Random
 from typing import TYPE_CHECKING, Any, Final
 
 import pytest
 
 from dissect.page.rendering import Side, render
+from dissect.wire.text import duration_text
 from tests.page.support import NAUGHTY, data_of, gathered_of, naughty_packets, page_of
 from tests.promises import hostile
 from tests.properties.messages import Item
@@ -225,6 +228,25 @@ def test_plots_rows_and_findings_lead_to_each_other(browser: Browser, busy: tupl
         == f"{pair['client']} {pair['server']}"
     )
     assert browser.count("#table-connections tbody tr:not(.how)") == 1
+
+
+def test_durations_are_written_as_the_commands_write_them(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, data = busy
+    browser.open(path)
+    script = files("dissect.page").joinpath("page.js").read_text(encoding="utf-8")
+    source = script[script.index("  function fixed(") : script.index("  /** A round duration")]
+    edges = [10_000, 999_500, 99_995_000, 999_500_000, 600 * 10**9, 3600 * 10**9, 86_400 * 10**9]
+    values = {edge + step for edge in edges for step in (-501, -500, -499, -1, 0, 1, 499, 500, 501, 5000)}
+    # Halves of the last digit, where Python and JavaScript round differently by themselves.
+    values |= {number * half for half in (50, 500, 5000, 125_000, 500_000, 5_000_000) for number in range(300)}
+    rng = Random(4)
+    values |= {int(10 ** rng.uniform(0, 15.5)) for _ in range(3000)}
+    asked = sorted(values | {-value for value in values})
+    written: list[str] = browser.run(f"{source}; return arguments[0].map(duration)", asked)
+    assert {ns: text for ns, text in zip(asked, written, strict=True) if text != duration_text(ns)} == {}
+    (slowest,) = [table for table in data["tables"] if table["name"] == "slowest"]
+    shown = browser.texts("#table-slowest tbody tr > td:nth-of-type(6)")[:5]
+    assert shown == [duration_text(row["cells"][4]) for row in slowest["rows"][:5]]
 
 
 def test_time_can_be_zoomed(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
