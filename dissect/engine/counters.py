@@ -50,6 +50,11 @@ class Counters:
         """The largest time of a packet, whenever that was read; 0 before the first."""
         return int(max(self.now_ns, self._highest_ns))
 
+    @property
+    def disordered(self) -> bool:
+        """True when by their own times packets are older than the first one, or newer than the one that was read last."""
+        return self.first_ns - self.earliest_ns > _DISORDER_NS or self.latest_ns - self.now_ns > _DISORDER_NS
+
     def widen(self, earliest_ns: i64, latest_ns: i64) -> None:
         """Take two times of packets that `first_ns` and `now_ns` need not show: the clock ran backwards between them."""
         self._lowest_ns = min(self._lowest_ns, earliest_ns)

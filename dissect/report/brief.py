@@ -69,7 +69,12 @@ def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line
     if analysis.part is not None:
         said.append(f"SELECTION: {shortened(analysis.part.where, _TEXT)}")
     if pipeline is not None and pipeline.frames:
-        said.append(f"from {words.span(clock, int(pipeline.first_ns), int(pipeline.now_ns))}")
+        first, last, counters = int(pipeline.first_ns), int(pipeline.now_ns), pipeline.counters
+        if counters.disordered and last >= first:
+            span = words.span(clock, counters.earliest_ns, counters.latest_ns)
+            said.append(f"from {span} (packets are not in order of time)")
+        else:
+            said.append(f"from {words.span(clock, first, last)}")
     counts = [
         (analysis.total, "transactions"),
         (analysis.with_errors, "with errors"),

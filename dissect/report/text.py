@@ -144,7 +144,11 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
     if pipeline is None or not pipeline.frames:
         return
     first, last = int(pipeline.first_ns), int(pipeline.now_ns)
-    if places.several or last < first:
+    counters = pipeline.counters
+    if counters.disordered and last >= first:
+        span = words.span(clock, counters.earliest_ns, counters.latest_ns)
+        yield Line(f"  from {span}, earliest to latest packet (packets are not in order of time)")
+    elif places.several or last < first:
         yield Line(f"  from {words.span(clock, first, last)}, first to last packet")
     else:
         yield Line(f"  from {clock.moment(first)}, {words.duration(last - first)}")

@@ -6,12 +6,15 @@ import pytest
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
+from dissect.report import words
 from dissect.report.analysis import Analysis
+from dissect.report.brief import brief_lines
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines, finding_lines, table
 from dissect.report.words import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import KEEP_ALIVE
+from dissect.wire.text import Clock
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt, fragments
@@ -335,6 +338,22 @@ def test_files_out_of_order_give_no_negative_duration() -> None:
         " UTC back to 2024-03-04 05:06:07.006000 UTC (packets are not in order of time), first to last packet"
         in lines[2]
     )
+
+
+def test_files_of_which_one_is_older_than_the_first_span_them_all() -> None:
+    packets = [begun(Flow(ports=(port, 102))).packets() for port in (4, 5, 6)]
+    files = [
+        [packet._replace(time_ns=packet.time_ns + late * 10**12) for packet in some]
+        for some, late in zip(packets, (1, 0, 2), strict=True)
+    ]
+    found = analysed(*files)
+    pipeline = found.pipeline
+    assert pipeline is not None
+    said = f"from {words.span(Clock(), packets[0][0].time_ns, files[2][-1].time_ns)}"
+    assert report(found)[3] == f"  {said}, earliest to latest packet (packets are not in order of time)"
+    brief = [line.text for line in brief_lines(found)]
+    assert [line for line in brief if line.startswith(f"  {said} (packets are not in order of time); ")]
+    assert (pipeline.first_ns, pipeline.now_ns) == (files[0][0].time_ns, files[2][-1].time_ns)
 
 
 # ---- form -----------------------------------------------------------------------------------------------------------
