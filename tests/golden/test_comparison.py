@@ -289,7 +289,7 @@ def test_tsaps_of_another_protocol_have_no_rack_and_slot() -> None:
 def test_long_arrays_name_what_changed() -> None:
     one = edited(WRITTEN, "DB10.DBW4 INT = 1234", "DB10.DBB0 BYTE x40 = <" + "00 " * 39 + "00>")
     other = edited(WRITTEN, "DB10.DBW4 INT = 1234", "DB10.DBB0 BYTE x40 = <" + "00 " * 19 + "07" + " 00" * 20 + ">")
-    assert told(one, other) == ["transaction 2, READ DB10.DBB0 x40: element 19 was 0, is 7"]
+    assert told(one, other) == ["transaction 2, READ DB10.DBB0 x40: byte 19 was 00, is 07"]
 
 
 def test_texts_are_safe_to_show() -> None:
