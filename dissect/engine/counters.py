@@ -6,6 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.bare import BareConnections
 from dissect.findings.reporter import Reporter
 from dissect.tcp.ip import TCP, FragmentStore
 from dissect.tcp.segment import Segment, find_segment
@@ -32,6 +33,7 @@ class Counters:
         self._reporter: Reporter = reporter
         self.fragments: FragmentStore = FragmentStore()
         self.octets: OctetAccount = OctetAccount()
+        self.bare: BareConnections = BareConnections()
         self.frames: i64 = 0
         self.cut_frames: i64 = 0
         self.first_ns: i64 = 0

@@ -342,7 +342,7 @@ class IsoOnTcp(Protocol):
                 reporter.note("cotp.answer_without_request", connection.number, [frame], time_ns)
             judge_confirm(reporter, side, tpdu, frame, time_ns)
             if not (tpdu.malformed and connection.established):
-                connection.note_cc(side.index, tpdu)
+                connection.note_cc(side.index, tpdu, frame)
         elif type_ == DR:
             judge_disconnect(reporter, side, tpdu, frame, time_ns)
             if connection.refused:
@@ -362,7 +362,7 @@ class IsoOnTcp(Protocol):
         elif connection.cr_seen:
             self._exchange.reporter.note("cotp.repeated_request", connection.number, [frame], time_ns)
         connection.mid_stream = False
-        connection.note_cr(side.index, tpdu)
+        connection.note_cr(side.index, tpdu, frame)
         self._connections.scans.asked(connection, frame, time_ns)
 
     def _tsdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:

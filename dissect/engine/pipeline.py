@@ -33,7 +33,7 @@ from dissect.engine.options import Options
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
-from dissect.engine.silent import SilentConnections, may_be_probe, note_idle, untold
+from dissect.engine.silent import SilentConnections, judge_silent, may_be_probe, untold
 from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
@@ -49,7 +49,6 @@ from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
 from dissect.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
 from dissect.transactions.pairing import Dialogue
-from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.table import ConnectionTable, Side
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -561,14 +560,15 @@ class Pipeline(PacketSink):
         self._end_stream(peer)
         connection = side.connection
         if connection.number:
+            if connection.followed:
+                self.counters.bare.speaks(connection.server.port)
             if side.tcp.ended and reason == CAPTURE_ENDED:
                 reason = CONNECTION_CLOSED
             self.connections.end(side, reason, self.counters.frames, self.counters.now_ns)
         elif connection.state == PROBING and connection.probed:
             side.protocol.end(side, self.counters.frames, self.counters.now_ns)
-        elif connection.state == PROBING and (side.probes or peer.probes) and on_102(side):
-            first, second = side.tcp.ends
-            note_idle(self.counters, first, second, Probes().join(side.probes).join(peer.probes))
+        elif connection.state == PROBING:
+            judge_silent(self.counters, side, peer)
 
     def _end_stream(self, side: Side) -> None:
         side.stream.finish()

@@ -153,6 +153,15 @@ class SilentConnections:
         note_idle(self._counters, first, second, entry.probes)
 
 
+def judge_silent(counters: Counters, side: Side, peer: Side) -> None:
+    """The connection of ``side`` is over, and no octet of it was looked at: it was idle, or it was opened for nothing."""
+    if not side.probes and not peer.probes:
+        counters.bare.take(side, peer)
+    elif on_102(side):
+        first, second = side.tcp.ends
+        note_idle(counters, first, second, Probes().join(side.probes).join(peer.probes))
+
+
 def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Probes) -> None:
     """Report a connection of which only keep-alive probes were captured, by the first and the last of them."""
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)

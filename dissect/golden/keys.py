@@ -11,12 +11,24 @@ from dissect.golden.plus import plus_notes, plus_subject
 from dissect.golden.plus_objects import Objects
 from dissect.golden.writing import FORMS
 from dissect.report import words
-from dissect.s7.tables import READ_VAR, WRITE_VAR
+from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.parameters import REQUEST
+from dissect.s7.tables import (
+    GROUP_BLOCKS,
+    GROUP_CPU,
+    READ_SZL,
+    READ_VAR,
+    USERDATA,
+    WRITE_VAR,
+)
 from dissect.wire.text import printable, shortened, titled
 
 #: Items that a subject names, and characters of it.
 _NAMED: Final = 3
 _LONG: Final = 100
+
+#: Bytes of the id of a partial list, which a request for one begins with.
+_SZL_ID: Final = 2
 
 Key = tuple[object, ...]
 
@@ -35,7 +47,7 @@ class Keys:
         exchange = self.objects.stable(transaction)
         key = self._exact.get(exchange)
         if key is None:
-            key = self._loose_key(exchange) if self._blurred(exchange) else _exact(exchange)
+            key = _loose(exchange) if self._blurred(exchange) else _exact(exchange)
             self._exact[exchange] = key
         return transaction.asked_by, *key
 
@@ -46,7 +58,7 @@ class Keys:
     def _loose_key(self, exchange: Exchange) -> Key:
         key = self._loose.get(exchange)
         if key is None:
-            key = _loose(exchange)
+            key = (*_loose(exchange), _question(exchange))
             self._loose[exchange] = key
         return key
 
@@ -87,10 +99,30 @@ def _loose(exchange: Exchange) -> Key:
     return "told" if not exchange.request else "asked", exchange.kind, exchange.function_name
 
 
+def _question(exchange: Exchange) -> bytes:
+    """Return what a request asks for where that stands in its data: another list or block is another question.
+
+    Another index of the same list is the same question put differently.
+    """
+    asked = exchange.asked
+    head = asked.parameters.userdata if asked is not None and asked.rosctr == USERDATA else None
+    if asked is None or head is None or head.type != REQUEST:
+        return b""
+    if head.group == GROUP_CPU and head.subfunction == READ_SZL:
+        return bytes(asked.data[DATA_HEAD.size : DATA_HEAD.size + _SZL_ID])
+    return bytes(asked.data) if head.group == GROUP_BLOCKS else b""
+
+
 def action(transaction: Transaction) -> Key:
-    """Return who does what kind of thing, and nothing of what it is done to."""
+    """Return who does what kind of thing, and nothing of what it is done to, unless that makes it another question."""
     exchange = transaction.exchange
-    return transaction.asked_by, bool(exchange.request), exchange.kind, exchange.function_name
+    return (
+        transaction.asked_by,
+        bool(exchange.request),
+        exchange.kind,
+        exchange.function_name,
+        _question(exchange),
+    )
 
 
 def subject(exchange: Exchange, address: str = "") -> str:

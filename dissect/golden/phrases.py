@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 from dissect.golden.exchange import ItemRecord
 from dissect.golden.model import Transaction
 from dissect.report import words
+from dissect.s7.tables import BYTE
 from dissect.transactions.transaction import REASON_TEXTS
 from dissect.wire.text import printable, shortened
 
@@ -52,9 +53,14 @@ def item_state(item: ItemRecord) -> str:
 def content(item: ItemRecord) -> str:
     """Return the value of an item, or its octets."""
     value = item.value
-    if value is not None:
+    if value is not None and not _is_bytes(item):
         return words.value(value)
     return words.octets(item.data or b"")
+
+
+def _is_bytes(item: ItemRecord) -> bool:
+    """Return whether an item is bytes without a meaning, which a person reads in hexadecimal."""
+    return item.transport_size == BYTE and len(item.data or b"") > 1
 
 
 def outcome(transaction: Transaction) -> str:
@@ -78,9 +84,10 @@ def outcome(transaction: Transaction) -> str:
 def value_change(was: ItemRecord, is_: ItemRecord) -> tuple[str, str, str]:
     """Return what to say of an item with another value, and both values; of arrays the elements that differ."""
     old, new = was.value, is_.value
+    hexadecimal = _is_bytes(was) or _is_bytes(is_)
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return _elements(old, new)
-    if old is None or new is None or words.value(old) == words.value(new):
+        return _bytes(was.data or b"", is_.data or b"") if hexadecimal else _elements(old, new)
+    if hexadecimal or old is None or new is None or words.value(old) == words.value(new):
         first, second = octets_change(was.data or b"", is_.data or b"")
     else:
         first, second = words.value(old), words.value(new)
@@ -96,6 +103,15 @@ def _elements(old: Elements, new: Elements) -> tuple[str, str, str]:
         was, is_ = (
             ", ".join([f"element {at} = {words.value(each[at])}" for at in changed[:_ELEMENTS]]) for each in (old, new)
         )
+    return "; ".join(said) + more, was, is_
+
+
+def _bytes(old: bytes, new: bytes) -> tuple[str, str, str]:
+    """Return the same of arrays of bytes as long as each other, in hexadecimal as everywhere."""
+    changed = [at for at in range(min(len(old), len(new))) if old[at] != new[at]]
+    said = [f"byte {at} was {old[at]:02x}, is {new[at]:02x}" for at in changed[:_ELEMENTS]]
+    more = f" and {len(changed) - _ELEMENTS} more of {len(new)}" if len(changed) > _ELEMENTS else ""
+    was, is_ = octets_change(old, new)
     return "; ".join(said) + more, was, is_
 
 

@@ -12,8 +12,8 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.inventory.model import Device, Talk, Use
-from dissect.inventory.roles import LISTS_BLOCKS, judge_client, judge_server
+from dissect.inventory.model import Asked, Device, Talk, Use
+from dissect.inventory.roles import Deeds, judge_client, judge_server
 from dissect.program.carved import CarvedBlock, carve
 from dissect.report.analysis import Part
 from dissect.report.latencies import Latencies
@@ -22,7 +22,6 @@ from dissect.s7.tables import (
     AREA_LETTERS,
     CODE_BLOCKS,
     DB_AREAS,
-    GROUP_BLOCKS,
     JOB,
     NUMBERED_AREAS,
     READ_VAR,
@@ -82,12 +81,12 @@ class Traffic:
 
     __slots__ = (
         "answer_frames",
-        "answered",
-        "errors",
+        "asked",
+        "deeds",
         "latencies",
-        "lists_blocks",
-        "missed",
         "operations",
+        "plus_frame",
+        "plus_number",
         "pushes",
         "targets",
         "transactions",
@@ -96,14 +95,14 @@ class Traffic:
     def __init__(self, latencies: list[Latencies | None]) -> None:
         self.latencies = latencies
         self.transactions = 0
-        self.answered = 0
-        self.errors = 0
-        self.missed = 0
+        self.asked = [Asked(), Asked()]  # by who asked
         self.pushes = 0
         self.answer_frames = [0, 0]  # the first answer of each side
-        self.lists_blocks = 0  # a packet that asks which blocks there are
+        self.deeds = Deeds()
+        self.plus_number = 0  # of the latest transaction of S7comm-plus, and the packet that completes its request
+        self.plus_frame = 0
         self.targets: dict[tuple[int, bytes], Target] = {}
-        self.operations: dict[str, tuple[int, int]] = {}  # by kind: how many, and the first packet
+        self.operations: dict[str, int] = {}  # by kind: how many
 
 
 class Inventory(Observer):
@@ -200,9 +199,10 @@ class Inventory(Observer):
         if traffic is None:
             traffic = self._begin(transaction.connection)
         traffic.transactions += 1
+        asked = traffic.asked[transaction.asked_by]
         outcome = transaction.outcome
         if outcome == ANSWERED:
-            traffic.answered += 1
+            asked.answered += 1
             answering = 1 - transaction.asked_by
             latencies = traffic.latencies[answering]
             if latencies is not None:
@@ -212,20 +212,21 @@ class Inventory(Observer):
         elif outcome == PUSH:
             traffic.pushes += 1
         elif transaction.missed:
-            traffic.missed += 1
+            asked.missed += 1
         if transaction.has_errors:
-            traffic.errors += 1
+            asked.errors += 1
         function = transaction.parameters.function
         if transaction.rosctr == JOB:
             if function not in _VARIABLES:
                 return
             key = transaction.asked_by, transaction.parameters.octets
         elif transaction.rosctr == USERDATA:
-            head = transaction.parameters.userdata
-            if head is not None and head.group == GROUP_BLOCKS and not traffic.lists_blocks:
-                traffic.lists_blocks = transaction.request_frame
+            traffic.deeds.asks(transaction)
             return
-        elif transaction.is_plus and (transaction.function in READS or transaction.function in WRITES):
+        elif transaction.is_plus:
+            traffic.plus_number, traffic.plus_frame = transaction.number, transaction.request_frame
+            if transaction.function not in READS and transaction.function not in WRITES:
+                return
             key = transaction.asked_by, _plus_body(transaction)
         else:
             return
@@ -246,8 +247,11 @@ class Inventory(Observer):
         traffic = self._open.get(operation.connection.number)
         if traffic is None:
             traffic = self._begin(operation.connection)
-        count, frame = traffic.operations.get(operation.kind, (0, operation.first_frame))
-        traffic.operations[operation.kind] = count + 1, frame
+        traffic.operations[operation.kind] = traffic.operations.get(operation.kind, 0) + 1
+        frame = operation.first_frame
+        if traffic.plus_frame and operation.transactions[:1] == [traffic.plus_number]:
+            frame = traffic.plus_frame  # a request in several frames begins in one that says nothing by itself
+        traffic.deeds.does(operation, frame)
         done = _BLOCKS.get(operation.kind)
         if done is None or operation.result in {REFUSED, FAILED}:
             return
@@ -304,10 +308,7 @@ class Inventory(Observer):
             _add(talk, connection, traffic)
             self._add_areas(talk, traffic, client_side)
         _negotiated(connection, client, server)
-        deeds = {kind: frame for kind, (_, frame) in traffic.operations.items()}
-        if traffic.lists_blocks:
-            deeds[LISTS_BLOCKS] = traffic.lists_blocks
-        judge_client(client, server, connection, deeds, traffic.answer_frames)
+        judge_client(client, server, connection, traffic.deeds, traffic.answer_frames)
 
     # ---- parts ------------------------------------------------------------------------------------------------------
 
@@ -428,11 +429,13 @@ def _add(talk: Talk, connection: Connection, traffic: Traffic) -> None:
     talk.connections += 1
     talk.protocols.add(connection.protocol)
     talk.transactions += traffic.transactions
-    talk.answered += traffic.answered
-    talk.errors += traffic.errors
-    talk.missed += traffic.missed
+    for asked in traffic.asked:
+        talk.answered += asked.answered
+        talk.errors += asked.errors
+        talk.missed += asked.missed
+    talk.back.add(traffic.asked[1 - connection.client_side])
     talk.pushes += traffic.pushes
-    for kind, (count, _) in traffic.operations.items():
+    for kind, count in traffic.operations.items():
         talk.operations[kind] = talk.operations.get(kind, 0) + count
     if not talk.first_frame or tcp.first_frame < talk.first_frame:
         talk.first_frame, talk.first_ns = int(tcp.first_frame), int(tcp.first_ns)

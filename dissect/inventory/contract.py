@@ -46,7 +46,8 @@ def inventory_as_dict(inventory: Inventory, interrupted: bool = False) -> dict[s
 def device_as_dict(device: Device, places: Places) -> dict[str, object]:
     """Return one device."""
     clock = Clock()
-    asked = device.asked_by
+    talks = device.asked_by
+    asked = device.asked
     return {
         "address": device.address,
         "role": device.role,
@@ -91,13 +92,13 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
         "names_not_listed": sum(
             [len(n.more) for n in (device.sessions, device.tsaps, device.pdu_lengths, device.parallel_jobs)]
         ),
-        "connections": sum(talk.connections for talk in asked),
-        "transactions": sum(talk.transactions for talk in asked),
-        "answered": sum(talk.answered for talk in asked),
-        "unanswered": sum(talk.missed for talk in asked),
-        "with_errors": sum(talk.errors for talk in asked),
+        "connections": sum(talk.connections for talk in talks),
+        "transactions": sum(talk.transactions for talk in talks),
+        "answered": asked.answered,
+        "unanswered": asked.missed,
+        "with_errors": asked.errors,
         "answer_time_ns": device.latencies.as_dict(),
-        "asked_by": [talk.client for talk in asked],
+        "asked_by": [talk.client for talk in talks],
         "asks": [talk.server for talk in device.asks],
         **_packet("first_", device.first_frame, places),
         "first_time": clock.iso(device.first_ns),

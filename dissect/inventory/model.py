@@ -88,21 +88,26 @@ class Names:
 
 
 class Reason:
-    """Why a device is taken for a role: how sure that makes it, in a few words, and a packet that shows it."""
+    """Why a device is taken for a role: how sure that makes it, in a few words, and a packet that shows it.
 
-    __slots__ = ("certainty", "count", "frame", "role", "text")
+    ``count`` are the connections on which it was seen. ``hint``: others do the same now and then, so that it counts less than
+    what else is of this certainty.
+    """
 
-    def __init__(self, role: str, certainty: str, text: str, frame: int) -> None:
+    __slots__ = ("certainty", "count", "frame", "hint", "role", "text")
+
+    def __init__(self, role: str, certainty: str, text: str, frame: int, hint: bool = False) -> None:
         self.role = role
         self.certainty = certainty
         self.text = text
         self.frame = frame
+        self.hint = hint
         self.count = 1
 
     @property
-    def weight(self) -> tuple[int, int, str]:
+    def weight(self) -> tuple[int, bool, int, str]:
         """What is preferred comes first."""
-        return CERTAINTIES.index(self.certainty), ROLES.index(self.role), self.text
+        return CERTAINTIES.index(self.certainty), self.hint, ROLES.index(self.role), self.text
 
 
 class Use:
@@ -220,12 +225,35 @@ class Area:
         self.written.merge(later.written)
 
 
+class Asked:
+    """What became of requests: how many were answered, were missed because no answer came, and got an answer with an error."""
+
+    __slots__ = ("answered", "errors", "missed")
+
+    def __init__(self) -> None:
+        self.answered = 0
+        self.errors = 0
+        self.missed = 0
+
+    def add(self, other: Asked, sign: int = 1) -> None:
+        """Add the counts of ``other``, or take them off where ``sign`` is -1."""
+        self.answered += sign * other.answered
+        self.errors += sign * other.errors
+        self.missed += sign * other.missed
+
+    def __bool__(self) -> bool:
+        return bool(self.answered or self.errors or self.missed)
+
+
 class Talk:
-    """What a client and a server had to do with each other, over all their connections."""
+    """What a client and a server had to do with each other, over all their connections.
+
+    ``back`` are those of the requests that the server sent, such as the ones by which it fetches a download.
+    """
 
     __slots__ = (
-        "answered", "areas", "client", "connections", "errors", "first_frame", "first_ns", "last_frame", "last_ns", "missed",
-        "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "writes",
+        "answered", "areas", "back", "client", "connections", "errors", "first_frame", "first_ns", "last_frame", "last_ns",
+        "missed", "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "writes",
     )  # fmt: skip
 
     def __init__(self, client: str, server: str) -> None:
@@ -240,6 +268,7 @@ class Talk:
         self.errors = 0
         self.missed = 0
         self.pushes = 0
+        self.back = Asked()
         self.operations: dict[str, int] = {}
         self.areas: dict[str, Area] = {}
         self.more_areas = Beyond()
@@ -269,6 +298,7 @@ class Talk:
         self.errors += later.errors
         self.missed += later.missed
         self.pushes += later.pushes
+        self.back.add(later.back)
         for kind, count in later.operations.items():
             self.operations[kind] = self.operations.get(kind, 0) + count
         for name, theirs in later.areas.items():
@@ -334,13 +364,26 @@ class Device:
     def _best(self) -> Reason:
         return min(self.reasons.values(), key=lambda reason: reason.weight)
 
-    def because(self, role: str, certainty: str, text: str, frame: int) -> None:
+    @property
+    def asked(self) -> Asked:
+        """What became of the requests that it was sent: by its clients, and by servers on connections that it opened."""
+        found = Asked()
+        for talk in self.asked_by:
+            found.answered += talk.answered
+            found.errors += talk.errors
+            found.missed += talk.missed
+            found.add(talk.back, -1)
+        for talk in self.asks:
+            found.add(talk.back)
+        return found
+
+    def because(self, role: str, certainty: str, text: str, frame: int, hint: bool = False) -> None:
         """Take a piece of evidence for a role."""
         known = self.reasons.get((role, text))
         if known is not None:
             known.count += 1
         elif len(self.reasons) < MAX_REASONS:
-            self.reasons[role, text] = Reason(role, certainty, text, frame)
+            self.reasons[role, text] = Reason(role, certainty, text, frame, hint)
 
     def block(self, name: str) -> Names | None:
         """Return what became of a block, made where there is room."""

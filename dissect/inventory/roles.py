@@ -2,36 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, STATED, TSAP, Device
 from dissect.iso.tsap import SIEMENS
+from dissect.s7.alarm_layouts import MESSAGE_REQUEST
+from dissect.s7.tables import BLOCK_INFO, GROUP_BLOCKS, GROUP_CPU, MESSAGE_SERVICE, READ_SZL
 from dissect.stations import facts
+from dissect.stations.evidence import asked_payload
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import CYCLIC, DELETE, DOWNLOAD, MESSAGES, SESSION, TEST_JOB, UPLOAD
+from dissect.transactions.operation import (
+    CONTROL,
+    CYCLIC,
+    DELETE,
+    DOWNLOAD,
+    MESSAGES,
+    REFUSED,
+    SESSION,
+    TEST_JOB,
+    UPLOAD,
+    Operation,
+)
+from dissect.transactions.transaction import ANSWERED, Transaction
 
 #: Facts that only a PLC states, in the order of their weight.
 _OF_CPU: Final = (facts.ORDER_NUMBER, facts.OPERATING_MODE, facts.PROTECTION)
 _PG: Final = 1
 _OP: Final = 2
-#: Beside operations: block functions.
-LISTS_BLOCKS: Final = "lists_blocks"
-#: What engineering stations do, and what panels do.
+#: What engineering stations do, in words, and what is said where the PLC did not let them.
 _ENGINEERING: Final = {
-    DOWNLOAD: "loads blocks",
-    UPLOAD: "reads blocks out",
-    DELETE: "deletes blocks",
-    TEST_JOB: "runs test functions",
-    LISTS_BLOCKS: "asks which blocks there are",
+    DOWNLOAD: ("loads blocks", "tried to load blocks"),
+    UPLOAD: ("reads blocks out", "tried to read blocks out"),
+    DELETE: ("deletes blocks", "tried to delete blocks"),
+    TEST_JOB: ("runs test functions", "tried to run test functions"),
+    CONTROL: ("stops, starts or resets the PLC", "tried to stop, start or reset the PLC"),
 }
-_PANEL: Final = {CYCLIC: "subscribes to values", MESSAGES: "subscribes to messages"}
+#: The same of panels. A notification shows as well as a request that there is a subscription.
+_PANEL: Final = {
+    CYCLIC: ("is subscribed to values", "tried to subscribe to values"),
+    MESSAGES: ("is subscribed to alarms", "tried to subscribe to alarms"),
+}
+_LISTS_BLOCKS: Final = "asks which blocks there are"
+_BLOCK_INFO: Final = "asks what is known of a block"
+#: What panels may do as well, seldom: some show diagnostics.
+_DIAGNOSTICS: Final = "subscribes to diagnostics, not to alarms"
+_BUFFER: Final = "reads the diagnostic buffer"
+#: The diagnostic buffer and its extracts are partial list 0xA0.
+_BUFFER_LIST: Final = 0xA0
 #: In the text of a TSAP of S7comm-plus or of a configured connection.
 _TSAP_TEXTS: Final = (("OPC", OPC), ("ROOT-ES", ENGINEERING), ("ROOT-HMI", PANEL))
 #: The application of SIMATIC NET's OPC server in a session of S7comm-plus.
 _SIMATIC_NET: Final = "SIMATIC NET"
 #: Names of roles in S7comm-plus sessions.
 _SESSIONS: Final = {"engineering": ENGINEERING, "HMI": PANEL}
+
+
+class Deeds:
+    """What the client of a connection did that tells what it is, each with the first packet that shows it.
+
+    ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it did; ``texts`` are in words what is
+    no operation. A hint is what others do now and then as well.
+    """
+
+    __slots__ = ("done", "hints", "texts", "tried")
+
+    def __init__(self) -> None:
+        self.done: dict[str, int] = {}
+        self.tried: dict[str, int] = {}
+        self.texts: dict[str, int] = {}
+        self.hints: dict[str, int] = {}
+
+    def does(self, operation: Operation, frame: int) -> None:
+        """Take an operation; packet ``frame`` shows it."""
+        kind = operation.kind
+        if kind == MESSAGES and operation.connection.plus is None:
+            return  # of which events, its requests tell
+        (self.tried if operation.result == REFUSED else self.done).setdefault(kind, frame)
+
+    def asks(self, transaction: Transaction) -> None:
+        """Take a request by userdata."""
+        head = transaction.parameters.userdata
+        frame = int(transaction.request_frame)
+        if head is None or not frame:
+            return
+        if head.group == GROUP_BLOCKS:
+            self.texts.setdefault(_BLOCK_INFO if head.subfunction == BLOCK_INFO else _LISTS_BLOCKS, frame)
+        elif head.group != GROUP_CPU:
+            return
+        elif head.subfunction == READ_SZL:
+            if _BUFFER not in self.hints and asked_payload(transaction)[1:2] == bytes((_BUFFER_LIST,)):
+                self.hints[_BUFFER] = frame
+        elif head.subfunction == MESSAGE_SERVICE:
+            self._subscribes(transaction, frame)
+
+    def _subscribes(self, transaction: Transaction, frame: int) -> None:
+        """Take a subscription to events. All sorts of clients want to know of mode transitions, which say nothing."""
+        body = transaction.request_body
+        asked = body.find(MESSAGE_REQUEST) if body is not None else None
+        if asked is None:
+            return
+        if asked.number("alarms") > 0:
+            refused = transaction.outcome != ANSWERED or transaction.error_code != 0
+            (self.tried if refused else self.done).setdefault(MESSAGES, frame)
+        elif asked.number("system_diagnostics") > 0 or asked.number("user_diagnostics") > 0:
+            self.hints.setdefault(_DIAGNOSTICS, frame)
 
 
 def judge_server(device: Device) -> None:
@@ -48,25 +123,27 @@ def judge_client(
     client: Device,
     server: Device,
     connection: Connection,
-    deeds: Mapping[str, int],
+    deeds: Deeds,
     answer_frames: Sequence[int],
 ) -> None:
-    """Look at a connection that is over: what both ends did there. ``deeds`` are kinds of operations, each with a packet."""
-    tcp = connection.tcp
-    first = int(tcp.first_frame)
+    """Look at a connection that is over: what both ends did there."""
     answered = answer_frames[1 - connection.client_side]
     if answered and connection.protocol in {"s7comm", "s7comm_plus"}:
         protocol = "S7comm" if connection.protocol == "s7comm" else "S7comm-plus"
         server.because(CPU, BEHAVIOUR, f"answers {protocol} requests", answered)
-    for kind, deed in _ENGINEERING.items():
-        if kind in deeds:
-            client.because(ENGINEERING, BEHAVIOUR, deed, deeds[kind])
-    for kind, deed in _PANEL.items():
-        if kind in deeds:
-            client.because(PANEL, BEHAVIOUR, deed, deeds[kind])
+    for role, words in ((ENGINEERING, _ENGINEERING), (PANEL, _PANEL)):
+        for kind, (done, tried) in words.items():
+            if kind in deeds.done:
+                client.because(role, BEHAVIOUR, done, deeds.done[kind])
+            elif kind in deeds.tried:
+                client.because(role, BEHAVIOUR, tried, deeds.tried[kind], True)
+    for text, frame in deeds.texts.items():
+        client.because(ENGINEERING, BEHAVIOUR, text, frame)
+    for text, frame in deeds.hints.items():
+        client.because(ENGINEERING, BEHAVIOUR, text, frame, True)
     session = connection.plus
     if session is not None:
-        first = deeds.get(SESSION, first)
+        first = deeds.done.get(SESSION, deeds.tried.get(SESSION, int(connection.tcp.first_frame)))
         who = session.application or session.session_name
         where = " on ".join([text for text in (who, session.host) if text])
         client.sessions.add(" ".join([text for text in (where, session.user) if text]))
@@ -78,7 +155,7 @@ def judge_client(
 
 
 def _judge_tsaps(client: Device, connection: Connection) -> None:
-    frame = int(connection.tcp.first_frame)
+    frame = int(connection.tsap_frame)
     for tsap in (connection.tsap_called, connection.tsap_calling):
         if tsap is None:
             continue

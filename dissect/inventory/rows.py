@@ -32,7 +32,8 @@ def device_row(device: Device, places: Places) -> dict[str, str]:
     clock = Clock()
     times = device.latencies.as_dict()
     mac = device.get(facts.MAC)
-    asked = device.asked_by
+    talks = device.asked_by
+    asked = device.asked
     row: dict[str, str] = {key: device.get(key) for key in COLUMNS if key in _SAID}
     name = places.name(device.address)
     row |= {
@@ -47,14 +48,14 @@ def device_row(device: Device, places: Places) -> dict[str, str]:
         "modules": ", ".join([module for module in device.modules if module]),
         "clock_offset_ns": _number(device.clock_offset_ns),
         "blocks": ", ".join([f"{count} {kind}" for kind, count in device.block_counts.items()]),
-        "connections": str(sum(talk.connections for talk in asked)),
-        "transactions": str(sum(talk.transactions for talk in asked)),
-        "answered": str(sum(talk.answered for talk in asked)),
-        "unanswered": str(sum(talk.missed for talk in asked)),
-        "with_errors": str(sum(talk.errors for talk in asked)),
+        "connections": str(sum(talk.connections for talk in talks)),
+        "transactions": str(sum(talk.transactions for talk in talks)),
+        "answered": str(asked.answered),
+        "unanswered": str(asked.missed),
+        "with_errors": str(asked.errors),
         "median_ns": _number(times["median"]),
         "p95_ns": _number(times["p95"]),
-        "asked_by": " ".join([talk.client for talk in asked]),
+        "asked_by": " ".join([talk.client for talk in talks]),
         "asks": " ".join([talk.server for talk in device.asks]),
         "first_frame": str(places.number(device.first_frame)),
         "first_time": clock.iso(device.first_ns),

@@ -113,9 +113,8 @@ def card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int]
 
 
 def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int]) -> Iterator[tuple[str, str]]:
-    reasons = sorted(device.reasons.values(), key=lambda reason: reason.weight)
-    if reasons:
-        yield "role", "; ".join([_reason(reason, device.role, places) for reason in reasons])
+    if device.reasons:
+        yield "role", _reasons(device, places)
     for stretch in device.history(facts.MAC):
         made = vendor(stretch.value)
         count = shared.get(stretch.value, 0)
@@ -142,7 +141,7 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
         yield "code", f"{words.count(more, 'more block')} {verb} not looked at: all code together is too large"
     if device.sessions.texts:
         yield "sessions", _some(device.sessions)
-    if device.asked_by:
+    if device.asked_by or device.asked:
         yield "answers", _answers(device)
     asks = [talk for talk in device.asks if talk.server != talk.client]  # to itself: shown as asked by itself
     for title, talks, client in (("asked by", device.asked_by, True), ("asks", asks, False)):
@@ -154,10 +153,20 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
     yield "seen", f"{words.span(clock, device.first_ns, device.last_ns)}, packets {first} to {last}"
 
 
-def _reason(reason: Reason, role: str, places: Places) -> str:
-    times = f", {reason.count} times" if reason.count > 1 else ""
-    other = f"perhaps {_NOUNS.get(reason.role, reason.role)}: " if reason.role != role else ""
-    return f"{other}{shortened(reason.text, _TEXT)} (packet {places.mark(reason.frame)}{times})"
+def _reasons(device: Device, places: Places) -> str:
+    """Return what speaks for the role of a device, and then what speaks for each other one."""
+    by_role: dict[str, list[Reason]] = {device.role: []}
+    for reason in sorted(device.reasons.values(), key=lambda reason: reason.weight):
+        by_role.setdefault(reason.role, []).append(reason)
+    said = [_reason(reason, places) for reason in by_role.pop(device.role)]
+    for role, reasons in by_role.items():
+        said.append(f"perhaps {_NOUNS[role]}: {', '.join([_reason(reason, places) for reason in reasons])}")
+    return "; ".join(said)
+
+
+def _reason(reason: Reason, places: Places) -> str:
+    on = f", on {reason.count} connections" if reason.count > 1 else ""
+    return f"{shortened(reason.text, _TEXT)} (packet {places.mark(reason.frame)}{on})"
 
 
 def _said(device: Device, module: str, keys: tuple[str, ...], places: Places) -> str:
@@ -247,16 +256,13 @@ def _natural(name: str) -> tuple[str, int, str]:
 
 
 def _answers(device: Device) -> str:
-    talks = device.asked_by
     times = device.latencies
-    answered = sum(talk.answered for talk in talks)
-    said = [f"{answered} answered"]
-    missed = sum(talk.missed for talk in talks)
-    errors = sum(talk.errors for talk in talks)
-    if missed:
-        said.append(f"{missed} unanswered")
-    if errors:
-        said.append(f"{errors} with errors")
+    asked = device.asked
+    said = [f"{asked.answered} answered"]
+    if asked.missed:
+        said.append(f"{asked.missed} unanswered")
+    if asked.errors:
+        said.append(f"{asked.errors} with errors")
     if times.count:
         said.append(f"median {words.answer_time(times.quantile(0.5))}, 95 % {words.answer_time(times.quantile(0.95))}")
     return ", ".join(said)

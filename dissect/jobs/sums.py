@@ -20,7 +20,7 @@ from dissect.wire.octets import Tally
 
 #: What of a pipeline is added up: numbers, tallies, lists and dictionaries of numbers.
 _COUNTERS: Final = (
-    *[f"counters.{name}" for name in ("frames", "cut_frames", "packets")],
+    *[f"counters.{name}" for name in ("frames", "cut_frames", "packets", "bare.counts", "bare.spoken")],
     *[f"counters.octets.{name}" for name in ("delivered", "framed", "skipped", "buffered", "missing", "holes")],
     *[f"counters.fragments.{name}" for name in ("used", "dropped", "invalid", "conflicts", "evicted", "expired")],
     *[f"table.{name}" for name in ("evicted", "half_open_evicted")],
@@ -57,6 +57,7 @@ class _Counted(NamedTuple):
     now_ns: int
     span: tuple[int, int]
     keys: int
+    bare: dict[int, int]
 
 
 def part_of(found: Observer, pipeline: Pipeline, files: list[SourceFile]) -> FilePart:
@@ -68,6 +69,7 @@ def part_of(found: Observer, pipeline: Pipeline, files: list[SourceFile]) -> Fil
         pipeline.now_ns,
         (pipeline.counters.earliest_ns, pipeline.counters.latest_ns),
         len(pipeline.tls.keys) + int(pipeline.tls.more_keys),
+        pipeline.counters.bare.first,
     )
     file = files[0]
     return FilePart(
@@ -108,12 +110,15 @@ class Sum:
             part.sent, Offsets(packets, connections, int(pipeline.exchange.dialogue.count))
         )
         found, counted, files = received
-        self._count(counted, packets > 0)
+        self._count(counted, packets)
         self.files += files
         return found
 
-    def _count(self, counted: _Counted, begun: bool) -> None:
+    def _count(self, counted: _Counted, packets: int) -> None:
+        """Add what was counted in packets behind the first ``packets``."""
         pipeline = self.pipeline
+        begun = packets > 0
+        pipeline.counters.bare.add_first(counted.bare, packets)
         for path, more in zip(_COUNTERS, counted.counters, strict=True):
             owner, _, name = path.rpartition(".")
             holder = attrgetter(owner)(pipeline)

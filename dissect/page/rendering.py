@@ -87,7 +87,7 @@ class Side:
                 told.append(f"DAMAGED: {printable(file.damage)}")
             told += [printable(note) for note in file.notes[:10]]
         if analysis.pipeline is not None:
-            told += [grouped(text) for text, _ in completeness(analysis.pipeline)]
+            told += [grouped(text) for text, _ in completeness(analysis.pipeline, gathered.rows.places)]
         limits = (
             (gathered.gaps_not_drawn, "gap that is not drawn", "gaps that are not drawn"),
             (

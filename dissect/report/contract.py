@@ -61,6 +61,7 @@ def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator
     connections = sorted(analysis.connections, key=_number)
     yield "connections", (connection_as_dict(connection, places, clock) for connection in connections)
     yield "connections_not_listed", analysis.connections_not_listed
+    yield "connections_without_data", pipeline.counters.bare.found()[0]
     yield from described.items()
     yield "devices", [station_as_dict(station) for station in stations_that_state(analysis.stations)]
     yield "transactions", _transactions(analysis)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from typing import Final
 
 from dissect.iso.upper import S7COMM_PLUS, UPPER_NAMES
 from dissect.report.facet import Facet
+from dissect.report.words import NAMED
 from dissect.s7.parameters import Parameters
 from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.contents import Contents
@@ -20,7 +22,7 @@ from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUE
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
-from dissect.wire.text import hex_number, json_text, shortened
+from dissect.wire.text import count, hex_number, json_text, shortened
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
@@ -60,6 +62,10 @@ class PlusFacet(Facet):
     def subject(self, transaction: Transaction) -> str:
         """Return what a transaction is about: the session, or the subscription that tells it."""
         return plus_subject(transaction)
+
+    def notes(self, transaction: Transaction) -> str:
+        """Return the same in short: the items that were refused, or else the first few of all, without values."""
+        return plus_subject(transaction, in_short)
 
     def statistics(self, code: int) -> dict[str, object]:
         """Return the function code, None for rows of several functions."""
@@ -114,8 +120,12 @@ def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
     return [shortened(text, _MESSAGE) for text in summary(pdu, found)]
 
 
-def plus_subject(transaction: Transaction) -> str:
-    """Return what an S7comm-plus transaction is about: the session, or the subscription that tells it."""
+def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], list[str]] | None = None) -> str:
+    """Return what an S7comm-plus transaction is about: the session, or the subscription that tells it.
+
+    ``itemized`` says what there is to say of items, by default each with what became of it.
+    """
+    told_of = itemized if itemized is not None else _in_full
     asked, told = transaction.plus_halves(said=True)
     half = asked if asked is not None else told
     if half is None:
@@ -129,11 +139,11 @@ def plus_subject(transaction: Transaction) -> str:
     wrong = (malformed_note(asked, "request: ") + malformed_note(told, answer))[:1]
     items = join_items(asked, told, transaction.connection.plus)
     if items and half.pdu.function not in _ITEMS_BESIDE:
-        return ", ".join(said + _some([item_text(item) for item in items]) + wrong)
+        return ", ".join(said + told_of(items) + wrong)
     texts = [", ".join(summary(one.pdu, one.contents)) for one in (asked, told) if one is not None]
     said += [" → ".join([shortened(text, _SUMMARY) for text in texts if text])]
     if items:
-        said.append("subscribes to " + ", ".join(_some([item_text(item) for item in items])))
+        said.append("subscribes to " + ", ".join(told_of(items)))
     return ", ".join(([text for text in said if text] or plus_notes(half.pdu)) + wrong)
 
 
@@ -147,7 +157,19 @@ def item_text(item: PlusItem) -> str:
     return f"{label} = {shortened(text, _MESSAGE)}{note}" if text else f"{label}{note}"
 
 
-def _some(texts: list[str]) -> list[str]:
+def in_short(items: list[PlusItem]) -> list[str]:
+    """Return what a summary says of items, as that of S7comm does (`dissect.report.facets.items_in_short`)."""
+    refused = [item_text(item) for item in items if item.return_code > 0]
+    if not refused:
+        names = [shortened(item.label, _MESSAGE) for item in items]
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        return [", ".join(names[:NAMED]) + more]
+    total = f"{len(refused)} of {count(len(items), 'item')} refused: " if len(items) > 1 else ""
+    return [total + ", ".join(refused[:NAMED]) + (", …" if len(refused) > NAMED else "")]
+
+
+def _in_full(items: list[PlusItem]) -> list[str]:
+    texts = [item_text(item) for item in items]
     return texts if len(texts) <= _ITEMS else [*texts[:_ITEMS], f"and {len(texts) - _ITEMS} more"]
 
 

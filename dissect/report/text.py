@@ -50,8 +50,8 @@ _IGNORED: Final = {
 }
 
 
-def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
-    """Yield sentences without a full stop, each with its style: plain or a warning."""
+def completeness(pipeline: Pipeline, places: Places | None = None) -> Iterator[tuple[str, str]]:
+    """Yield sentences without a full stop, each with its style: plain or a warning. ``places`` name packets of several files."""
     counts = pipeline.counters.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
@@ -61,6 +61,15 @@ def completeness(pipeline: Pipeline) -> Iterator[tuple[str, str]]:
     for name in CATEGORIES[FIRST_IGNORED:]:
         if counts[name]:
             yield f"{counts[name]} ignored: {_IGNORED[name]}", _PLAIN
+    bare, frame = pipeline.counters.bare.found()
+    if bare:
+        ports = "port 102" if not pipeline.counters.bare.spoken else "port 102 or others that are followed here"
+        first = f"packet {places.mark(frame) if places is not None else frame}"
+        begins = f"it begins with {first}" if bare == 1 else f"the first begins with {first}"
+        yield (
+            f"{words.count(bare, 'connection')} to {ports} opened and closed without data, as port scans do: {begins}",
+            _PLAIN,
+        )
     if pipeline.counters.cut_frames:
         yield f"{words.count(pipeline.counters.cut_frames, 'packet')} truncated by the capture (snaplen)", _WARNING
     octets = pipeline.counters.octets
@@ -117,7 +126,7 @@ def analysis_lines(
     yield from _findings(analysis, places)
     yield from _failed(analysis, places)
     yield from _slowest(analysis, places)
-    yield from _completeness(analysis)
+    yield from _completeness(analysis, places)
 
 
 def table(rows: Sequence[Sequence[str]], right: frozenset[int]) -> Iterator[Line]:
@@ -512,11 +521,11 @@ def _last_packets(details: Sequence[Finding], most: int) -> list[int]:
 # ---- completeness ---------------------------------------------------------------------------------------------------
 
 
-def _completeness(analysis: Analysis) -> Iterator[Line]:
+def _completeness(analysis: Analysis, places: Places) -> Iterator[Line]:
     pipeline = analysis.pipeline
     if pipeline is None:
         return
     yield Line("")
     yield Line("Completeness", HEADING)
-    for told, style in completeness(pipeline):
+    for told, style in completeness(pipeline, places):
         yield Line(f"  {told}", style)

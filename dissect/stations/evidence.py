@@ -131,7 +131,7 @@ class Evidence:
         return _facts(transaction, self._said(transaction, b"", payload), f"SZL {hex_number(szl_id, 4)}")
 
     def _blocks(self, transaction: Transaction) -> list[Fact]:
-        asked, payload = _asked(transaction), _answered(transaction)
+        asked, payload = asked_payload(transaction), _answered(transaction)
         return _facts(transaction, self._said(transaction, asked, payload), "block functions") if payload else []
 
     def _said(self, transaction: Transaction, asked: bytes, payload: bytes) -> list[Said]:
@@ -180,8 +180,8 @@ def _answered(transaction: Transaction) -> bytes:
     return _payload(transaction.response_buf, transaction.response_offset, transaction.response_size, size)
 
 
-def _asked(transaction: Transaction) -> bytes:
-    """Return the payload of a userdata request."""
+def asked_payload(transaction: Transaction) -> bytes:
+    """Return the payload of a userdata request; empty where it has none."""
     size = len(transaction.parameters.octets)
     return _payload(transaction.request_buf, transaction.request_offset, transaction.request_size, size)
 
@@ -248,13 +248,19 @@ def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
     setting = head.subfunction in SETTING
     if transaction.outcome != ANSWERED:
         return []
-    payload = _asked(transaction) if setting else _answered(transaction)
+    payload = asked_payload(transaction) if setting else _answered(transaction)
     text = date_and_time(payload[_TIME : CLOCK_LAYOUT.size]) if len(payload) >= CLOCK_LAYOUT.size else None
     clock_ns = clock_time(text) if text is not None else None
     if clock_ns is None:
         return []
     at_ns = int(transaction.request_ns if setting else transaction.response_ns)
-    return _facts(transaction, [(facts.CLOCK, str(clock_ns - at_ns))], "set clock" if setting else "read clock")
+    said = [(facts.CLOCK, str(clock_ns - at_ns))]
+    if not setting:
+        return _facts(transaction, said, "read clock")
+    frames = [int(transaction.request_frame)]  # the answer only accepts the time
+    return made(
+        transaction.connection, int(transaction.asked_by), said, "set clock", frames, int(transaction.response_ns)
+    )
 
 
 def clock_time(text: str) -> int | None:

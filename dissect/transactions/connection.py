@@ -221,6 +221,7 @@ class Connection:
         "tpdu_size_asked",
         "tsap_called",
         "tsap_calling",
+        "tsap_frame",
         "udp",
         "unanswered",
         "unsolicited",
@@ -245,10 +246,7 @@ class Connection:
         self.identified_by: str = ""  # of another protocol: the words that say what, and for whom
         self.client_side: i64 = 0
         self.client_known: bool = False
-        if tcp.initiator >= 0:
-            self.set_client(tcp.initiator)
-        elif tcp.ends[0].port == ISO_TSAP_PORT and tcp.ends[1].port != ISO_TSAP_PORT:
-            self.client_side = 1
+        self._find_client(tcp)
         self.mid_stream: bool = not tcp.known_start
         self.cr_seen: bool = False
         self.cr_ref: i64 = 0
@@ -259,6 +257,7 @@ class Connection:
         self.told: i64 = 0  # what the rules have said of it (dissect.findings), in bits
         self.tsap_calling: Tsap | None = None
         self.tsap_called: Tsap | None = None
+        self.tsap_frame: i64 = 0  # the packet that told the TSAPs: the CR, else the CC
         self.tpdu_size_asked: i64 = 0
         self.tpdu_size: i64 = 0
         self.refused: str = ""
@@ -299,6 +298,13 @@ class Connection:
         self.closed_reason: str = ""
         self.open_at_end: i64 = 0
         self.ending: Ending | None = None  # once it is over
+
+    def _find_client(self, tcp: TcpConnection) -> None:
+        """Name the client by the handshake, or by the ports."""
+        if tcp.initiator >= 0:
+            self.set_client(tcp.initiator)
+        elif tcp.ends[0].port == ISO_TSAP_PORT and tcp.ends[1].port != ISO_TSAP_PORT:
+            self.client_side = 1
 
     def __repr__(self) -> str:
         arrow = "→" if self.client_known else "↔"
@@ -376,22 +382,25 @@ class Connection:
         """True when data or a CC was seen."""
         return (self.state == ISO or self.state == LEFT_OUT) and (self.pdus > 0 or self.tpdu_size > 0)
 
-    def note_cr(self, side: i64, tpdu: Tpdu) -> None:
-        """A connect request: who asks, which TSAPs, which size."""
+    def note_cr(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
+        """A connect request, in packet ``frame``: who asks, which TSAPs, which size."""
         self.cr_seen = True
         self.set_client(side)
         self.tsap_calling = tpdu.tsap(0xC1)
         self.tsap_called = tpdu.tsap(0xC2)
+        self.tsap_frame = frame
         self.tpdu_size_asked = tpdu.tpdu_size
         self.cr_ref = tpdu.field("src_ref")
         self.cr_class = tpdu.field("class_")
 
-    def note_cc(self, side: i64, tpdu: Tpdu) -> None:
-        """A connect confirm: the size that holds; the TSAPs when the CR was not captured."""
+    def note_cc(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
+        """A connect confirm, in packet ``frame``: the size that holds; the TSAPs when the CR was not captured."""
         self.set_client(1 - side)
         self.class_ = max(0, tpdu.field("class_"))
         self.tpdu_size = tpdu.tpdu_size or 65531
         self.dt_limit = self.tpdu_size
+        if self.tsap_calling is None and self.tsap_called is None:
+            self.tsap_frame = frame
         if self.tsap_calling is None:
             self.tsap_calling = tpdu.tsap(0xC1)
         if self.tsap_called is None:

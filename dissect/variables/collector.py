@@ -363,7 +363,7 @@ class Collector(Observer):
                 key = f"{address}|{type_}|{tag}"
                 known = plc.variables.get(key)
                 variable = known if known is not None else self._store.variable(plc, key, address, type_, tag, unit)
-                variable.bytes_only = image.part is None and wanted.bits not in (1, 8, 16, 32, 64)
+                variable.bytes_only = image.bytes_only
                 image.variable = variable
             if not sound:
                 if code != SUCCESS:

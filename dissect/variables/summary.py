@@ -20,6 +20,9 @@ VARIABLE_SCHEMA: Final = "s7dissect.variable/1"
 #: Levels of a sparkline, from low to high.
 LEVELS: Final = "▁▂▃▄▅▆▇█"
 _COLUMN: Final = 36
+#: Digits of a mean, unless it takes more; more than the second tell nothing of a double.
+_DIGITS: Final = 9
+_EXACT: Final = 17
 CSV_COLUMNS: Final = (
     "plc", "address", "tag", "type", "unit", "count", "changes", "distinct", "distinct_more", "first_time", "first",
     "last_time", "last", "min", "max", "mean", "period_ns", "jitter_ns", "readers", "writers", "other_clients",
@@ -109,7 +112,7 @@ def _cells(variable: Variable, places: Places, spark: bool) -> list[str]:
         _short(variable, found.last) if counted and found.distinct_count > 1 else "=" if found.count > 1 else "",
         str(found.least) if numbers else "",
         str(found.most) if numbers else "",
-        _number(found.mean) if numbers and found.mean is not None else "",
+        mean_text(found.mean, found.least, found.most) if numbers and found.mean is not None else "",
         _pace(found.pace),
         f"{MAX_DISTINCT}+" if found.more_distinct else str(found.distinct_count) if counted else "",
         _clients(found.readers, places),
@@ -131,8 +134,16 @@ def _octets(variable: Variable, value: object) -> bytes | None:
     return bytes(value) if variable.bytes_only and isinstance(value, list) else None
 
 
-def _number(number: float) -> str:
-    return str(number) if isinstance(number, int) else f"{number:.9g}"
+def mean_text(mean: float, least: float, most: float) -> str:
+    """Return a mean with as many digits as it takes to be between the extremes, and without an exponent where it has none."""
+    if isinstance(mean, int) or not math.isfinite(mean):
+        return str(mean)
+    whole = len(str(int(abs(mean))))
+    for digits in range(max(_DIGITS, whole if whole < _EXACT else 0), _EXACT + 1):
+        text = f"{mean:.{digits}g}"
+        if least <= float(text) <= most:
+            return text
+    return str(least if mean < least else most)
 
 
 def _pace(pace: Pace | None) -> str:

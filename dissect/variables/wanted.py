@@ -16,6 +16,8 @@ from dissect.variables.model import Variable
 
 #: Transport sizes by bits, for a place of which nothing tells the type.
 _BY_BITS: Final[dict[int, int]] = {8: BYTE, 16: 0x04, 32: 0x06, 64: 0x30}
+#: Bits of places that have a value where nothing tells the type.
+_BITS: Final = frozenset((1, *_BY_BITS))
 _BY_NAME: Final[dict[int, str]] = {8: "BYTE", 16: "WORD", 32: "DWORD"}
 
 
@@ -147,6 +149,13 @@ class Image:
         size: i64 = self.transport_size if self.transport_size >= 0 else _BY_BITS.get(self.wanted.bits, BYTE)
         return int.from_bytes(data, "big") if size == 0x30 and self.transport_size < 0 else decode_value(size, data)
 
+    @property
+    def bytes_only(self) -> bool:
+        """True when its octets have no meaning but as bytes."""
+        if self.part is not None:
+            return False
+        return self.wanted.bits not in _BITS or (self.transport_size == BYTE and self.wanted.bits > 8)
+
     def names(self, typed: str) -> tuple[str, str, str, str]:
         """Return address, type, tag and unit; ``typed`` is the type where an item of exactly this place told it."""
         wanted = self.wanted
@@ -155,6 +164,8 @@ class Image:
             bits: i64 = wanted.bits
             if bits == 1:
                 return wanted.address, "BOOL", "", ""
+            if self.bytes_only and typed:  # as the item is called everywhere else: MB8, 4 x BYTE
+                return place_text(wanted.area, wanted.db, wanted.start, 8), typed, "", ""
             if not typed and self.transport_size >= 0:
                 typed = TRANSPORT_SIZES.name(self.transport_size)
             return wanted.address, typed or _BY_NAME.get(bits, f"{bits // 8} x BYTE"), "", ""

@@ -286,10 +286,23 @@ def test_tsaps_of_another_protocol_have_no_rack_and_slot() -> None:
     assert told(one, BASE) == ["connection 1, protocol: was mms, is s7comm"]
 
 
+def test_another_list_or_block_is_another_request() -> None:
+    """An index of the same list that changed is one difference of one request (`test_one_edit_is_one_difference`)."""
+    szl = "ff 09 00 04 04 24 00 00"
+    other_list = "transaction 4 of the second, CPU functions: read SZL 0x0132 communication status"
+    assert told(BASE, edited(WRITTEN, szl, szl.replace("04 24", "01 32"))) == [
+        f"{SZL}: missing (was refused: Invalid SZL id (0xd401))",
+        f"{other_list}: added (refused: Invalid SZL id (0xd401))",
+    ]
+    info = WRITTEN.replace("44 01 00>", "43 03 00>").replace(szl, "ff 09 00 08 30 41 30 30 30 30 31 41")
+    found = diff_sessions(parse_golden(info, "block"), edited(info, "31 41>", "32 41>"))
+    assert [difference.kind for difference in found] == ["missing", "added"]
+
+
 def test_long_arrays_name_what_changed() -> None:
     one = edited(WRITTEN, "DB10.DBW4 INT = 1234", "DB10.DBB0 BYTE x40 = <" + "00 " * 39 + "00>")
     other = edited(WRITTEN, "DB10.DBW4 INT = 1234", "DB10.DBB0 BYTE x40 = <" + "00 " * 19 + "07" + " 00" * 20 + ">")
-    assert told(one, other) == ["transaction 2, READ DB10.DBB0 x40: element 19 was 0, is 7"]
+    assert told(one, other) == ["transaction 2, READ DB10.DBB0 x40: byte 19 was 00, is 07"]
 
 
 def test_texts_are_safe_to_show() -> None:

@@ -288,3 +288,19 @@ def test_the_same_twice_is_the_same() -> None:
 def test_an_inventory_that_was_not_filled_is_the_callers_mistake() -> None:
     with pytest.raises(ValueError, match="call take"):
         inventory_as_dict(Inventory())
+
+
+def test_each_end_answers_what_it_was_asked() -> None:
+    """The PLC fetches a download by jobs of its own, which the client answers."""
+
+    def loads(talk: Talk) -> None:
+        talk.open()
+        load(talk)
+
+    server, client = inventory_of(loads).devices
+    fetched = client.asked.answered
+    assert fetched > 1
+    for device in (server, client):
+        assert device.asked.answered == device.latencies.count
+    (talk,) = client.asks
+    assert talk.answered == server.asked.answered + fetched

@@ -8,7 +8,7 @@ from typing import Final
 import pytest
 
 from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, STATED, TSAP, Device
-from dissect.inventory.roles import judge_client
+from dissect.inventory.roles import Deeds, judge_client
 from dissect.iso.tsap import Tsap
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
@@ -17,7 +17,7 @@ from tests.findings import events
 from tests.findings.operation_scenarios import load
 from tests.inventory.support import inventory_of
 from tests.stations.answers import answered, identification, mode, protection, szl
-from tests.transactions.talk import CLIENT, Talk, dbw, dt, read, tpkt, words
+from tests.transactions.talk import CLIENT, Talk, ack_data, dbw, dt, read, tpkt, words
 
 CONFIRM: Final = tpkt(bytes.fromhex("11d00001000200c1020100c2020102c0010a"))
 
@@ -39,10 +39,48 @@ def lists_blocks(talk: Talk) -> None:
     answered(talk, 1, 3, 1, b"", b"08\x00\x02")
 
 
-def subscribes(talk: Talk) -> None:
+def subscribes(mask: int, user: bytes = b"HmiRtm  ", error: int = 0) -> Callable[[Talk], None]:
+    """A client subscribes to the events of a mask, and is refused when there is an ``error``."""
+
+    def scene(talk: Talk) -> None:
+        talk.open()
+        talk.ask(events.asks(1, 4, 2, bytes((mask, 0)) + user + bytes(mask >> 7)))
+        talk.tell(events.tells(1, 4, 2, bytes.fromhex("0200000000000000"), code=error))
+
+    return scene
+
+
+def reads_list(szl_id: int) -> Callable[[Talk], None]:
+    """A client reads a partial list, which is refused."""
+
+    def scene(talk: Talk) -> None:
+        talk.open()
+        talk.ask(events.asks(1, 4, 1, szl_id.to_bytes(2, "big") + b"\0\0"))
+        talk.tell(events.tells(1, 4, 1, b"", code=0xD401))
+
+    return scene
+
+
+def stops(talk: Talk) -> None:
     talk.open()
-    talk.ask(events.asks(1, 4, 2, bytes.fromhex("800000") + b"HmiRtm  \x00"))
-    talk.tell(events.tells(1, 4, 2, bytes.fromhex("0200000000000000")))
+    talk.ask(events.stop(1))
+    talk.tell(events.answered(1, 0x29))
+
+
+def is_not_let(request: bytes) -> Callable[[Talk], None]:
+    """A client sends a job, which the PLC does not permit at its protection level."""
+
+    def scene(talk: Talk) -> None:
+        talk.open()
+        talk.ask(request)
+        talk.tell(ack_data(1, b"", b"", 0xD241))
+
+    return scene
+
+
+def looks_at_a_block(talk: Talk) -> None:
+    talk.open()
+    answered(talk, 1, 3, 3, b"0800001A", b"")
 
 
 def loads(talk: Talk) -> None:
@@ -55,7 +93,15 @@ def loads(talk: Talk) -> None:
     [
         (lists_blocks, ENGINEERING, BEHAVIOUR, "asks which blocks there are"),
         (loads, ENGINEERING, BEHAVIOUR, "loads blocks"),
-        (subscribes, PANEL, BEHAVIOUR, "subscribes to messages"),
+        (looks_at_a_block, ENGINEERING, BEHAVIOUR, "asks what is known of a block"),
+        (stops, ENGINEERING, BEHAVIOUR, "stops, starts or resets the PLC"),
+        (is_not_let(events.stop(1)), ENGINEERING, BEHAVIOUR, "tried to stop, start or reset the PLC"),
+        (is_not_let(events.start_upload(1)), ENGINEERING, BEHAVIOUR, "tried to read blocks out"),
+        (reads_list(0x00A0), ENGINEERING, BEHAVIOUR, "reads the diagnostic buffer"),
+        (reads_list(0x01A0), ENGINEERING, BEHAVIOUR, "reads the diagnostic buffer"),
+        (subscribes(0x03, b"asmess  "), ENGINEERING, BEHAVIOUR, "subscribes to diagnostics, not to alarms"),
+        (subscribes(0x80), PANEL, BEHAVIOUR, "is subscribed to alarms"),
+        (subscribes(0x80, error=0x8104), PANEL, BEHAVIOUR, "tried to subscribe to alarms"),
         (called(b"\1\2"), ENGINEERING, TSAP, "TSAP 01.02 (PG)"),
         (called(b"\2\2"), PANEL, TSAP, "TSAP 02.02 (OP)"),
         (called(b"\3\2", b"\2\0"), PANEL, TSAP, "TSAP 02.00 (OP)"),
@@ -105,6 +151,27 @@ def test_a_cpu(scene: Callable[[Talk], None], certainty: str, text: str, frame: 
     assert server.reasons[CPU, text].frame == frame
 
 
+def test_what_all_sorts_of_clients_do_says_no_role() -> None:
+    for scene in (subscribes(0x01), reads_list(0x0424)):
+        assert {reason.certainty for reason in inventory_of(scene).devices[1].reasons.values()} == {TSAP}
+
+
+def test_a_panel_that_looks_at_diagnostics_stays_a_panel() -> None:
+    server, client = inventory_of(subscribes(0x81), reads_list(0x00A0), subscribes(0x02)).devices
+    assert (client.role, client.certainty) == (PANEL, BEHAVIOUR)
+    assert {reason.text for reason in client.reasons.values() if reason.role == ENGINEERING} == {
+        "reads the diagnostic buffer",
+        "subscribes to diagnostics, not to alarms",
+        "TSAP 01.02 (PG)",
+    }
+    assert server.role == CPU
+
+
+def test_a_tsap_is_shown_by_the_packet_that_holds_it() -> None:
+    _, client = inventory_of(polled).devices
+    assert client.reasons[ENGINEERING, "TSAP 01.02 (PG)"].frame == 4  # behind the three packets of the TCP handshake
+
+
 def test_the_same_evidence_is_counted() -> None:
     server, client = inventory_of(polled, polled, polled).devices
     assert server.reasons[CPU, "answers S7comm requests"].count == 3
@@ -132,7 +199,9 @@ def test_a_session_says_who_it_is(application: str, host: str, number: int, role
     session.application, session.host, session.role = application, host, number
     connection.plus = session
     client, server = Device("10.0.0.1"), Device("10.0.0.2")
-    judge_client(client, server, connection, {"session": 17}, [0, 0])
+    deeds = Deeds()
+    deeds.done["session"] = 17
+    judge_client(client, server, connection, deeds, [0, 0])
     assert (client.role, server.role) == (role, "unknown")
     assert all(reason.frame == 17 and reason.certainty == STATED for reason in client.reasons.values())
 

@@ -35,3 +35,11 @@ def test_pairs_that_are_no_longer_watched_are_told() -> None:
     told = "1 pair of client and server no longer watched for TSAP scans: too many"
     assert told in section(report(analysis), "Completeness")
     assert (loss(analysis, "operations_evicted"), loss(analysis, "scan_pairs_forgotten")) == (0, 1)
+
+
+def test_connections_without_data_are_told() -> None:
+    talk = Talk().handshake().close()
+    analysis = analysed(talk.packets())
+    told = "1 connection to port 102 opened and closed without data, as port scans do: it begins with packet 1"
+    assert told in section(report(analysis), "Completeness")
+    assert analysis.as_dict()["connections_without_data"] == 1

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.report.plus import in_short
 from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, known_address
@@ -69,6 +70,16 @@ def test_a_read_of_several_variables() -> None:
         (2, "MW100"),
         (7, "item 7"),
     ]
+
+
+def test_a_summary_names_three_items_and_first_those_that_were_refused() -> None:
+    body = bodies.get_multi(*[LEVEL] * 5)
+    got = joined(GET_MULTI_VARIABLES, body, bodies.multi_got([(number, FIVE) for number in range(1, 6)], []))
+    name = "DB3 LID 14 [CRC 0xaabbccdd]"
+    assert in_short(got) == [f"{name}, {name}, {name} and 2 more"]
+    answer = bodies.multi_got([(1, FIVE)], [(number, LOST) for number in range(2, 6)])
+    lost = f"{name}: Object not found"
+    assert in_short(joined(GET_MULTI_VARIABLES, body, answer)) == [f"4 of 5 items refused: {lost}, {lost}, {lost}, …"]
 
 
 def test_a_read_that_is_refused_as_a_whole() -> None:

@@ -54,7 +54,7 @@ def test_what_is_unknown_stays_unknown() -> None:
 
 def test_a_handshake_names_the_sides_and_the_size() -> None:
     one = connection(50000, 50001)
-    one.note_cr(1, parse_tpdu(CONNECT[4:]))
+    one.note_cr(1, parse_tpdu(CONNECT[4:]), 4)
     assert (one.cr_seen, one.client_side, one.client_known, one.tpdu_size_asked, one.tpdu_size) == (
         True,
         1,
@@ -62,28 +62,29 @@ def test_a_handshake_names_the_sides_and_the_size() -> None:
         1024,
         0,
     )
-    one.note_cc(0, parse_tpdu(CONFIRM[4:]))
+    one.note_cc(0, parse_tpdu(CONFIRM[4:]), 5)
     assert one.tpdu_size == 1024
     assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
+    assert one.tsap_frame == 4
 
 
 def test_what_the_request_said_is_not_changed_by_the_confirm() -> None:
     one = connection(50000, 50001)
-    one.note_cr(0, parse_tpdu(CONNECT[4:]))
-    one.note_cc(1, parse_tpdu(bytes.fromhex("11d00001000200c1020301c2020302c0010a")))
+    one.note_cr(0, parse_tpdu(CONNECT[4:]), 4)
+    one.note_cc(1, parse_tpdu(bytes.fromhex("11d00001000200c1020301c2020302c0010a")), 5)
     assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
 
 
 def test_a_confirm_alone_tells_as_much() -> None:
     one = connection(50000, 50001)
-    one.note_cc(0, parse_tpdu(CONFIRM[4:]))
-    assert (one.client_side, one.client_known, one.cr_seen) == (1, True, False)
+    one.note_cc(0, parse_tpdu(CONFIRM[4:]), 5)
+    assert (one.client_side, one.client_known, one.cr_seen, one.tsap_frame) == (1, True, False, 5)
     assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
 
 
 def test_a_confirm_without_a_size_means_the_largest() -> None:
     one = connection()
-    one.note_cc(1, parse_tpdu(bytes.fromhex("06d00001000200")))
+    one.note_cc(1, parse_tpdu(bytes.fromhex("06d00001000200")), 5)
     assert one.tpdu_size == 65531
 
 

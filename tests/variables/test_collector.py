@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import random
 import struct
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import dissect
 from dissect.engine.pipeline import Options
@@ -20,8 +23,9 @@ from dissect.s7plus.values import Value
 from dissect.tags import load_tags
 from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector, item_type
-from dissect.variables.writers import line_end
-from tests.properties.messages import dt
+from dissect.variables.summary import mean_text
+from dissect.variables.writers import line_end, shown
+from tests.properties.messages import Item, dt
 from tests.report.support import ROOT, begun
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -343,3 +347,27 @@ def test_a_bit_changes_by_itself(tmp_path: Path) -> None:
     assert [(row.value, row.changed) for row in rows if row.tag == "Valves"] == [
         (valves, True), (valves, False), ([True, True, False, False], True),
     ]  # fmt: skip
+
+
+def test_bytes_are_named_and_written_alike_however_they_are_asked_for() -> None:
+    """Four bytes that are written where others read a double word: their own address and type, in hexadecimal."""
+    talk = begun()
+    writes(talk, 1, (Item(BYTE, 4, 0, 0x83, 64), bytes.fromhex("42340000"), 0xFF))
+    for names in ((), ("MD8",)):
+        (row,) = rows_of(talk, *names)
+        assert (row.address, row.type) == ("MB8", "4 x BYTE")
+        assert shown(row.variable, row.value, row.data) == "42 34 00 00"
+    assert said(rows_of(talk, "MB8")) == [("write", "MB8", "BYTE", 0x42)]
+
+
+@given(st.lists(st.integers(-(2**63), 2**63 - 1) | st.floats(-1e30, 1e30), min_size=1, max_size=20))
+def test_a_mean_is_between_the_extremes_as_they_are_written(numbers: list[float]) -> None:
+    least, most = min(numbers), max(numbers)
+    mean = sum(Fraction(number) for number in numbers) / len(numbers)
+    assert least <= float(mean_text(float(mean), least, most)) <= most
+
+
+def test_a_mean_has_no_exponent_where_its_numbers_have_none() -> None:
+    assert mean_text(4242442424.0, 4242442424, 4242442424) == "4242442424"
+    assert mean_text(2.5, 1, 4) == "2.5"
+    assert mean_text(44.333333333333336, 40.0, 45.0) == "44.3333333"
