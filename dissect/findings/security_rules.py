@@ -11,6 +11,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
+from dissect.s7.diagnostics import event_name, states_stop
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
 from dissect.s7.layouts import DATA_HEAD
@@ -20,6 +21,7 @@ from dissect.s7.tables import (
     ALARM_CHANGE,
     CLOCK,
     DEBUG,
+    DIAGNOSTIC_MESSAGE,
     FLASH,
     FORCE,
     FUNCTIONS,
@@ -49,7 +51,7 @@ from dissect.transactions.naming import items_said, subject
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
-from dissect.wire.text import duration_text, titled
+from dissect.wire.text import duration_text, hex_number, titled
 
 #: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
 #: communication (0x31, 0x32) panels ask at each start.
@@ -82,6 +84,12 @@ _BUSY: Final = 0.5
 #: Variables that the finding of a modification or force names, and return codes that one of a refused write does.
 _NAMED: Final = 8
 _SECOND_NS: Final = 1_000_000_000
+
+#: A diagnostic message so long before a STOP states its cause: a CPU sends it as it stops.
+_CAUSE_NS: Final = 5_000_000_000
+
+#: What a PLC says of itself, whether it was asked for it or not.
+_REPORTS: Final = frozenset(("security.mode_changed", "security.stopped"))
 
 #: Kinds of areas that are written, and the slug of each.
 _WRITES_TO: Final = ((WRITTEN_IO, "security.write_outputs"), (WRITTEN_ELSEWHERE, "security.write"))
@@ -226,8 +234,12 @@ class SecurityWatch:
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
         if transaction.outcome == PUSH:
             if head.group == GROUP_MODE:
-                slug = "security.stopped" if head.subfunction == MODE_STOP else "security.mode_changed"
-                self.tell(slug, transaction, f"mode {head.subfunction_name}")
+                self._mode(transaction, head)
+            elif head.group == GROUP_CPU and head.subfunction == DIAGNOSTIC_MESSAGE:
+                event = _pushed_event(transaction)
+                if states_stop(event):
+                    frame, time_ns = int(transaction.response_frame), int(transaction.response_ns)
+                    transaction.connection.traits.stop_event = (event, frame, time_ns)
             return
         if not transaction.request_frame:
             return
@@ -246,6 +258,21 @@ class SecurityWatch:
                 self._inquiry(transaction, szl_id)
         elif group == GROUP_SECURITY and subfunction == SEND_PASSWORD:
             self.password(transaction)
+
+    def _mode(self, transaction: Transaction, head: UserdataHead) -> None:
+        """A PLC reports its mode; of a STOP it may just have stated the cause, by a diagnostic message."""
+        traits = transaction.connection.traits
+        stated = traits.stop_event
+        traits.stop_event = None
+        what = f"mode {head.subfunction_name}"
+        if head.subfunction != MODE_STOP:
+            self.tell("security.mode_changed", transaction, what)
+        elif stated is None or transaction.response_ns - stated[2] > _CAUSE_NS:
+            self.tell("security.stopped", transaction, what)
+        else:
+            event, frame, _ = stated
+            cause = f"its diagnostic message states the cause: {coded(hex_number(event, 4), event_name(event))}"
+            self.tell("security.stopped", transaction, f"{what}; {cause}", before=frame)
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
         """A client asks what the device is, by SZL-ID or (negative) block function: reported once, unless routine."""
@@ -286,18 +313,22 @@ class SecurityWatch:
             detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
-    def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1) -> None:
+    def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
         """Note an event; unless ``what`` says it, it is what the request asks for.
 
         ``code`` is the error of what it is about, where that is one item of several: 0 for none, -1 for the transaction's.
+        ``before`` is a packet of an earlier transaction that ``what`` is about as well, 0 for none.
         """
         number = transaction.connection.number
         if not self._judge.wants(slug, number):
             return
         frames = transaction.frames
+        if before and before not in frames:
+            frames.insert(0, before)
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
-        who = f"{told} reports to {asked}" if transaction.outcome == PUSH else f"{asked} to {told}"
+        reports = transaction.outcome == PUSH or slug in _REPORTS
+        who = f"{told} reports to {asked}" if reports else f"{asked} to {told}"
         result = ""
         if code < 0:
             code = int(transaction.error_code)
@@ -353,6 +384,16 @@ def _szl_id(transaction: Transaction) -> int:
     at = transaction.request_offset + HEADER_SIZE + len(transaction.parameters.octets) + DATA_HEAD.size
     end = transaction.request_offset + transaction.request_size
     return int(u16(transaction.request_buf, at)) if at + 4 <= end else -1
+
+
+def _pushed_event(transaction: Transaction) -> int:
+    """Return the event of a diagnostic message, which its payload begins with; -1 when it is cut before."""
+    told = transaction.response_parameters
+    if told is None:
+        return -1
+    at = transaction.response_offset + HEADER_SIZE + len(told.octets) + DATA_HEAD.size
+    end = transaction.response_offset + transaction.response_size
+    return int(u16(transaction.response_buf, at)) if at + 2 <= end else -1
 
 
 def _named(transaction: Transaction) -> str:

@@ -92,10 +92,22 @@ class Traits:
 
     ``written`` has a bit for each kind of area that was written (`dissect.s7.items.written_areas`), ``sent`` one for each that
     may have been, by a write without an answer; ``told`` has the slugs that are said once for a connection; ``szl_ids`` are
-    what was asked for, ``loaded`` the blocks that were loaded, by name.
+    what was asked for, ``loaded`` the blocks that were loaded, by name. ``stop_event`` is the latest diagnostic message that
+    states a STOP: its event, its packet and its time.
     """
 
-    __slots__ = ("_loaded", "_szl_ids", "_told", "_writes", "inquiries", "pace_ns", "refusals", "sent", "written")
+    __slots__ = (
+        "_loaded",
+        "_szl_ids",
+        "_told",
+        "_writes",
+        "inquiries",
+        "pace_ns",
+        "refusals",
+        "sent",
+        "stop_event",
+        "written",
+    )
 
     def __init__(self) -> None:
         self.written: i64 = 0
@@ -104,6 +116,7 @@ class Traits:
         self.pace_ns = 0
         self.inquiries = 0
         self.refusals = 0
+        self.stop_event: tuple[int, int, int] | None = None
         # Made when they are first asked for: most connections only read and write.
         self._told: set[str] | None = None
         self._szl_ids: set[int] | None = None
