@@ -46,7 +46,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.connection import Connection
+from dissect.transactions.connection import Connection, Writes
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.transaction import ANSWERED, PUSH, UNANSWERED, Transaction
 from dissect.wire.codes import coded
@@ -81,6 +81,9 @@ _WRITES_NS: Final = 5_000_000_000
 _MOST: Final = 0.75
 _FEW_VARIABLES: Final = 4
 _BUSY: Final = 0.5
+#: Without answers, as when only the client was captured, they are one when they come within so long: half of that is what the
+#: fastest PLCs take to answer so many.
+_UNHEARD_NS: Final = 1_500_000_000
 #: Variables that the finding of a modification or force names, and return codes that one of a refused write does.
 _NAMED: Final = 8
 _SECOND_NS: Final = 1_000_000_000
@@ -166,23 +169,47 @@ class SecurityWatch:
         now_ns = int(max(transaction.request_ns, transaction.response_ns))
         writes.variables.add(transaction.parameters.octets)
         if transaction.outcome == ANSWERED:
-            writes.answer_ns += transaction.response_ns - transaction.request_ns
+            writes.answers_ns.append(int(transaction.response_ns - transaction.request_ns))
         if writes.count % _WRITES:
             return
         took_ns = now_ns - int(writes.since_ns or connection.tcp.first_ns)
-        share = 2 * _WRITES / max(1, int(connection.pdus - writes.pdus))
-        busy = SAMPLED * int(writes.answer_ns) / max(1, took_ns)
-        few = len(writes.variables) <= _FEW_VARIABLES
-        if 0 <= took_ns <= _WRITES_NS and few and share >= _MOST and busy >= _BUSY:
-            if connection.traits.first("security.flood"):
-                each = duration_text(int(writes.answer_ns) * SAMPLED // _WRITES)
-                what = f"{_WRITES} writes within {duration_text(took_ns)}, each answered after {each}"
-                items = items_said(connection.naming, transaction.results(), False)
-                self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
+        if took_ns >= 0 and len(writes.variables) <= _FEW_VARIABLES:
+            self._judge_writes(transaction, writes, took_ns)
         writes.since_ns = now_ns
         writes.pdus = connection.pdus
-        writes.answer_ns = 0
+        writes.answers_ns = []
         writes.variables = set()
+
+    def _judge_writes(self, transaction: Transaction, writes: Writes, took_ns: int) -> None:
+        """Judge `_WRITES` writes of few variables that took so long."""
+        connection = transaction.connection
+        answers = writes.answers_ns
+        if not answers:  # how busy the server was, and what else passes, is not known yet: see `end`
+            if writes.hasty is None and took_ns <= _UNHEARD_NS:
+                writes.hasty = transaction
+                writes.hasty_ns = took_ns
+            return
+        share = 2 * _WRITES / max(1, int(connection.pdus - writes.pdus))
+        busy = SAMPLED * sum(answers) / max(1, took_ns)
+        if took_ns <= _WRITES_NS and share >= _MOST and busy >= _BUSY:
+            answers.sort()
+            median = duration_text(answers[len(answers) // 2])
+            self._flood(transaction, took_ns, f", answered after {median} (median of {len(answers)} of them)")
+
+    def _flood(self, transaction: Transaction, took_ns: int, answered: str) -> None:
+        connection = transaction.connection
+        if connection.traits.first("security.flood"):
+            items = items_said(connection.naming, transaction.results(), False)
+            what = f"{_WRITES} writes within {duration_text(took_ns)}{answered}"
+            self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
+
+    def end(self, connection: Connection) -> None:
+        """A connection is over, and all of its requests are known: were hasty writes without answers most of them?"""
+        writes = connection.hasty_writes
+        if writes is None or writes.hasty is None:
+            return
+        if writes.count >= _MOST * (connection.answered + connection.unanswered):
+            self._flood(writes.hasty, int(writes.hasty_ns), "")
 
     # ---- everything else --------------------------------------------------------------------------------------------
 
