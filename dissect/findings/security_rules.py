@@ -184,8 +184,9 @@ class SecurityWatch:
         """Judge `_WRITES` writes of few variables that took so long."""
         connection = transaction.connection
         answers = writes.answers_ns
-        if not answers:  # how busy the server was, and what else passes, is not known yet: see `end`
-            if writes.hasty is None and took_ns <= _UNHEARD_NS:
+        if not answers:
+            # What else passes, `end` knows; what answers alone are to, nobody does.
+            if writes.hasty is None and took_ns <= _UNHEARD_NS and transaction.outcome == UNANSWERED:
                 writes.hasty = transaction
                 writes.hasty_ns = took_ns
             return
@@ -204,7 +205,7 @@ class SecurityWatch:
             self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
 
     def end(self, connection: Connection) -> None:
-        """A connection is over, and all of its requests are known: were hasty writes without answers most of them?"""
+        """A connection is over, and all of its requests are known: hasty writes without answers may be most of them."""
         writes = connection.hasty_writes
         if writes is None or writes.hasty is None:
             return

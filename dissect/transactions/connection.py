@@ -76,7 +76,7 @@ class Writes:
 
     ``count`` counts all writes ever; the others start over with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
     of the connection when it began, ``variables`` and ``answers_ns`` the requests of the sample and the time each answer took.
-    ``hasty`` is the write at which so many had come within ``hasty_ns``, without an answer in the sample, that it may be a flood.
+    ``hasty`` is the write at which so many had come within ``hasty_ns``, none with an answer, that it may be a flood.
     """
 
     __slots__ = ("answers_ns", "count", "hasty", "hasty_ns", "pdus", "since_ns", "variables")

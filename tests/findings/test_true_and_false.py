@@ -140,6 +140,14 @@ def test_a_flood_of_which_only_the_client_was_captured(variables: int, pause_ns:
     assert all(detail.endswith(": 256 writes within 1.27 s, answer not captured") for detail in told)
 
 
+def test_of_answers_alone_nobody_knows_which_variables_were_written() -> None:
+    talk = Talk()
+    for number in range(1, 513):
+        talk.tell(ack_data(number, b"\x05\x01", b"\xff"))
+    talk.finish()
+    assert "security.flood" not in slugs(talk)
+
+
 _JUDGED = ("security.flood", "security.new_writer", "security.reconnaissance", "security.protected")
 _EVENTS: dict[str, dict[str, int]] = {
     "faults/flood_of_writes_part.pcap": {"security.flood": 1},
