@@ -209,7 +209,7 @@ class SecurityWatch:
         writes = connection.hasty_writes
         if writes is None or writes.hasty is None:
             return
-        if writes.count >= _MOST * int(connection.answered + connection.unanswered):
+        if int(writes.count) >= _MOST * int(connection.answered + connection.unanswered):
             self._flood(writes.hasty, int(writes.hasty_ns), "")
 
     # ---- everything else --------------------------------------------------------------------------------------------
