@@ -232,29 +232,34 @@ class Connections:
         self._exchange.observer.connection_opened(connection)
 
     def end(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
-        """A connection is over (``reason`` is why its open requests stay unanswered): close what is open on both sides."""
+        """A connection is over (``reason`` is why its open requests stay unanswered): close what is open on both sides.
+
+        ``frame`` is the packet at hand, which need not be one of its own: what stayed unfinished is told of its last one.
+        """
         if side.connection.state == LEFT_OUT:
             return
         exchange = self._exchange
         peer = side.peer
         assert peer is not None
-        side.protocol.finish(side, frame, now_ns)
-        peer.protocol.finish(peer, frame, now_ns)
+        last_frame: i64 = side.tcp.last_frame
+        last_ns: i64 = side.tcp.last_ns
+        side.protocol.finish(side, last_frame, last_ns)
+        peer.protocol.finish(peer, last_frame, last_ns)
         holes = [int(peer.hole_frame), int(side.hole_frame)]
         if side.index == 1:
             holes.reverse()
         ending = Ending(side.connection, holes, frame, now_ns)
         side.connection.ending = ending
-        judge_end(exchange.reporter, side, frame, now_ns)
+        judge_end(exchange.reporter, side)
         judge_cut(exchange.reporter, side, ending)
         if ending.connecting:
             self.scans.refused(side.connection, ending.time_ns)
-        self._end_side(side, reason, frame, now_ns)
-        self._end_side(peer, reason, frame, now_ns)
+        self._end_side(side, reason, last_frame, last_ns)
+        self._end_side(peer, reason, last_frame, last_ns)
         if exchange.dialogue.also:
             exchange.beside(frame, now_ns)
         if exchange.decoder is not None:
-            exchange.decoder.end(side, frame, now_ns)
+            exchange.decoder.end(side, last_frame, last_ns)
         self.foreign.forget(side.connection)
         exchange.watch.end(side.connection, reason)
         exchange.observer.connection_closed(side.connection)

@@ -130,6 +130,7 @@ class Watch:
     def end(self, connection: Connection, reason: str) -> None:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
+        self.security.end(connection)
         if connection.plus is not None:
             self.plus.end(connection)
         if connection.has_loaded:

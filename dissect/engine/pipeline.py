@@ -566,7 +566,7 @@ class Pipeline(PacketSink):
                 reason = CONNECTION_CLOSED
             self.connections.end(side, reason, self.counters.frames, self.counters.now_ns)
         elif connection.state == PROBING and connection.probed:
-            side.protocol.end(side, self.counters.frames, self.counters.now_ns)
+            side.protocol.end(side, side.tcp.last_frame, side.tcp.last_ns)
         elif connection.state == PROBING:
             judge_silent(self.counters, side, peer)
 

@@ -299,7 +299,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("security.plc_start", ERROR, SECURITY, "A client sent a PLC start command.",
      "A restart sets outputs to their initial state. Identify the host at that address.", "operating_mode restart_shutdown"),
     ("security.stopped", ERROR, SECURITY, "A PLC reports that it went to STOP.",
-     "Look for a stop command before it. If there is none, program or hardware stopped it: read the diagnostic buffer.",
+     "The detail gives the cause if the PLC stated it. If not, look for a stop command, then read the diagnostic buffer.",
      "operating_mode"),
     ("security.mode_changed", NOTE, SECURITY, "A PLC reports a change of operating mode.",
      "Expected after a start command or power-up; suspicious if neither happened.", "operating_mode"),

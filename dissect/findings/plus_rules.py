@@ -38,7 +38,7 @@ from dissect.s7plus.events import (
 from dissect.s7plus.program import Program
 from dissect.s7plus.refusals import count_mismatch
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
+from dissect.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
@@ -98,6 +98,8 @@ class PlusWatch:
         function: i64 = transaction.function
         if function >= 0:
             self._sessions.take(session, transaction)
+            if function == EXPLORE and transaction.request_frame:
+                session.note_explore(int(transaction.request_frame), transaction.request_ns)
         elif len(session.subscriptions) > 0 or connection.mid_stream:
             self._operations.notified(subscription_of(transaction.response_octets), transaction)
         read: i64 = -1
@@ -202,11 +204,10 @@ class PlusWatch:
         if (str(connection.client.host), str(connection.server.host)) in self._subscribers:
             return
         if connection.traits.first("security.reconnaissance"):
-            tcp = connection.tcp
             who = f"{connection.client} to {connection.server}"
             detail = f"{who}: {session.explores} Explore requests and no subscription"
-            frames = [int(tcp.last_frame)]
-            self._judge.note("security.reconnaissance", connection.number, frames, tcp.last_ns, detail)
+            frames = list(session.explored)
+            self._judge.note("security.reconnaissance", connection.number, frames, session.explored_ns, detail)
 
 
 def _code_of(event: Event, transaction: Transaction) -> int:

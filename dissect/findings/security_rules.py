@@ -11,6 +11,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
+from dissect.s7.diagnostics import event_name, states_stop
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
 from dissect.s7.layouts import DATA_HEAD
@@ -20,6 +21,7 @@ from dissect.s7.tables import (
     ALARM_CHANGE,
     CLOCK,
     DEBUG,
+    DIAGNOSTIC_MESSAGE,
     FLASH,
     FORCE,
     FUNCTIONS,
@@ -44,14 +46,14 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.connection import Connection
+from dissect.transactions.connection import Connection, Writes
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import half_captured
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
-from dissect.wire.text import duration_text, titled
+from dissect.wire.text import duration_text, hex_number, titled
 
 #: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
 #: communication (0x31, 0x32) panels ask at each start.
@@ -81,9 +83,18 @@ _WRITES_NS: Final = 5_000_000_000
 _MOST: Final = 0.75
 _FEW_VARIABLES: Final = 4
 _BUSY: Final = 0.5
+#: Without answers, as when only the client was captured, they are one when they come within so long: half of that is what the
+#: fastest PLCs take to answer so many.
+_UNHEARD_NS: Final = 1_500_000_000
 #: Variables that the finding of a modification or force names, and return codes that one of a refused write does.
 _NAMED: Final = 8
 _SECOND_NS: Final = 1_000_000_000
+
+#: A diagnostic message so long before a STOP states its cause: a CPU sends it as it stops.
+_CAUSE_NS: Final = 5_000_000_000
+
+#: What a PLC says of itself, whether it was asked for it or not.
+_REPORTS: Final = frozenset(("security.mode_changed", "security.stopped"))
 
 #: Kinds of areas that are written, and the slug of each.
 _WRITES_TO: Final = ((WRITTEN_IO, "security.write_outputs"), (WRITTEN_ELSEWHERE, "security.write"))
@@ -160,23 +171,48 @@ class SecurityWatch:
         now_ns = int(max(transaction.request_ns, transaction.response_ns))
         writes.variables.add(transaction.parameters.octets)
         if transaction.outcome == ANSWERED:
-            writes.answer_ns += transaction.response_ns - transaction.request_ns
+            writes.answers_ns.append(int(transaction.response_ns - transaction.request_ns))
         if writes.count % _WRITES:
             return
         took_ns = now_ns - int(writes.since_ns or connection.tcp.first_ns)
-        share = 2 * _WRITES / max(1, int(connection.pdus - writes.pdus))
-        busy = SAMPLED * int(writes.answer_ns) / max(1, took_ns)
-        few = len(writes.variables) <= _FEW_VARIABLES
-        if 0 <= took_ns <= _WRITES_NS and few and share >= _MOST and busy >= _BUSY:
-            if connection.traits.first("security.flood"):
-                each = duration_text(int(writes.answer_ns) * SAMPLED // _WRITES)
-                what = f"{_WRITES} writes within {duration_text(took_ns)}, each answered after {each}"
-                items = items_said(connection.naming, transaction.results(), False)
-                self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
+        if took_ns >= 0 and len(writes.variables) <= _FEW_VARIABLES:
+            self._judge_writes(transaction, writes, took_ns)
         writes.since_ns = now_ns
         writes.pdus = connection.pdus
-        writes.answer_ns = 0
+        writes.answers_ns = []
         writes.variables = set()
+
+    def _judge_writes(self, transaction: Transaction, writes: Writes, took_ns: int) -> None:
+        """Judge `_WRITES` writes of few variables that took so long."""
+        connection = transaction.connection
+        answers = writes.answers_ns
+        if not answers:
+            # What else passes, `end` knows; what answers alone are to, nobody does.
+            if writes.hasty is None and took_ns <= _UNHEARD_NS and transaction.outcome == UNANSWERED:
+                writes.hasty = transaction
+                writes.hasty_ns = took_ns
+            return
+        share = 2 * _WRITES / max(1, int(connection.pdus - writes.pdus))
+        busy = SAMPLED * sum(answers) / max(1, took_ns)
+        if took_ns <= _WRITES_NS and share >= _MOST and busy >= _BUSY:
+            answers.sort()
+            median = duration_text(answers[len(answers) // 2])
+            self._flood(transaction, took_ns, f", answered after {median} (median of {len(answers)} of them)")
+
+    def _flood(self, transaction: Transaction, took_ns: int, answered: str) -> None:
+        connection = transaction.connection
+        if connection.traits.first("security.flood"):
+            items = items_said(connection.naming, transaction.results(), False)
+            what = f"{_WRITES} writes within {duration_text(took_ns)}{answered}"
+            self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
+
+    def end(self, connection: Connection) -> None:
+        """A connection is over, and all of its requests are known: hasty writes without answers may be most of them."""
+        writes = connection.hasty_writes
+        if writes is None or writes.hasty is None:
+            return
+        if int(writes.count) >= _MOST * int(connection.answered + connection.unanswered):
+            self._flood(writes.hasty, int(writes.hasty_ns), "")
 
     # ---- everything else --------------------------------------------------------------------------------------------
 
@@ -228,8 +264,12 @@ class SecurityWatch:
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
         if transaction.outcome == PUSH:
             if head.group == GROUP_MODE:
-                slug = "security.stopped" if head.subfunction == MODE_STOP else "security.mode_changed"
-                self.tell(slug, transaction, f"mode {head.subfunction_name}")
+                self._mode(transaction, head)
+            elif head.group == GROUP_CPU and head.subfunction == DIAGNOSTIC_MESSAGE:
+                event = _pushed_event(transaction)
+                if states_stop(event):
+                    frame, time_ns = int(transaction.response_frame), int(transaction.response_ns)
+                    transaction.connection.traits.stop_event = (event, frame, time_ns)
             return
         if not _asked(transaction):
             return
@@ -258,6 +298,21 @@ class SecurityWatch:
             what = f"download {operation.subject}, {operation.octets} bytes, beginning not captured"
             frames = sorted({operation.first_frame, operation.last_frame})
             self._judge.detail("security.program_change", number, frames, operation.end_ns, f"{who}: {what}")
+
+    def _mode(self, transaction: Transaction, head: UserdataHead) -> None:
+        """A PLC reports its mode; of a STOP it may just have stated the cause, by a diagnostic message."""
+        traits = transaction.connection.traits
+        stated = traits.stop_event
+        traits.stop_event = None
+        what = f"mode {head.subfunction_name}"
+        if head.subfunction != MODE_STOP:
+            self.tell("security.mode_changed", transaction, what)
+        elif stated is None or transaction.response_ns - stated[2] > _CAUSE_NS:
+            self.tell("security.stopped", transaction, what)
+        else:
+            event, frame, _ = stated
+            cause = f"its diagnostic message states the cause: {coded(hex_number(event, 4), event_name(event))}"
+            self.tell("security.stopped", transaction, f"{what}; {cause}", before=frame)
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
         """A client asks what the device is, by SZL-ID or (negative) block function: reported once, unless routine."""
@@ -298,18 +353,22 @@ class SecurityWatch:
             detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
-    def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1) -> None:
+    def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
         """Note an event; unless ``what`` says it, it is what the request asks for.
 
         ``code`` is the error of what it is about, where that is one item of several: 0 for none, -1 for the transaction's.
+        ``before`` is a packet of an earlier transaction that ``what`` is about as well, 0 for none.
         """
         number = transaction.connection.number
         if not self._judge.wants(slug, number):
             return
         frames = transaction.frames
+        if before and before not in frames:
+            frames.insert(0, before)
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
-        who = f"{told} reports to {asked}" if transaction.outcome == PUSH else f"{asked} to {told}"
+        reports = transaction.outcome == PUSH or slug in _REPORTS
+        who = f"{told} reports to {asked}" if reports else f"{asked} to {told}"
         result = ""
         if code < 0:
             code = int(transaction.error_code)
@@ -373,6 +432,16 @@ def _szl_id(transaction: Transaction) -> int:
     at = transaction.request_offset + HEADER_SIZE + len(transaction.parameters.octets) + DATA_HEAD.size
     end = transaction.request_offset + transaction.request_size
     return int(u16(transaction.request_buf, at)) if at + 4 <= end else -1
+
+
+def _pushed_event(transaction: Transaction) -> int:
+    """Return the event of a diagnostic message, which its payload begins with; -1 when it is cut before."""
+    told = transaction.response_parameters
+    if told is None:
+        return -1
+    at = transaction.response_offset + HEADER_SIZE + len(told.octets) + DATA_HEAD.size
+    end = transaction.response_offset + transaction.response_size
+    return int(u16(transaction.response_buf, at)) if at + 2 <= end else -1
 
 
 def _named(transaction: Transaction) -> str:

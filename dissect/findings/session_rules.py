@@ -211,18 +211,14 @@ def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
     judge.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)
 
 
-def judge_end(judge: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
+def judge_end(judge: Reporter, side: Side) -> None:
     """The connection is over: report when only one side of it was captured."""
     connection = side.connection
     peer = side.peer
     if peer is None or connection.pdus < _ONE_SIDED_PDUS or connection.udp:
         return  # over UDP one side may well say nothing
     if not side.captured or not peer.captured:
-        seen = side if side.captured else peer
-        judge.note(
-            "capture.one_sided",
-            connection.number,
-            [connection.tcp.first_frame, frame],
-            time_ns,
-            f"only packets from {connection.tcp.ends[seen.index]} were captured",
-        )
+        tcp = connection.tcp
+        frames = [int(tcp.first_frame), int(tcp.last_frame)]
+        detail = f"only packets from {tcp.ends[side.index if side.captured else peer.index]} were captured"
+        judge.note("capture.one_sided", connection.number, frames, tcp.last_ns, detail)

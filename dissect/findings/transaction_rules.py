@@ -49,6 +49,7 @@ from dissect.transactions.results import (
     EXPECTED,
     FUNCTION_MISMATCH,
     ITEM,
+    NO_CODE,
     ODD_DATA_CODE,
     REORDERED,
     SIZE_MISMATCH,
@@ -344,7 +345,8 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
 def _judge_items(judge: Reporter, transaction: Transaction) -> None:
     slug = "transaction.item_error"
     for error in transaction.errors:
-        if error.part == ITEM and judge.wants(slug, transaction.connection.number):
+        # An item without a return code was not refused: that the answer is too short is told as such.
+        if error.part == ITEM and error.code != NO_CODE and judge.wants(slug, transaction.connection.number):
             judge.detail(
                 slug,
                 transaction.connection.number,

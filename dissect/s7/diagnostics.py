@@ -43,6 +43,18 @@ DIAGNOSTIC_EVENT: Final = Layout(
 )
 
 
+#: Of class 4, the events of mode transitions and of H systems that state a STOP.
+_STOPS: Final = frozenset((0x4303, 0x4304, 0x430A, 0x430D, 0x430F, 0x43D3, 0x45D8, 0x45D9, 0x45DA, 0x49D2, 0x49D4))
+#: The other events of class 4 that state one, by their upper octet: those with numbers below those of firmware and H systems.
+_STOP_EVENTS: Final = frozenset((0x45, 0x49))
+_NO_STOP_FROM: Final = 0xB0
+
+
+def states_stop(event_id: int) -> bool:
+    """Tell whether an event says that a CPU goes to STOP, and so why."""
+    return event_id in _STOPS or (event_id >> 8 in _STOP_EVENTS and event_id & 0xFF < _NO_STOP_FROM)
+
+
 def event_name(event_id: int) -> str:
     """Return what an event is: its own name, or the name of its class."""
     row = EVENTS.get(event_id)

@@ -186,8 +186,6 @@ def take(
         seen = glance(function, request, response, read, told, session.outputs_told, session.elsewhere_told)
         if seen is not None:
             return _seen(session, function, seen)
-    if function == EXPLORE and len(request) > 0:
-        session.explores += 1
     if len(request) > 0 and len(response) > 0 and (function == CREATE_OBJECT or function == EXPLORE):
         if function == EXPLORE and told & SOUND and not told & MET:
             return _judge_contents(request, response, glimpse(request), told)

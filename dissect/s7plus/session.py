@@ -143,6 +143,7 @@ class PlusSession:
     areas, is worth looking at. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
     sessions. Clients count the requests that change something, ``writes``, and all others, ``reads``, on their own.
+    ``explores`` counts Explore requests, the first and the last of which are in the packets ``explored``.
     ``stamp`` is 0 as long as nothing was subscribed to, and another number, which no other session has, whenever that changes.
     """
 
@@ -152,6 +153,8 @@ class PlusSession:
         "challenged",
         "client_id",
         "elsewhere_told",
+        "explored",
+        "explored_ns",
         "explores",
         "given",
         "host",
@@ -179,7 +182,9 @@ class PlusSession:
         self.role = -1
         self.user = ""
         self.session_name = ""
-        self.explores = 0
+        self.explores: i64 = 0
+        self.explored: list[int] = []
+        self.explored_ns: i64 = 0  # time of the last one
         self.outputs_told = False
         self.elsewhere_told = False
         self.tls = False
@@ -197,6 +202,12 @@ class PlusSession:
     def role_name(self) -> str:
         """``engineering``, ``HMI``, or empty when nothing was said."""
         return ROLES.name(self.role) if self.role > 0 else ""
+
+    def note_explore(self, frame: int, time_ns: i64) -> None:
+        """The client sent an Explore request."""
+        self.explores += 1
+        self.explored = [*self.explored[:1], frame]
+        self.explored_ns = time_ns
 
     def label(self, address: Address) -> str:
         """Return an address as a person writes it, with the names of the program where they are known."""

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from dissect.s7plus.session import PlusSession
     from dissect.tls.session import TlsSession
     from dissect.transactions.naming import Naming
+    from dissect.transactions.transaction import Transaction
 
 # What is known of the protocol a TCP connection carries; which one it is says `Connection.protocol`.
 PROBING: Final = 0
@@ -74,17 +75,20 @@ class Writes:
     """The latest writes of a connection: how many they are, and a sample of them.
 
     ``count`` counts all writes ever; the others start over with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
-    of the connection when it began, ``variables`` and ``answer_ns`` the requests of the sample and the time their answers took.
+    of the connection when it began, ``variables`` and ``answers_ns`` the requests of the sample and the time each answer took.
+    ``hasty`` is the write at which so many had come within ``hasty_ns``, none with an answer, that it may be a flood.
     """
 
-    __slots__ = ("answer_ns", "count", "pdus", "since_ns", "variables")
+    __slots__ = ("answers_ns", "count", "hasty", "hasty_ns", "pdus", "since_ns", "variables")
 
     def __init__(self) -> None:
         self.count: i64 = 0
         self.since_ns: i64 = 0
         self.pdus: i64 = 0
-        self.answer_ns: i64 = 0
+        self.answers_ns: list[int] = []
         self.variables: set[bytes] = set()
+        self.hasty: Transaction | None = None
+        self.hasty_ns: i64 = 0
 
 
 class Traits:
@@ -92,10 +96,22 @@ class Traits:
 
     ``written`` has a bit for each kind of area that was written (`dissect.s7.items.written_areas`), ``sent`` one for each that
     may have been, by a write without an answer; ``told`` has the slugs that are said once for a connection; ``szl_ids`` are
-    what was asked for, ``loaded`` the blocks that were loaded, by name.
+    what was asked for, ``loaded`` the blocks that were loaded, by name. ``stop_event`` is the latest diagnostic message that
+    states a STOP: its event, its packet and its time.
     """
 
-    __slots__ = ("_loaded", "_szl_ids", "_told", "_writes", "inquiries", "pace_ns", "refusals", "sent", "written")
+    __slots__ = (
+        "_loaded",
+        "_szl_ids",
+        "_told",
+        "_writes",
+        "inquiries",
+        "pace_ns",
+        "refusals",
+        "sent",
+        "stop_event",
+        "written",
+    )
 
     def __init__(self) -> None:
         self.written: i64 = 0
@@ -104,6 +120,7 @@ class Traits:
         self.pace_ns = 0
         self.inquiries = 0
         self.refusals = 0
+        self.stop_event: tuple[int, int, int] | None = None
         # Made when they are first asked for: most connections only read and write.
         self._told: set[str] | None = None
         self._szl_ids: set[int] | None = None
@@ -137,6 +154,12 @@ class Traits:
     def has_loaded(self) -> bool:
         """True when blocks were loaded."""
         return self._loaded is not None and len(self._loaded) > 0
+
+    @property
+    def hasty(self) -> Writes | None:
+        """Its writes, when some came in a hurry and without an answer."""
+        found = self._writes
+        return found if found is not None and found.hasty is not None else None
 
     @property
     def writes(self) -> Writes:
@@ -345,6 +368,11 @@ class Connection:
     def has_loaded(self) -> bool:
         """True when blocks were loaded on it."""
         return self._traits is not None and self._traits.has_loaded
+
+    @property
+    def hasty_writes(self) -> Writes | None:
+        """Its writes, when some came in a hurry and without an answer; None at nearly every connection."""
+        return self._traits.hasty if self._traits is not None else None
 
     @property
     def subscriptions(self) -> dict[int, Subscription]:

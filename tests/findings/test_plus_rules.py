@@ -112,6 +112,9 @@ def test_a_cpu_reports_that_it_stopped() -> None:
         ("security.stopped", "operating state STOP"),
         ("security.mode_changed", "operating state RUN"),
     ]
+    # It is the CPU that says so, though its client asked.
+    for finding in talk.findings:
+        assert finding.detail.startswith("10.0.0.2:102 reports to 10.0.0.1:50000: operating state ")
 
 
 def test_a_state_that_is_no_number_hides_no_change() -> None:

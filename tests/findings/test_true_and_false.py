@@ -107,6 +107,47 @@ def test_a_flood_of_writes_is_judged_by_how_fast_the_plc_answers(
     assert all(": 256 writes within " in detail and " = " not in detail for detail in told)
 
 
+def test_a_flood_tells_the_median_of_its_answer_times() -> None:
+    talk = Talk()
+    talk.open()
+    for number in range(1, 257):
+        talk.ask(write(number, [dbw(1, 0)], written(4, b"\x00\x01")))
+        # One answer in three of those that are looked at takes ten times as long.
+        talk.tell(ack_data(number, b"\x05\x01", b"\xff"), after_ns=40 * MS if number % 48 == 0 else 4 * MS)
+    talk.close()
+    (told,) = [finding.detail for finding in talk.findings if finding.slug == "security.flood"]
+    assert told.endswith("answered after 4.00 ms (median of 16 of them)")
+
+
+@pytest.mark.parametrize(
+    ("variables", "pause_ns", "polls", "found"),
+    [
+        (1, 5 * MS, 0, True),
+        (512, 5 * MS, 0, False),  # a recipe, variable by variable
+        (1, 8 * MS, 0, False),  # a PLC may rest as long as it works
+        (1, MS, 2, False),  # a panel that polls, and writes what was polled
+    ],
+)
+def test_a_flood_of_which_only_the_client_was_captured(variables: int, pause_ns: int, polls: int, found: bool) -> None:
+    talk = Talk()
+    for number in range(1, 513):
+        for poll in range(polls):
+            talk.ask(read(1000 + 2 * number + poll, dbw(2, 0)), after_ns=pause_ns)
+        talk.ask(write(number, [dbw(1, 2 * (number // 7 % variables))], written(4, b"\x00\x01")), after_ns=pause_ns)
+    talk.finish()
+    told = [finding.detail for finding in talk.findings if finding.slug == "security.flood"]
+    assert bool(told) is found
+    assert all(detail.endswith(": 256 writes within 1.27 s, answer not captured") for detail in told)
+
+
+def test_of_answers_alone_nobody_knows_which_variables_were_written() -> None:
+    talk = Talk()
+    for number in range(1, 513):
+        talk.tell(ack_data(number, b"\x05\x01", b"\xff"))
+    talk.finish()
+    assert "security.flood" not in slugs(talk)
+
+
 _JUDGED = ("security.flood", "security.new_writer", "security.reconnaissance", "security.protected")
 _EVENTS: dict[str, dict[str, int]] = {
     "faults/flood_of_writes_part.pcap": {"security.flood": 1},

@@ -212,11 +212,21 @@ def test_a_refused_write_hides_no_later_one() -> None:
     assert [slug for slug, _ in said(talk)] == ["security.write_refused", "security.write_outputs"]
 
 
-def test_an_item_without_a_return_code_is_given_none() -> None:
+@pytest.mark.parametrize(
+    ("stated", "slug", "why"),
+    [
+        (1, "transaction.count_mismatch", ": requested 2 items, got 1"),
+        (2, "s7.malformed", ": s7: return codes at byte 14: 2 announced, 1 there"),
+    ],
+)
+def test_an_item_without_a_return_code_was_not_refused(stated: int, slug: str, why: str) -> None:
+    """That the answer is too short is told once, and the transaction has failed: nobody knows what became of the item."""
     talk = set_up()
     talk.ask(BOTH)
-    talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
-    assert said(talk, "transaction.item_error", "transaction.count_mismatch") == [
-        ("transaction.count_mismatch", "Write Var QB0 = 255, MB8 x4 = 42 34 00 00: requested 2 items, got 1"),
-        ("transaction.item_error", f"{FLAGS}: No return code"),
-    ]
+    talk.tell(ack_data(1, bytes((5, stated)), b"\xff"))
+    ((found, detail),) = said(talk, "transaction.", "s7.malformed")
+    assert found == slug
+    assert detail.endswith(f"Write Var QB0 = 255, MB8 x4 = 42 34 00 00{why}")
+    (transaction,) = talk.transactions
+    assert transaction.failed
+    assert [(error.where, error.name) for error in transaction.errors] == [("item 2", "No return code")]
