@@ -223,6 +223,10 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
 
 
 def _unknown(prefix: str, text: str) -> str:
+    if "://" in text:  # of all forms only this one goes to another machine
+        parquet = FORMS["parquet"]
+        name = text.rstrip("/")
+        return f"the form of {text!r} is not known. Write {name}{parquet.endings[0]} or {parquet.name}:{name}."
     endings = [ending for form in FORMS.values() for ending in form.endings]
     if prefix:
         near = close_names(prefix, FORMS)
