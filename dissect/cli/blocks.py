@@ -120,7 +120,7 @@ def command(
     from dissect.carve.listing import BlockList
 
     told = BlockList(blocks, lost, places, clock())
-    if output is not None:
+    if output is not None and blocks:  # an empty folder of ours would be in the way of the next run
         _write(output, told, force)
     write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
     if not blocks and not chosen.impossible:

@@ -14,6 +14,7 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
+from dissect.cli.second_pass import check_out
 from dissect.engine.pipeline import Options
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import SessionReader, is_golden, load_golden
@@ -49,6 +50,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 @click.command("golden", epilog=_EXIT_CODES)
 @files_argument
 @click.option("-o", "--output", "output", default="-", metavar="OUT", help="File to write (default: standard output).")
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @click.option(
     "--with",
     "extras",
@@ -64,6 +66,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 def command(
     files: tuple[str, ...],
     output: str,
+    force: bool,
     extras: frozenset[str],
     decoder: PayloadDecoder | None,
     chosen: Chosen,
@@ -75,6 +78,7 @@ def command(
     The same session gives the same text whenever and wherever it was recorded: times, addresses, ports and reference numbers
     are left out, and connections are ordered by their content. FILE may also be such a text, which is then reformatted.
     """
+    check_out(files, output, force)
     try:
         session, code = _session(files, Options(decoder=decoder, tls_keys=tls_keys), chosen)
     except GoldenError as error:

@@ -196,7 +196,9 @@ def _opener(
 ) -> Callable[[], Reader]:
     """Return what opens the source that the arguments name; ``how``: the engine, who to become, the size of the buffer."""
     engine, user, buffer_mib = how
-    if (file is None) == (interface is None):
+    if file is not None and interface is not None:
+        raise click.UsageError("-i and FILE cannot be combined.")
+    if file is None and interface is None:
         raise click.UsageError("Nothing to watch: give -i INTERFACE, a FILE, or - for standard input.")
     if interface is None and (expression or engine != "auto" or user or buffer_mib is not None):
         raise click.UsageError("-f, --engine, -Z and --buffer need an interface (-i).")

@@ -91,17 +91,18 @@ def as_json(values: object) -> str:
 @click.command("compile", epilog=WRITING)
 @click.argument("source", type=_FILE, metavar="SRC")
 @click.option("-o", "--output", required=True, metavar="OUT", help="The compiled file; - is standard output.")
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never SRC).")
 @encoding_option
 @node_option
-def compile_command(source: str, output: str, encoding: str, node: int | None) -> int:
+def compile_command(source: str, output: str, force: bool, encoding: str, node: int | None) -> int:
     """Compile SRC: TOML or JSON, EDS or DCF (CANopen), XDD or XDC (POWERLINK, CANopen), by its suffix.
 
     The same source always gives the same bytes. What SCD cannot represent of a device description is reported on stderr.
     """
+    from dissect.cli.second_pass import check_out
     from dissect.scd.errors import DictionaryError
 
-    if output != "-" and Path(output).exists() and Path(source).exists() and Path(source).samefile(output):
-        raise click.UsageError("SRC and OUT are the same file; choose another OUT.")
+    check_out((source,), output, force)
     if Path(source).suffix.lower() == ".scd":
         raise DictionaryError("file", "is compiled already; `dump` makes a source of it", path=source)
     dictionary, notes = _source(source, encoding, node)

@@ -60,6 +60,12 @@ def check_files(files: Sequence[str], output: str, force: bool) -> None:
     for file in files:
         if file == "-" or (Path(file).exists() and not Path(file).is_file()):
             raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read twice.")
+    check_out(files, output, force)
+
+
+def check_out(files: Sequence[str], output: str, force: bool) -> None:
+    """Refuse an output that is an input as well, and with no ``force`` any other file that is there."""
+    for file in files:
         if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
             raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
     if output != "-" and Path(output).is_file() and not force:

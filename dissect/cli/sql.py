@@ -57,6 +57,8 @@ def command(
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
+    if query is not None and not query:  # of blanks alone DuckDB says it
+        raise click.UsageError("QUERY is empty: give SQL or the name of a question (--questions lists them).")
     if questions:
         write(_questions())
         return EXIT_OK

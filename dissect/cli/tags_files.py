@@ -295,11 +295,14 @@ def _tag_json(tag: Tag) -> dict[str, Any]:
 @click.option(
     "-o", "--output", default="-", type=_FILE, metavar="OUT", help="Where to write the table; default: standard output."
 )
+@click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @tag_reading_options
-def convert_command(files: tuple[str, ...], output: str, encoding: str, numbers: dict[str, int]) -> int:
+def convert_command(files: tuple[str, ...], output: str, force: bool, encoding: str, numbers: dict[str, int]) -> int:
     """Write the tags of all files as one CSV table (address, type, name, unit, scale, comment) that every command reads."""
+    from dissect.cli.second_pass import check_out
     from dissect.tags.converting import table_lines
 
+    check_out(files, output, force)
     found = load(files, encoding, numbers)
     if found.programs and not found.tags:
         raise click.ClickException(

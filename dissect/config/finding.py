@@ -17,9 +17,17 @@ def find_files(folder: Path, user: Path) -> list[Path]:
     """
     found = []
     for place in [folder, *folder.parents][:_MOST_FOLDERS]:
-        if (place / NAME).is_file():
+        if _is_there(place / NAME):
             found.append(place / NAME)
             break
-    if (user / NAME).is_file() and user / NAME not in found:
+    if _is_there(user / NAME) and user / NAME not in found:
         found.append(user / NAME)
     return found
+
+
+def _is_there(file: Path) -> bool:
+    """Return whether there is a file; nobody named it, so one in a folder that may not be looked into is not there."""
+    try:
+        return file.is_file()
+    except OSError:
+        return False

@@ -209,6 +209,10 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
         raise UnknownFormError(_unknown(prefix if colon and len(prefix) > 1 else "", text))
     if not path:
         raise UnknownFormError(f"{text} names no file or folder.")
+    if path == "-":  # which is standard output elsewhere: nobody means a file of that name
+        raise UnknownFormError(
+            f"{text} is not possible: an export is not written to standard output; name a file or folder."
+        )
     for name in only:
         if name not in form.names():
             near = close_names(name, form.names())
@@ -219,6 +223,10 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
 
 
 def _unknown(prefix: str, text: str) -> str:
+    if "://" in text:  # of all forms only this one goes to another machine
+        parquet = FORMS["parquet"]
+        name = text.rstrip("/")
+        return f"the form of {text!r} is not known. Write {name}{parquet.endings[0]} or {parquet.name}:{name}."
     endings = [ending for form in FORMS.values() for ending in form.endings]
     if prefix:
         near = close_names(prefix, FORMS)

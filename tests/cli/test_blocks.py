@@ -12,7 +12,7 @@ import pytest
 
 import dissect
 from captures.craft.mc7 import DB2, OB1, OB1_CHANGED
-from tests.cli.support import run
+from tests.cli.support import run, simple
 from tests.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
@@ -202,3 +202,11 @@ def test_a_page_of_the_comparison(capfdbinary: Capture, tmp_path: Path) -> None:
     assert ran.out.startswith("<!DOCTYPE html>")
     assert "author &lt;script&gt;" in ran.out
     assert "No differences" in run(capfdbinary, "blocks", "--diff", PROGRAM, PROGRAM, "-T", "html").out
+
+
+def test_without_a_block_no_folder_is_made(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    out = tmp_path / "blocks"
+    for _ in range(2):
+        ran = run(capfdbinary, "blocks", simple(tmp_path / "a.pcapng"), "-o", out)
+        assert (ran.code, out.exists()) == (0, False)
+        assert "no block was downloaded or uploaded" in ran.err

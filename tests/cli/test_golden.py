@@ -32,13 +32,27 @@ def test_a_file_is_written_whole_and_like_standard_output(capfdbinary: Capture, 
     shown = run(capfdbinary, "golden", capture).out
     path = tmp_path / "a.s7.txt"
     path.write_text("old", encoding="utf-8")
-    ran = run(capfdbinary, "golden", capture, "-o", path)
+    kept = run(capfdbinary, "golden", capture, "-o", path)
+    assert (kept.code, path.read_text(encoding="utf-8")) == (2, "old")
+    assert f"{path} exists; --force overwrites it." in kept.err
+    ran = run(capfdbinary, "golden", capture, "-o", path, "--force")
     assert (ran.code, ran.out, ran.err) == (0, "", "")
     assert path.read_bytes().decode() == shown
     assert sorted([each.name for each in tmp_path.iterdir()]) == ["a.pcapng", "a.s7.txt"]
     mask = os.umask(0)
     os.umask(mask)
     assert path.stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_a_capture_is_never_overwritten_by_its_golden(capfdbinary: Capture, tmp_path: Path) -> None:
+    capture = simple(tmp_path / "a.pcapng")
+    before = capture.read_bytes()
+    link = tmp_path / "link.pcapng"
+    link.symlink_to(capture)
+    for out in (capture, link):
+        ran = run(capfdbinary, "golden", capture, "-o", out, "--force")
+        assert (ran.code, capture.read_bytes()) == (2, before)
+        assert f"{out} is both input and output; choose another OUT." in ran.err
 
 
 def test_what_belongs_to_one_recording_is_kept_when_asked_for(capfdbinary: Capture, tmp_path: Path) -> None:

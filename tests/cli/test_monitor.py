@@ -103,7 +103,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
     ("arguments", "said"),
     [
         ([], "Nothing to watch"),
-        (["-i", "lo", "file"], "Nothing to watch"),
+        (["-i", "lo", "file"], "-i and FILE cannot be combined."),
         (["file", "-f", "tcp"], "need an interface (-i)"),
         (["file", "-Z", "root"], "need an interface (-i)"),
         (["-i", "lo", "-Z", "nobody", "--engine", "dumpcap"], "-Z USER needs --engine ring: "),

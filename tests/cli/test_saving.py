@@ -20,11 +20,11 @@ Capture = pytest.CaptureFixture[bytes]
 PLANT: Final = str(ROOT / "captures" / "scd" / "plant.toml")
 #: A call of every command that writes a file and ends by itself; all of them may overwrite.
 CALLS: Final = {
-    "golden": "golden GOOD -o OUT",
+    "golden": "golden GOOD -o OUT --force",
     "cut": "cut GOOD -o OUT --force",
     "anonymize": "anonymize GOOD -o OUT --force",
     "baseline": "baseline GOOD -o OUT",
-    "compile": "scd compile PLANT -o OUT",
+    "compile": "scd compile PLANT -o OUT --force",
 }
 
 

@@ -45,7 +45,7 @@ def test_source_compiled_dump_compiled(capfdbinary: Capture, tmp_path: Path, kin
         assert (ran.code, ran.err) == (0, "")
         again = tmp_path / f"again.{form}"
         again.write_text(ran.out, "utf-8")
-        ran = run(capfdbinary, "scd", "compile", again, "-o", tmp_path / "again.scd")
+        ran = run(capfdbinary, "scd", "compile", again, "-o", tmp_path / "again.scd", "--force")
         assert (ran.code, ran.err) == (0, "")
         assert (tmp_path / "again.scd").read_bytes() == out.read_bytes()
         assert run(capfdbinary, "scd", "diff", out, again).code == 0
@@ -135,7 +135,11 @@ def test_what_cannot_be_compiled(capfdbinary: Capture, tmp_path: Path) -> None:
     missing = run(capfdbinary, "scd", "compile", tmp_path / "none.toml", "-o", out)
     assert (missing.code, missing.err) == (2, f"s7dissect: {tmp_path / 'none.toml'}: No such file or directory\n")
     same = run(capfdbinary, "scd", "compile", wrong, "-o", wrong)
-    assert (same.code, "the same file" in same.err) == (2, True)
+    assert (same.code, "both input and output" in same.err) == (2, True)
+    out.write_bytes(b"mine")
+    kept = run(capfdbinary, "scd", "compile", PLANT, "-o", out)
+    assert (kept.code, out.read_bytes(), "--force overwrites it" in kept.err) == (2, b"mine", True)
+    out.unlink()
     nowhere = run(capfdbinary, "scd", "compile", PLANT, "-o", tmp_path / "no" / "out.scd")
     assert (nowhere.code, nowhere.out) == (2, "")
     assert f"{tmp_path / 'no' / 'out.scd'}: No such file or directory" in nowhere.err
@@ -163,7 +167,7 @@ def test_a_failure_leaves_what_was_there(capfdbinary: Capture, tmp_path: Path, m
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", full)
-    ran = run(capfdbinary, "scd", "compile", PLANT, "-o", out)
+    ran = run(capfdbinary, "scd", "compile", PLANT, "-o", out, "--force")
     assert (ran.code, ran.err) == (5, f"s7dissect: cannot write {out}: No space left on device\n")
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("out.scd", b"old")]
 

@@ -164,3 +164,12 @@ def test_list_and_convert_write_what_was_read(capfdbinary: Capture, tmp_path: Pa
     again = tmp_path / "again.csv"
     assert run(capfdbinary, "tags", "convert", path, "-o", again).code == 0
     assert again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+    again.write_text("mine", encoding="utf-8")
+    kept = run(capfdbinary, "tags", "convert", path, "-o", again)
+    assert (kept.code, again.read_text(encoding="utf-8")) == (2, "mine")
+    assert "exists; --force overwrites it." in kept.err
+    before = path.read_bytes()
+    same = run(capfdbinary, "tags", "convert", path, "-o", path, "--force")
+    assert (same.code, path.read_bytes(), "both input and output" in same.err) == (2, before, True)
+    assert run(capfdbinary, "tags", "convert", path, "-o", again, "--force").code == 0
+    assert again.read_bytes() == before

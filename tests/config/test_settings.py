@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,21 @@ def test_the_nearest_file_above_is_the_one_of_the_project(tmp_path: Path) -> Non
     assert find_files(inner, tmp_path / "u") == [outer, user]
     nearer = written(tmp_path / "p" / "a", "")
     assert find_files(inner, tmp_path / "nobody") == [nearer]
+
+
+def test_a_place_that_may_not_be_looked_into_has_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    outer, user = written(tmp_path / "p", ""), written(tmp_path / "u", "")
+    inner = tmp_path / "p" / "a"
+    inner.mkdir()
+    usual = Path.is_file
+
+    def is_file(path: Path) -> bool:
+        if path in {inner / NAME, user}:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return usual(path)
+
+    monkeypatch.setattr(Path, "is_file", is_file)
+    assert find_files(inner, tmp_path / "u") == [outer]
 
 
 @pytest.mark.parametrize(

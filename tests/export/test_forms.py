@@ -191,6 +191,12 @@ def test_forms_by_ending_and_by_prefix() -> None:
     assert target_of("parquet:a", ["items"], 1)[1:] == ("a", True)
     assert target_of("C:\\x\\a.DB", [], 1)[0].name == "sqlite"
     assert target_of("dir.csv/", [], 1)[0].name == "csv"
+    for form in FORMS:
+        with pytest.raises(UnknownFormError, match="not written to standard output"):
+            target_of(f"{form}:-", [], 1)
+    with pytest.raises(UnknownFormError, match=r"Write s3://bucket/dir\.parquet or parquet:s3://bucket/dir"):
+        target_of("s3://bucket/dir/", [], 1)
+    assert target_of("parquet:s3://bucket/dir", [], 1).path == "s3://bucket/dir"
     with pytest.raises(UnknownFormError, match=r"Did you mean \.parquet"):
         target_of("a.parqet", [], 1)
     with pytest.raises(UnknownFormError, match="Did you mean sqlite"):

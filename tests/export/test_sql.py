@@ -187,6 +187,11 @@ def test_naughty_strings_do_no_harm(tmp_path: Path) -> None:
     assert {row["subject"] for row in rows} <= real
 
 
+def test_an_empty_query_is_refused(capfdbinary: Capture) -> None:
+    ran = run(capfdbinary, "sql", "", "a.pcapng")
+    assert (ran.code, ran.out, "QUERY is empty" in ran.err) == (2, "", True)
+
+
 def test_questions_are_listed_with_their_sql(capfdbinary: Capture) -> None:
     ran = run(capfdbinary, "sql", "--questions")
     assert ran.code == 0

@@ -36,7 +36,7 @@ CALLS: Final = [
     ["golden", str(ONE), str(TWO)],
     ["golden", "--with", "time,addresses,refs,latency", str(TWO)],
     ["golden", *PLANT, str(CAPTURES / "scd" / "plant.pcapng")],
-    ["golden", str(TWO), "-o", "OUT"],
+    ["golden", str(TWO), "-o", "OUT", "--force"],
     ["diff", str(ONE), str(TWO), "--max", "9999"],
     ["diff", str(ONE), str(TWO), "-T", "json"],
     ["diff", str(ONE), str(TWO), "-T", "junit"],
@@ -59,7 +59,7 @@ CALLS: Final = [
     ["cut", str(TWO), "-o", "OUT", "--force", "--connection", "2"],
     ["monitor", "-T", "jsonl", "--only", "transactions,operations,findings,connections", str(TWO)],
     ["replay", str(TWO), "--dry-run"],
-    ["scd", "compile", PLANT[1], "-o", "OUT"],
+    ["scd", "compile", PLANT[1], "-o", "OUT", "--force"],
     ["scd", "dump", PLANT[1]],
     ["schema", "analysis"],
 ]

@@ -52,11 +52,11 @@ def octets(path: Path) -> None:
 
 #: What writes a file at once; how it is read; whether it is the same each time.
 WRITERS: Final[dict[str, tuple[tuple[str | Path, ...], Callable[[Path], None], bool]]] = {
-    "golden": (("golden", CAPTURE, "-o", "OUT"), golden, True),
+    "golden": (("golden", CAPTURE, "-o", "OUT", "--force"), golden, True),
     "baseline": (("baseline", CAPTURE, "--update", "OUT", "-o", "OUT"), baseline, False),
     "cut": (("cut", CAPTURE, "-o", "OUT", "--force"), capture, True),
     "anonymize": (("anonymize", CAPTURE, "-o", "OUT", "--force", "--key", "KEY"), capture, True),
-    "scd compile": (("scd", "compile", PLANT, "-o", "OUT"), octets, True),
+    "scd compile": (("scd", "compile", PLANT, "-o", "OUT", "--force"), octets, True),
 }
 
 
