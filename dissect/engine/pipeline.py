@@ -407,7 +407,7 @@ class Pipeline(PacketSink):
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
-                side.note_probe(counters.frames, counters.now_ns)
+                side.note_probe(counters.frames, counters.now_ns, False)
             return NO_PAYLOAD
         half = side.stream
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
@@ -456,7 +456,7 @@ class Pipeline(PacketSink):
         if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
             # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
             half.start(seq + 1)
-            side.note_probe(self.counters.frames, self.counters.now_ns)
+            side.note_probe(self.counters.frames, self.counters.now_ns, True)
             return accounts.KEEP_ALIVE
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
@@ -487,7 +487,7 @@ class Pipeline(PacketSink):
         if half.held is not None:
             self.timers.wait(side)
         if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
-            side.note_probe(self.counters.frames, self.counters.now_ns)
+            side.note_probe(self.counters.frames, self.counters.now_ns, True)
             return accounts.KEEP_ALIVE
         if connection.state == LEFT_OUT:
             return accounts.LEFT_OUT

@@ -68,7 +68,7 @@ class Silent:
         elif (seq + 1) & MASK != other.ack:
             self.moved = True
         if mine.probes.count == 0 or now_ns - mine.probes.last_ns >= _PAUSE_NS:
-            mine.probes.add(frame, now_ns)
+            mine.probes.add(frame, now_ns, False)
 
     @property
     def likely(self) -> Probes:
@@ -166,7 +166,9 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Pro
     """Report a connection of which only keep-alive probes were captured, by the first and the last of them."""
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
     detail = f"{client} and {server}: {count(int(probes.count), 'probe')}"
-    counters.note_of("session.idle", probes.frames, probes.last_ns, detail)
+    # As Completeness counts packets whose bytes came before; an empty probe has none.
+    filled = "all" if probes.filled == probes.count else f"{probes.filled} of them" if probes.filled else "none"
+    counters.note_of("session.idle", probes.frames, probes.last_ns, f"{detail}, {filled} with a byte")
 
 
 def untold(side: Side) -> bool:

@@ -55,9 +55,11 @@ def completeness(pipeline: Pipeline, places: Places | None = None) -> Iterator[t
     counts = pipeline.counters.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
-    how = "sent again, captured twice, or a keep-alive" if counts["keep_alive"] else "sent again or captured twice"
-    again = f", {repeated} of them repeated: {how}" if repeated else ""
-    yield f"{used} of {words.count(pipeline.frames, 'packet')} used{again}", _PLAIN
+    how = "sent again or captured twice"
+    if counts["keep_alive"]:
+        how = "sent again, captured twice, or a keep-alive with a byte"
+    of_these = f", {repeated} of them repeated: {how}" if repeated else ""
+    yield f"{used} of {words.count(pipeline.frames, 'packet')} used{of_these}", _PLAIN
     for name in CATEGORIES[FIRST_IGNORED:]:
         if counts[name]:
             yield f"{counts[name]} ignored: {_IGNORED[name]}", _PLAIN

@@ -274,11 +274,11 @@ class Side:
             self.peer.protocol = protocol
         self.connection.state = protocol.state
 
-    def note_probe(self, frame: i64, time_ns: i64) -> None:
-        """Packet ``frame`` is a keep-alive, before anything else was captured."""
+    def note_probe(self, frame: i64, time_ns: i64, filled: bool) -> None:
+        """Packet ``frame`` is a keep-alive, before anything else was captured; ``filled``: with a byte."""
         if self.probes is None:
             self.probes = Probes()
-        self.probes.add(frame, time_ns)
+        self.probes.add(frame, time_ns, filled)
 
     @property
     def at_rest(self) -> bool:

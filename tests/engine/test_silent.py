@@ -25,8 +25,8 @@ def idle(talk: Talk) -> list[str]:
     return [finding.detail for finding in talk.findings if finding.slug == "session.idle"]
 
 
-def said(probes: int) -> list[str]:
-    return [f"10.0.0.1:50000 and 10.0.0.2:102: {probes} probes"]
+def said(probes: int, filled: str = "none") -> list[str]:
+    return [f"10.0.0.1:50000 and 10.0.0.2:102: {probes} probes, {filled} with a byte"]
 
 
 @each("octets", [b"", b"\0", b"\x27", b"\x03"])
@@ -35,7 +35,7 @@ def test_probes_of_one_side(octets: bytes, prober: int) -> None:
     talk = Talk()
     for _ in range(3):
         probe(talk, prober, octets)
-    assert idle(talk) == said(3)
+    assert idle(talk) == said(3, "all" if octets else "none")
 
 
 @each("octets", [(b"", b""), (b"", b"\0"), (b"\x72", b""), (b"\x03", b"\x29")])
@@ -44,7 +44,7 @@ def test_probes_of_both_sides(octets: tuple[bytes, bytes]) -> None:
     for _ in range(2):
         probe(talk, CLIENT, octets[0])
         probe(talk, SERVER, octets[1], after_ns=SECOND // 10)
-    assert idle(talk) == said(4)
+    assert idle(talk) == said(4, {0: "none", 2: "2 of them", 4: "all"}[sum(2 for one in octets if one)])
 
 
 def test_a_capture_that_begins_with_the_answer() -> None:
@@ -78,7 +78,7 @@ def test_probes_behind_a_handshake(octets: bytes) -> None:
     talk.hello()
     for _ in range(2):
         probe(talk, CLIENT, octets)
-    assert idle(talk) == said(2)
+    assert idle(talk) == said(2, "all" if octets else "none")
 
 
 @each("octets", [b"", b"\0"])
@@ -94,7 +94,7 @@ def test_it_names_the_first_and_the_last_probe_of_the_connection(octets: bytes, 
     other = Talk(client_port=50001, beside=talk)
     other.open()
     other.ask(read(1, dbw(1, 0)))
-    assert idle(talk) == said(3)
+    assert idle(talk) == said(3, "all" if octets else "none")
     (finding,) = [finding for finding in talk.findings if finding.slug == "session.idle"]
     assert finding.frames == [first, last]
     assert finding.time_ns == last_ns

@@ -281,7 +281,9 @@ def test_keep_alives_are_among_what_was_repeated() -> None:
     assert analysis.pipeline is not None
     analysis.pipeline.counters.packets.add(KEEP_ALIVE)
     told = section(report(analysis), "Completeness")
-    assert told[0].endswith(" packets used, 1 of them repeated: sent again, captured twice, or a keep-alive")
+    assert told[0].endswith(
+        " packets used, 1 of them repeated: sent again, captured twice, or a keep-alive with a byte"
+    )
 
 
 def test_packets_that_were_not_used_are_told_by_reason() -> None:
