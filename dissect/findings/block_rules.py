@@ -11,6 +11,7 @@ from dissect.findings.reporter import Reporter
 from dissect.program.carved import CODE, INTERFACE, CarvedBlock, carve
 from dissect.program.compare import changed_parts
 from dissect.s7.tables import CODE_BLOCKS
+from dissect.tcp.link import within
 from dissect.transactions.operation import DOWNLOAD, NOT_CAPTURED, Operation
 
 if TYPE_CHECKING:
@@ -67,12 +68,13 @@ class BlockWatch:
                 self._take(block, operation)
 
     def _take(self, block: CarvedBlock, operation: Operation) -> None:
-        key = block.plc, block.label
+        plc = within(block.plc, operation.connection.tcp.vlan)
+        key = plc, block.label
         known = self._known.pop(key, None) or Known()
         self._octets -= known.octets
         known.settle()
         if block.kind in CODE_BLOCKS:
-            self._judge_code(block, known.runs, operation)
+            self._judge_code(block, known.runs, operation, plc)
         if known.runs is not None:
             self._judge_change(known.runs, block, operation)
         if operation.kind == DOWNLOAD:
@@ -91,12 +93,12 @@ class BlockWatch:
             self._code = CodeRules()
         return self._code
 
-    def _judge_code(self, block: CarvedBlock, before: CarvedBlock | None, operation: Operation) -> None:
+    def _judge_code(self, block: CarvedBlock, before: CarvedBlock | None, operation: Operation, plc: str) -> None:
         code = self._rules()
         for slug, what in code.judge(block):
             self._note(slug, operation, None, what)
         if operation.kind == DOWNLOAD:
-            running = self._running(before.plc) if before is not None else []
+            running = self._running(plc) if before is not None else []
             for slug, what in code.judge_loaded(block, before, running):
                 self._note(slug, operation, before, what)
 

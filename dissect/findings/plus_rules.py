@@ -9,7 +9,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.plus_sessions import PlusSessions
+from dissect.findings.plus_sessions import PlusSessions, server_of
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch, accepted
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
@@ -40,6 +40,7 @@ from dissect.s7plus.refusals import count_mismatch
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
+from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations
@@ -121,7 +122,7 @@ class PlusWatch:
                 if event.kind == SESSION:
                     self._sessions.opened(session, event.object_id, transaction)
                 elif event.kind in _SUBSCRIBING and len(self._subscribers) < MAX_SUBSCRIBERS:
-                    self._subscribers.add((str(connection.client.host), str(connection.server.host)))
+                    self._subscribers.add(_stations(connection))
             if facts.malformed:
                 self._malformed(transaction, facts)
             if facts.exhausted:
@@ -148,13 +149,14 @@ class PlusWatch:
         self._judge.note("s7plus.malformed", transaction.connection.number, frames, time_ns, detail)
 
     def _begin(self, connection: Connection) -> PlusSession:
-        host = str(connection.server.host)
+        host = server_of(connection)
         known = self._cpus.get(host)
         if known is None:
             if len(self._cpus) >= MAX_CPUS:
                 del self._cpus[next(iter(self._cpus))]
             known = (Program(), Identity())
-            declared = connection.naming.program(host) if connection.naming is not None else None
+            naming = connection.naming
+            declared = naming.program(str(connection.server.host)) if naming is not None else None
             if declared is not None:
                 known[0].adopt(declared)
             self._cpus[host] = known
@@ -201,7 +203,7 @@ class PlusWatch:
         session = connection.plus
         if session is None or session.explores < _EXPLORES:
             return
-        if (str(connection.client.host), str(connection.server.host)) in self._subscribers:
+        if _stations(connection) in self._subscribers:
             return
         if connection.traits.first("security.reconnaissance"):
             who = f"{connection.client} to {connection.server}"
@@ -214,3 +216,8 @@ def _code_of(event: Event, transaction: Transaction) -> int:
     """Return the error that an event got: that of its own item, where the answer does not refuse everything."""
     code = int(transaction.error_code)
     return event.refusal if event.refusal >= 0 and code in {0, PARTIAL_ERROR} else code
+
+
+def _stations(connection: Connection) -> tuple[str, str]:
+    """Return who asks and who is asked, as `server_of` names them."""
+    return within(str(connection.client.host), connection.tcp.vlan), server_of(connection)

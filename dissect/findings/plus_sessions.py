@@ -9,6 +9,7 @@ from mypy_extensions import i64
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
+from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.octets import u32
@@ -62,7 +63,7 @@ class PlusSessions:
         if number:
             if len(self._given) >= MAX_GIVEN:
                 del self._given[next(iter(self._given))]
-            self._given[str(connection.server.host), number] = int(connection.number)
+            self._given[server_of(connection), number] = int(connection.number)
         identity = session.identity
         if (
             not _in_tls(session, connection)
@@ -77,7 +78,7 @@ class PlusSessions:
         connection = transaction.connection
         if len(self._given) == 0 or _incomplete(connection):
             return
-        owner = self._given.get((str(connection.server.host), int(number)), 0)
+        owner = self._given.get((server_of(connection), int(number)), 0)
         if not owner or owner == int(connection.number):
             return
         if connection.traits.first("security.session_reused"):
@@ -115,3 +116,8 @@ def _offers_tls(identity: Identity) -> bool:
 
 def _incomplete(connection: Connection) -> bool:
     return bool(connection.mid_stream or connection.tcp.has_holes)
+
+
+def server_of(connection: Connection) -> str:
+    """Return the CPU of a connection: its address, and its network where that has a number."""
+    return within(str(connection.server.host), connection.tcp.vlan)

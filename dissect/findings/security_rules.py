@@ -46,6 +46,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.tcp.link import within
 from dissect.transactions.connection import Connection, Writes
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.operation import Operation
@@ -419,9 +420,10 @@ def _asked(transaction: Transaction) -> bool:
 
 
 def _ends(transaction: Transaction) -> tuple[str, str]:
-    """Return who asked and who was asked, without their ports."""
-    ends = transaction.connection.tcp.ends
-    return ends[transaction.asked_by].host, ends[1 - transaction.asked_by].host
+    """Return who asked and who was asked, without their ports, each with its network where that has a number."""
+    tcp = transaction.connection.tcp
+    asking, asked = tcp.ends[transaction.asked_by], tcp.ends[1 - transaction.asked_by]
+    return within(asking.host, tcp.vlan), within(asked.host, tcp.vlan)
 
 
 def _szl_id(transaction: Transaction) -> int:

@@ -19,7 +19,7 @@ from dissect.stations.facts import (
     Book,
     Fact,
 )
-from dissect.tcp.link import vlan_text
+from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -47,7 +47,7 @@ class StationWatch:
         self.book = Book() if book is None else book
         self.book.filled = True
         #: What is compared with what, once a VLAN was seen: each network for itself, as machines that are alike use the same
-        #: addresses in VLANs of their own. Its stations have the names of `_within`.
+        #: addresses in VLANs of their own. Its stations have the names of `within`.
         self._networks: Book | None = None
         self._judge = judge
         self._evidence = Evidence()
@@ -72,7 +72,7 @@ class StationWatch:
                 text = self._mac_text(mac)
                 # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
-                if wanted or not known.again(_within(host, vlan), MAC_KEY, text, _ETHERNET, frame, time_ns):
+                if wanted or not known.again(within(host, vlan), MAC_KEY, text, _ETHERNET, frame, time_ns):
                     found.append(Fact(host, "", MAC, text, _ETHERNET, number, [frame], time_ns))
         return self._noted(found, vlan) if found else found
 
@@ -124,7 +124,7 @@ class StationWatch:
     def _noted(self, found: list[Fact], vlan: int) -> list[Fact]:
         known = self._known(vlan)
         for fact in found:
-            where = _within(fact.host, vlan)
+            where = within(fact.host, vlan)
             known.note(fact, where)
             if known is not self.book:
                 before, fresh = fact.before, fact.fresh
@@ -142,8 +142,3 @@ class StationWatch:
                 f"{where}: {KEYS[fact.key]} {printable(fact.value)}, before {printable(fact.before)} ({fact.source})"
             )
             self._judge.detail(slug, fact.connection, list(fact.frames), fact.time_ns, detail)
-
-
-def _within(host: str, vlan: int) -> str:
-    """Return what a station is called: its address, and its network where that has a number."""
-    return f"{host} in VLAN {vlan_text(vlan)}" if vlan else host

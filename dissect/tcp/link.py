@@ -86,6 +86,14 @@ def vlan_ids(key: i64) -> list[int]:
     return vids
 
 
+def within(name: str, key: i64) -> str:
+    """Return what a station or an end of a connection is called: its address, and its network where that has a number.
+
+    Machines that are alike use the same addresses in VLANs of their own.
+    """
+    return f"{name} in VLAN {vlan_text(key)}" if key else name
+
+
 def vlan_text(key: i64) -> str:
     """Return the VLAN ids of a key for a person: ``20``, ``5.7`` with the outer tag first; empty for none."""
     return ".".join([str(vid) for vid in vlan_ids(key)])

@@ -26,10 +26,10 @@ HOWS: Final = (READ, WRITE, PUSH, MODIFY, FORCE, NOTIFICATION, PDO)
 class Variable:
     """A place in a CPU, as it was read or written; rows of values share it.
 
-    ``plc`` is the end of the connection that holds it. ``address`` is where it begins ("DB10.DBD4", "0x6041:0"), ``type`` what
-    is there ("REAL", "10 x BYTE"), ``tag`` its name, empty where nobody knows one. ``data`` and ``value`` are the latest,
-    once it was ``seen``. ``refused_reads``, ``refused_writes`` and ``unconfirmed`` count what gave no value: the PLC refused,
-    or nobody saw whether it took a write. Texts are as in the file or on the wire, not escaped.
+    ``plc`` is the end of the connection that holds it, in the network ``vlan`` (`link.vlan_ids`). ``address`` is where it begins
+    ("DB10.DBD4", "0x6041:0"), ``type`` what is there ("REAL", "10 x BYTE"), ``tag`` its name, empty where nobody knows one.
+    ``data`` and ``value`` are the latest, once it was ``seen``. ``refused_reads``, ``refused_writes`` and ``unconfirmed`` count
+    what gave no value: the PLC refused, or nobody saw whether it took a write. Texts are as in the file or on the wire.
     """
 
     __slots__ = (
@@ -48,10 +48,12 @@ class Variable:
         "unconfirmed",
         "unit",
         "value",
+        "vlan",
     )
 
-    def __init__(self, plc: Endpoint, address: str, type_: str, tag: str, unit: str) -> None:
+    def __init__(self, plc: Endpoint, vlan: i64, address: str, type_: str, tag: str, unit: str) -> None:
         self.plc: Endpoint = plc
+        self.vlan: i64 = vlan
         self.address: str = address
         self.type: str = type_
         self.tag: str = tag

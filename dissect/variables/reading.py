@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from dissect.engine.pipeline import Options
 from dissect.session import Run, Tags, decoder_of, keys_of, naming_of
+from dissect.tcp.link import within
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow, Variable
 
@@ -108,7 +109,7 @@ def _names(variables: list[Variable]) -> dict[Variable, str]:
     forms = (
         lambda one: one.name,
         lambda one: f"{one.name} {one.type}".rstrip(),
-        lambda one: f"{one.name} {one.type} {one.plc}",
+        lambda one: f"{one.name} {one.type} {within(str(one.plc), one.vlan)}",
     )
     names: dict[Variable, str] = {}
     left = variables

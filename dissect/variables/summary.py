@@ -10,6 +10,7 @@ from typing import Any, Final
 from dissect.report import words
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.words import Places
+from dissect.tcp.link import vlan_ids, within
 from dissect.variables.collector import Collector
 from dissect.variables.model import Variable
 from dissect.variables.statistics import MAX_DISTINCT, Pace, Statistics
@@ -82,7 +83,7 @@ def text_lines(summary: Summary, _clock: Clock, places: Places) -> list[Line]:
     lines: list[Line] = []
     by_plc: dict[str, list[Variable]] = {}
     for variable in summary.variables:
-        by_plc.setdefault(places.end(variable.plc), []).append(variable)
+        by_plc.setdefault(within(places.end(variable.plc), variable.vlan), []).append(variable)
     for plc, variables in by_plc.items():
         if lines:
             lines.append(Line(""))
@@ -186,6 +187,7 @@ def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
     return {
         "schema": VARIABLE_SCHEMA,
         "plc": str(variable.plc),
+        "vlan": vlan_ids(variable.vlan),
         "address": encodable(variable.address),
         "tag": encodable(variable.tag) or None,
         "type": encodable(variable.type) or None,

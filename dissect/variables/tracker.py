@@ -9,6 +9,7 @@ from mypy_extensions import i64
 from dissect.s7.items import Item
 from dissect.s7.parameters import Parameters
 from dissect.s7.values import decode_value
+from dissect.tcp.link import within
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
@@ -42,10 +43,11 @@ class Plc:
     ``plans`` are those of items, ``reads`` those of whole read requests, in the order of their items.
     """
 
-    __slots__ = ("end", "images", "plans", "reads", "variables")
+    __slots__ = ("end", "images", "plans", "reads", "variables", "vlan")
 
-    def __init__(self, end: Endpoint) -> None:
+    def __init__(self, end: Endpoint, vlan: i64) -> None:
         self.end: Endpoint = end
+        self.vlan: i64 = vlan
         self.variables: dict[str, Variable] = {}
         self.plans: dict[Item, Plan] = {}
         self.reads: dict[Parameters, list[Plan]] = {}
@@ -92,10 +94,10 @@ class Tracker:
         found = self._ends.get(key)
         if found is None:
             end = connection.tcp.ends[side]
-            name = str(end)
+            name = within(str(end), connection.tcp.vlan)
             found = self.plcs.get(name)
             if found is None:
-                found = Plc(end)
+                found = Plc(end, connection.tcp.vlan)
                 # Of more PLCs than variables are remembered nothing is remembered.
                 if len(self.plcs) < self.most:
                     self.plcs[name] = found
@@ -104,7 +106,7 @@ class Tracker:
 
     def variable(self, plc: Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
         """Return a new variable, remembered where there is room."""
-        variable = Variable(plc.end, address, type_, tag, unit)
+        variable = Variable(plc.end, plc.vlan, address, type_, tag, unit)
         if self.count < self.most and self.kept < MAX_KEPT:
             self.count += 1
             plc.variables[key] = variable
