@@ -36,7 +36,7 @@ class BareConnections:
             _count(self.spoken, port)
 
     def take(self, side: Side, peer: Side) -> None:
-        """A connection is over of which no octet was captured: count it, if both SYNs were and nothing says that there were octets."""
+        """A connection is over that has no octets: count it, if both SYNs were captured and nothing says that some were."""
         tcp = side.tcp
         if tcp.initiator < 0 or not tcp.closed or not _is_bare(side, peer) or not _is_bare(peer, side):
             return

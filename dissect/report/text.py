@@ -51,7 +51,10 @@ _IGNORED: Final = {
 
 
 def completeness(pipeline: Pipeline, places: Places | None = None) -> Iterator[tuple[str, str]]:
-    """Yield sentences without a full stop, each with its style: plain or a warning. ``places`` name packets of several files."""
+    """Yield sentences without a full stop, each with its style: plain or a warning.
+
+    ``places`` name packets of several files.
+    """
     counts = pipeline.counters.packet_counts()
     used = sum(counts[name] for name in CATEGORIES[:FIRST_IGNORED])
     repeated = counts["retransmission"] + counts["keep_alive"]
