@@ -26,7 +26,7 @@ HOWS: Final = (READ, WRITE, PUSH, MODIFY, FORCE, NOTIFICATION, PDO)
 class Variable:
     """A place in a CPU, as it was read or written; rows of values share it.
 
-    ``plc`` is the end of the connection that holds it, in the network ``vlan`` (`link.vlan_ids`). ``address`` is where it begins
+    ``plc`` is the end of the connection that holds it, in the network ``vlan`` (`vlan_ids`). ``address`` is where it begins
     ("DB10.DBD4", "0x6041:0"), ``type`` what is there ("REAL", "10 x BYTE"), ``tag`` its name, empty where nobody knows one.
     ``data`` and ``value`` are the latest, once it was ``seen``. ``refused_reads``, ``refused_writes`` and ``unconfirmed`` count
     what gave no value: the PLC refused, or nobody saw whether it took a write. Texts are as in the file or on the wire.

@@ -371,3 +371,23 @@ def test_a_mean_has_no_exponent_where_its_numbers_have_none() -> None:
     assert mean_text(4242442424.0, 4242442424, 4242442424) == "4242442424"
     assert mean_text(2.5, 1, 4) == "2.5"
     assert mean_text(44.333333333333336, 40.0, 45.0) == "44.3333333"
+
+
+def test_the_same_address_in_another_vlan_is_another_plc() -> None:
+    """Two machines that are alike, each with a value of its own: neither changes because of the other."""
+    collector = Collector(changes=True)
+    first = line.Talk()
+    first.pipeline = line.Pipeline(collector, Options(strict=True))
+    for number, (vlan, value) in enumerate(((10, 5), (20, 5), (10, 5), (20, 6))):
+        talk = first if not number else line.Talk(50000 + number, beside=first)
+        talk.vlan = vlan
+        talk.open()
+        talk.ask(line.read(1, line.dbw(1, 0)))
+        talk.tell(line.words(1, value))
+    first.finish()
+    rows = collector.take()
+    assert [(row.variable.vlan, row.value, row.first, row.previous) for row in rows] == [
+        (10, 5, True, None), (20, 5, True, None), (20, 6, False, 5),
+    ]  # fmt: skip
+    assert rows[1].variable is rows[2].variable
+    assert rows[0].variable is not rows[1].variable
