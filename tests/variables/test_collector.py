@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dissect
-from dissect.engine.pipeline import Options
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import build_object
 from dissect.s7plus.tables import EXPLORE
@@ -377,7 +377,7 @@ def test_the_same_address_in_another_vlan_is_another_plc() -> None:
     """Two machines that are alike, each with a value of its own: neither changes because of the other."""
     collector = Collector(changes=True)
     first = line.Talk()
-    first.pipeline = line.Pipeline(collector, Options(strict=True))
+    first.pipeline = Pipeline(collector, Options(strict=True))
     for number, (vlan, value) in enumerate(((10, 5), (20, 5), (10, 5), (20, 6))):
         talk = first if not number else line.Talk(50000 + number, beside=first)
         talk.vlan = vlan
