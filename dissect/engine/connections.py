@@ -16,6 +16,7 @@ from mypy_extensions import i64
 from dissect.engine.exchange import Exchange
 from dissect.findings.scan_rules import ScanWatch
 from dissect.findings.session_rules import judge_cut, judge_end
+from dissect.findings.transport_rules import end_stray
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.foreign import identify
 from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
@@ -54,6 +55,9 @@ class Foreign(Protocol):
     def take(self, side: Side, name: str, frame: i64, time_ns: i64, identity: str = "") -> None:
         """Another protocol: its packets are counted from now on. ``identity`` says what it was identified by."""
         connection = side.connection
+        for end in (side, side.peer):
+            if end is not None:
+                end_stray(self._exchange.reporter, end)
         side.speak(self)
         connection.protocol = name
         connection.identified_by = identity or connection.identified_by

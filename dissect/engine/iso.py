@@ -18,7 +18,15 @@ from dissect.engine.exchange import Exchange
 from dissect.engine.s7 import S7
 from dissect.engine.tls import Tls
 from dissect.findings.session_rules import judge_disconnect, judge_error_tpdu
-from dissect.findings.transport_rules import judge_confirm, judge_data, judge_number, judge_order
+from dissect.findings.transport_rules import (
+    end_stray,
+    follow_stray,
+    judge_confirm,
+    judge_data,
+    judge_number,
+    judge_order,
+    judge_stray,
+)
 from dissect.iso.cotp import Tpdu, parse_tpdu
 from dissect.iso.foreign import identify_connect
 from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
@@ -38,6 +46,7 @@ from dissect.s7.parameters import PROTOCOL_ID
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
+from dissect.transactions.stray import Stray
 from dissect.transactions.table import Side
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
@@ -123,19 +132,16 @@ class IsoOnTcp(Protocol):
                         raise
                     self._exchange.note_bug(bug, frame, time_ns)
                 longest = -1  # it may be another now
-            if at > start:
-                side.garbage = False
             if at == end:
                 return
         if side.connection.state == FOREIGN:
             framer.skipped += end - at
             return
-        skipped: i64 = framer.skipped
         framer.push(buf, at, at == start)
         if framer.faults:
-            self._faults(side, framer.skipped - skipped, frame, time_ns)
-        if framer.synced:
-            side.garbage = False
+            self._faults(side, frame, time_ns)
+        if side.stray is not None:
+            follow_stray(self._exchange.reporter, side, side.stray, frame, time_ns)
         if framer.packets:
             packets = framer.packets
             framer.packets = []
@@ -233,20 +239,23 @@ class IsoOnTcp(Protocol):
         self.tpdus.often_count += 1
         return True
 
-    def _faults(self, side: Side, skipped: i64, frame: i64, time_ns: i64) -> None:
+    def _faults(self, side: Side, frame: i64, time_ns: i64) -> None:
         number = side.connection.number
         who = side.tcp.ends[side.index]
         reporter = self._exchange.reporter
         for fault in side.framer.faults:
-            if fault.kind == BAD_VERSION:
-                if not side.garbage:
-                    detail = f"{skipped} bytes from {who}, first 0x{fault.value:02x}"
-                    reporter.note("tpkt.garbage", number, [frame], time_ns, detail)
-                side.garbage = True
-            elif fault.kind == HIDING:
+            if fault.kind == HIDING:
                 reporter.note("tpkt.false_length", number, [frame], time_ns, f"length {fault.value} from {who}")
-            else:
+                continue
+            if fault.kind != BAD_VERSION:
                 reporter.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
+            stray = side.stray
+            if stray is None or stray.framed != fault.framed:
+                if stray is not None:  # it is over, and another one begins in the same packet
+                    judge_stray(reporter, side, stray, fault.skipped, f"; decoding resumed in packet {frame}")
+                first: i64 = fault.value if fault.kind == BAD_VERSION else _TPKT >> 8
+                stray = side.stray = Stray(first, fault.skipped, fault.framed, frame, time_ns)
+            stray.garbage = stray.garbage or fault.kind == BAD_VERSION
         side.framer.faults = []
 
     # ---- TPKT → TSDU ------------------------------------------------------------------------------------------------
@@ -451,6 +460,7 @@ class IsoOnTcp(Protocol):
             side.assembler.abandon()
             reporter.note("cotp.unfinished_tsdu", side.connection.number, [frame], time_ns, f"from {who}")
         self._tls.end(side, frame, time_ns)
+        end_stray(reporter, side)
         if side.framer.buffered:
             detail = f"{side.framer.buffered} bytes from {who}"
             reporter.note("tpkt.unfinished", side.connection.number, [frame], time_ns, detail)

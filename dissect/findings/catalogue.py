@@ -103,7 +103,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("tpkt.reserved", WARNING, PROTOCOL, "The reserved byte of a TPKT header is not 0.",
      "Receivers ignore it. The sender builds TPKT headers incorrectly, or the stream carries something else.", ""),
     ("tpkt.garbage", ERROR, PROTOCOL, "Stray bytes between TPKTs.",
-     "One side sends something else on the connection, or its framing is wrong. Decoding resumed at the next TPKT.", ""),
+     "One side sends something else on the connection, or its framing is wrong. The detail says whether decoding resumed.", ""),
     ("tpkt.bad_length", ERROR, PROTOCOL, "A TPKT states a length that cannot hold a TPDU.",
      "The sender builds invalid TPKT headers; RFC 1006 requires 7 to 65535.", ""),
     ("tpkt.false_length", ERROR, PROTOCOL, "A TPKT length covers other complete TPKTs.",

@@ -1,4 +1,7 @@
-"""What is worth saying about TPDUs: how a connection begins, what its confirm says, what follows its end (reference 7.1)."""
+"""What is worth saying about TPKTs and TPDUs (reference 7.1).
+
+What stands between TPKTs, how a connection begins, what its confirm says, what follows its end.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,52 @@ from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.transactions.connection import NO_LIMIT, Connection
 from dissect.transactions.ending import DISCONNECT
+from dissect.transactions.stray import Stray
 from dissect.transactions.table import Side
+from dissect.wire.text import count
 
 # What was looked at or told of a connection (`Connection.told`); each for side 0, and shifted by one for side 1.
 _BEGUN: Final = 1
 _NUMBERED: Final = 4
 _AFTER_END: Final = 16
 
+#: A stretch of stray octets longer than this is told before its end, which may not come for days on a line.
+_LONG_STRAY: Final = 65536
+
 #: Without a size in it, a connect request asks for this one (RFC 1006).
 _LARGEST: Final = 65531
+
+
+def judge_stray(judge: Reporter, side: Side, stray: Stray, skipped: i64, how: str) -> None:
+    """A stretch of stray octets up to where the framer of ``side`` has skipped so many in all; ``how`` it goes on."""
+    if stray.garbage and not stray.told:
+        stray.told = True
+        who = side.tcp.ends[side.index]
+        detail = f"{count(int(skipped - stray.skipped), 'byte')} from {who}, first 0x{stray.first:02x}{how}"
+        judge.note("tpkt.garbage", side.connection.number, stray.frames, stray.last_ns, detail)
+
+
+def follow_stray(judge: Reporter, side: Side, stray: Stray, frame: i64, time_ns: i64) -> None:
+    """A packet was read inside a stretch of stray octets: it ends when the framer is in step again."""
+    framer = side.framer
+    skipped: i64 = framer.skipped
+    if skipped != stray.seen:
+        stray.seen = skipped
+        stray.last_frame = frame
+        stray.last_ns = time_ns
+    if framer.synced:
+        side.stray = None
+        judge_stray(judge, side, stray, skipped, f"; decoding resumed in packet {frame}")
+    elif skipped - stray.skipped > _LONG_STRAY:
+        judge_stray(judge, side, stray, skipped, " so far")
+
+
+def end_stray(judge: Reporter, side: Side) -> None:
+    """No more octets of ``side`` are read as TPKTs: a stretch of stray ones goes to the end."""
+    stray = side.stray
+    if stray is not None:
+        side.stray = None
+        judge_stray(judge, side, stray, side.framer.skipped, "; decoding did not resume")
 
 
 def judge_data(judge: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:

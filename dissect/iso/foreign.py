@@ -10,7 +10,19 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.iso.upper import MMS, RDP, TLS, UNKNOWN
+from dissect.iso.upper import (
+    CONFIRMED_ERROR,
+    CONFIRMED_REQUEST,
+    CONFIRMED_RESPONSE,
+    INITIATE_ERROR,
+    INITIATE_REQUEST,
+    INITIATE_RESPONSE,
+    MMS,
+    RDP,
+    TLS,
+    UNCONFIRMED,
+    UNKNOWN,
+)
 from dissect.tls.handshake import record_words
 from dissect.wire.text import shortened
 
@@ -21,6 +33,16 @@ _FIRST: Final = 8
 
 #: ISO session SPDUs (X.225) by their first octet.
 _SPDUS: Final = {0x0D: "CONNECT", 0x0E: "ACCEPT", 0x0C: "REFUSE", 0x09: "FINISH", 0x0A: "DISCONNECT", 0x19: "ABORT"}
+#: MMS PDUs that stand in a TSDU without a session, by their tag.
+_PDUS: Final = {
+    CONFIRMED_REQUEST: "confirmed request",
+    CONFIRMED_RESPONSE: "confirmed response",
+    CONFIRMED_ERROR: "confirmed error",
+    UNCONFIRMED: "unconfirmed PDU",
+    INITIATE_REQUEST: "initiate request",
+    INITIATE_RESPONSE: "initiate response",
+    INITIATE_ERROR: "initiate error",
+}
 _CONNECT: Final = 0x0D
 _AARQ: Final = 0x60
 _CONTEXT: Final = 0xA1
@@ -83,6 +105,8 @@ def _mms(octets: bytes) -> str:
     """Name the SPDU, and of a CONNECT what its association request says; MMS and ICCP differ in nothing else that is here."""
     if octets[0] == 1:
         return "DATA TRANSFER"
+    if octets[0] in _PDUS:
+        return f"{_PDUS[octets[0]]} without a session"
     name = _SPDUS.get(octets[0], f"SPDU 0x{octets[0]:02x}")
     said = _association(octets) if octets[0] == _CONNECT else ""
     return f"{name}, {said}" if said else name

@@ -161,13 +161,18 @@ def _first_open(octets: bytes) -> i64:
 
 
 class Fault:
-    """A wrong TPKT header: ``kind`` is `BAD_VERSION`, `BAD_LENGTH` or `HIDING`, ``value`` what the field held."""
+    """A wrong TPKT header: ``kind`` is `BAD_VERSION`, `BAD_LENGTH` or `HIDING`, ``value`` what the field held.
 
-    __slots__ = ("kind", "value")
+    ``framed`` and ``skipped`` are what the framer had counted before it.
+    """
 
-    def __init__(self, kind: str, value: int) -> None:
+    __slots__ = ("framed", "kind", "skipped", "value")
+
+    def __init__(self, kind: str, value: int, framed: i64, skipped: i64) -> None:
         self.kind = kind
         self.value = value
+        self.framed: i64 = framed
+        self.skipped: i64 = skipped
 
 
 #: What a framer has while there is nothing of a kind: most framers share these, and nobody appends to them.
@@ -265,9 +270,9 @@ class Framer:
                     end = len(octets)
             elif self.synced and self._tail and octets[at] != 3:
                 # The TPKT before did not agree with its length, and it may have been too long.
+                self.framed -= len(self._tail)
                 self._tell(BAD_VERSION, octets[at])
                 self.synced = False
-                self.framed -= len(self._tail)
                 octets = self._tail + octets[at:]
                 self._tail = b""
                 at = 0
@@ -351,7 +356,7 @@ class Framer:
     def _tell(self, kind: str, value: int) -> None:
         if not self.faults:
             self.faults = []
-        self.faults.append(Fault(kind, value))
+        self.faults.append(Fault(kind, value, self.framed, self.skipped))
 
     def _whole(self, packet: bytes, given: int) -> None:
         """A TPKT is whole; ``given`` octets were given up to its end."""

@@ -23,6 +23,23 @@ UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "
 #: ISO session SPDUs (X.225): connect, accept, refuse, finish, disconnect, abort.
 _SESSION: Final = frozenset((0x0D, 0x0E, 0x0C, 0x09, 0x0A, 0x19))
 
+# MMS PDUs (ISO 9506-2) by their BER tag, where they stand in a TSDU without a session.
+CONFIRMED_REQUEST: Final = 0xA0
+CONFIRMED_RESPONSE: Final = 0xA1
+CONFIRMED_ERROR: Final = 0xA2
+UNCONFIRMED: Final = 0xA3
+INITIATE_REQUEST: Final = 0xA8
+INITIATE_RESPONSE: Final = 0xA9
+INITIATE_ERROR: Final = 0xAA
+
+_INTEGER: Final = 0x02
+#: Elements of an initiate: local detail [0], jobs calling [1] and called [2], nesting [3], detail [4]; [0] and [3] may lack.
+_INITIATE_TAGS: Final = frozenset(
+    ((0x81, 0x82, 0xA4), (0x80, 0x81, 0x82, 0xA4), (0x81, 0x82, 0x83, 0xA4), (0x80, 0x81, 0x82, 0x83, 0xA4))
+)
+#: Elements looked at: no PDU that is recognised has more.
+_MOST_ELEMENTS: Final = 5
+
 
 def classify(octets: bytes, start: i64, end: i64) -> i64:
     """Return the protocol number of the TSDU ``octets[start:end]``."""
@@ -46,7 +63,74 @@ def classify(octets: bytes, start: i64, end: i64) -> i64:
         return MMS if octets[start + 4] == 0x61 else UNKNOWN
     if first in _SESSION and (second == 0xFF or 0 <= second <= size - 2):
         return MMS
+    if CONFIRMED_REQUEST <= first <= INITIATE_ERROR and _is_mms_pdu(octets, start, end):
+        return MMS
     return UNKNOWN
+
+
+def _element(octets: bytes, at: i64, end: i64) -> i64:
+    """Return where the BER element at ``at`` ends, tag and definite length read strictly; -1 when it is none within ``end``."""
+    if at >= end:
+        return -1
+    tag: i64 = octets[at]
+    at += 1
+    if tag & 0x1F == 0x1F:  # a number of several octets
+        while at < end and octets[at] & 0x80:
+            at += 1
+        at += 1
+    if at >= end:
+        return -1
+    size: i64 = octets[at]
+    at += 1
+    if size & 0x80:
+        count: i64 = size & 0x7F
+        if count == 0 or count > 4 or at + count > end:
+            return -1
+        size = 0
+        for _ in range(count):
+            size = size << 8 | octets[at]
+            at += 1
+    return at + size if at + size <= end else -1
+
+
+def _content(octets: bytes, at: i64) -> i64:
+    """Return where the content of the element at ``at`` begins; its tag is one octet, and it was found sound."""
+    size: i64 = octets[at + 1]
+    return at + 2 + (size & 0x7F if size & 0x80 else 0)
+
+
+def _tags(octets: bytes, at: i64, end: i64) -> list[int]:
+    """Return the first octets of the elements that fill ``octets[at:end]`` exactly; empty when they do not, or are too many."""
+    found: list[int] = []
+    while at < end:
+        after: i64 = _element(octets, at, end)
+        if after < 0 or len(found) >= _MOST_ELEMENTS:
+            return []
+        found.append(octets[at])
+        at = after
+    return found
+
+
+def _is_mms_pdu(octets: bytes, start: i64, end: i64) -> bool:
+    """Return whether ``octets[start:end]`` is one MMS PDU, proven by lengths that fit exactly and the elements it must have."""
+    if _element(octets, start, end) != end:
+        return False
+    first: i64 = octets[start]
+    at: i64 = _content(octets, start)
+    tags = _tags(octets, at, end)
+    if not tags:
+        return False
+    if first == INITIATE_REQUEST or first == INITIATE_RESPONSE:
+        return tuple(tags) in _INITIATE_TAGS
+    if first == INITIATE_ERROR:
+        return tags[0] == 0xA0
+    if first == CONFIRMED_REQUEST or first == CONFIRMED_RESPONSE:  # an invoke id, perhaps modifiers, a service
+        return tags[0] == _INTEGER and octets[at + 1] in (1, 2, 3, 4, 5) and len(tags) > 1 and tags[-1] >> 6 == 2
+    if first == CONFIRMED_ERROR:
+        return tags[0] == 0x80 and tags[-1] == 0xA2
+    if first == UNCONFIRMED:
+        return len(tags) == 1 and tags[0] in (0xA0, 0xA1, 0xA2) and bool(_tags(octets, _content(octets, at), end))
+    return False
 
 
 def stated_size(octets: bytes, start: i64, end: i64) -> i64:

@@ -23,6 +23,7 @@ from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
+from dissect.transactions.stray import Stray
 from dissect.wire.octets import u16
 
 #: Connections looked at in one step.
@@ -211,7 +212,6 @@ class Side:
         "connection",
         "end_seq",
         "framer",
-        "garbage",
         "hole_frame",
         "holes",
         "ibh",
@@ -229,6 +229,7 @@ class Side:
         "probes",
         "protocol",
         "requests",
+        "stray",
         "stream",
         "tcp",
         "told_overdue",
@@ -265,7 +266,7 @@ class Side:
         self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
         self.watched: bool = False  # of those whose requests are watched for being overdue
         self.told_overdue: i64 = 0  # number of its latest request that was told to be
-        self.garbage: bool = False  # inside a stretch that was already told
+        self.stray: Stray | None = None  # inside a stretch that belongs to no TPKT
 
     def speak(self, protocol: Protocol) -> None:
         """From now on ``protocol`` takes the octets of both directions."""

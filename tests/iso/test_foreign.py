@@ -88,6 +88,15 @@ def test_what_an_rdp_connect_says(variable: bytes, text: str) -> None:
     assert identify_connect(variable) == text
 
 
+def test_mms_without_a_session() -> None:
+    for octets, text in (
+        ("a90d810103820103a4058003050100", "initiate response without a session"),
+        ("a10a020100a405a103800100", "confirmed response without a session"),
+    ):
+        tsdu = bytes.fromhex(octets)
+        assert identify(classify(tsdu, 0, len(tsdu)), tsdu, 0, len(tsdu)) == text
+
+
 def test_texts_are_bounded() -> None:
     assert len(said(hello(1, server_name(b"a" * 5000)))) < MAX_TEXT + 100
     assert len(identify_connect(b"Cookie: " + b"\x00" * 5000)) < 5 * MAX_TEXT

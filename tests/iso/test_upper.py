@@ -19,6 +19,11 @@ from dissect.iso.upper import (
 )
 from tests.cases import each
 
+#: An initiate request: local detail, jobs calling and called, nesting, and version, parameters and services.
+INITIATE = (
+    "a826" + "8002001f" + "810103" + "820103" + "83020808" + "a416" + "800101" + "810305e800" + "820c03" + "ff" * 11
+)
+
 CASES = [
     ("", EMPTY),
     # S7comm: protocol id and ROSCTR.
@@ -68,6 +73,26 @@ CASES = [
     ("0d05050102", UNKNOWN),  # longer than the TSDU
     ("0d", UNKNOWN),
     ("0b00", UNKNOWN),
+    # MMS without a session: initiate, confirmed and unconfirmed PDUs whose lengths fit and that have what they must have.
+    (INITIATE, MMS),
+    (INITIATE.replace("a826", "a8820026", 1), MMS),  # a long length
+    ("a90d810103820103a4058003050100", MMS),
+    ("aa05a003840101", MMS),
+    ("a005020101a405", UNKNOWN),  # an inner length reaches beyond it
+    ("a017020101a412a110a00e300ca00a800824" + "4d534724312424", MMS),
+    ("a007020101bf470100", MMS),  # a service of a high number
+    ("a10a020100a405a103800100", MMS),
+    ("a20880010aa203a00187", MMS),
+    ("a305a003800100", MMS),
+    (INITIATE[:-2], UNKNOWN),  # cut
+    (INITIATE + "00", UNKNOWN),  # longer than it says
+    ("a900", UNKNOWN),
+    ("a903810103", UNKNOWN),  # lacks what is mandatory
+    ("a003020101", UNKNOWN),  # no service
+    ("a0060401010a0101", UNKNOWN),  # begins with no invoke id
+    ("a0800201010000", UNKNOWN),  # without a definite length
+    ("a3028000", UNKNOWN),
+    ("a4050000000000", UNKNOWN),
     # RDP: T.125 connect-initial and connect-response.
     ("7f658201", RDP),
     ("7f668201", RDP),
