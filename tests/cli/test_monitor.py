@@ -125,6 +125,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["-i", "lo", "--buffer", "2000"], "1<=x<=1024"),
         (["a.pcapng", "--buffer", "64"], "need an interface (-i)"),
         (["-i", "lo", "-w", "x", "--keep-around", "nonsense", "1s"], "'nonsense' is neither a severity nor a finding"),
+        (["file", "--export-every", "1s"], "--export-every needs --export, the folder"),
         (["-i", "lo", "--baseline", "plant.toml"], "needs --alerts"),
     ],
 )
