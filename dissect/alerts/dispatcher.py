@@ -99,7 +99,8 @@ class SpoolLane:
         for thread in self._threads:
             thread.join(1.0)
         with self._changed:
-            self.counts.dropped += self._fresh.clear() + self.spool.lost_at_end
+            # What a disk still takes is no longer waited for: nobody can say whether it will be there.
+            self.counts.dropped += self._fresh.clear() + self._writing + self.spool.lost_at_end
             left = len(self.spool) - self.spool.lost_at_end
             self.spool.close()
         counts = self.counts
@@ -122,13 +123,16 @@ class SpoolLane:
                 if alert is None:
                     continue
                 self._writing += 1
-            content = alert.as_json().encode("ascii")
+            # Without the lock, for which whoever captures would have to wait: a disk may take seconds.
+            written = self.spool.write(RANKS[alert.severity], alert.as_json().encode("ascii"))
             with self._changed:
-                dropped = self.spool.put(RANKS[alert.severity], content)
+                dropped = self.spool.keep(written)
                 self.counts.dropped += len(dropped)
                 trouble = self.spool.trouble
                 self._writing -= 1
                 self._changed.notify_all()
+            for one in dropped:
+                self.spool.remove(one)
             if dropped:
                 self._complaints.about("room", f"the spool is full, dropped: {words.count(len(dropped), 'alert')}")
             if trouble:
@@ -149,27 +153,31 @@ class SpoolLane:
                         taken = self.spool.take()
                         if taken is None:
                             self._changed.wait(0.5)
-                one, content = taken
+            content = self.spool.read(taken)
             refused = trouble = ""
             try:
-                self.action.post(content)
+                if content is not None:
+                    self.action.post(content)
             except RefusedError as error:
                 refused = str(error)
             except DeliveryError as error:
                 trouble = str(error)
             except Exception as error:  # noqa: BLE001 - one alert that fails must not end the thread
                 refused = f"{type(error).__name__}: {error}"
+            if not trouble:
+                self.spool.remove(taken)
             with self._changed:
                 if trouble:
-                    self.spool.put_back(one)
+                    self.spool.put_back(taken)
                     self._not_before = self._clock() + self._pause
                     self._pause = min(self._pause * 2, LONGEST_S)
                 else:
-                    self.spool.done(one)
-                    self._pause = FIRST_S
+                    self.spool.done(taken)
+                    if content is not None:
+                        self._pause = FIRST_S
                     if refused:
                         self.counts.failed += 1
-                    else:
+                    elif content is not None:
                         self.counts.delivered += 1
                 self._changed.notify_all()
             if trouble:

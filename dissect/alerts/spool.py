@@ -57,10 +57,11 @@ def default_folder() -> Path:
 
 
 class Spool:
-    """The alerts of the action ``name`` that wait in ``folder``. Not for several threads at once.
+    """The alerts of the action ``name`` that wait in ``folder``.
 
     `prepare` makes the folder, `open` takes over what an earlier run left. ``trouble`` is why alerts are not on disk, empty
-    while they are.
+    while they are. Several threads need a lock around all but `write` (one thread only), `read` and `remove`: these wait for
+    the disk and touch nothing that is counted.
     """
 
     def __init__(self, folder: Path, name: str, most: int = MAX_ALERTS, most_octets: int = MAX_OCTETS) -> None:
@@ -107,8 +108,8 @@ class Spool:
             return
         self.trouble = f"{self.folder}: {_MAX_FOLDERS} processes already use it"
 
-    def put(self, rank: int, content: bytes) -> list[Spooled]:
-        """Keep an alert, on disk where that can be; return those that have to go for it: the oldest of the lightest."""
+    def write(self, rank: int, content: bytes) -> Spooled:
+        """Bring an alert to disk where that can be; `keep` follows."""
         self._number = (self._number + 1) % 1_000_000
         path: Path | None = None
         if self._lock is not None:
@@ -119,30 +120,33 @@ class Spool:
             except OSError as error:
                 self._note(error)
                 path = None
-        kept = Spooled(rank, len(content), path, b"" if path is not None else content)
-        self._octets += kept.size
-        gone = [self._waiting.put(rank, kept)]
+        return Spooled(rank, len(content), path, b"" if path is not None else content)
+
+    def keep(self, written: Spooled) -> list[Spooled]:
+        """Let an alert wait; return those that have to go for it, to be removed: the oldest of the lightest."""
+        self._octets += written.size
+        gone = [self._waiting.put(written.rank, written)]
         while self._octets - sum([one.size for one in gone if one is not None]) > self._most_octets and self._waiting:
             gone.append(self._waiting.lightest())
         dropped = [one for one in gone if one is not None]
-        for one in dropped:
-            self._forget(one)
+        self._octets -= sum([one.size for one in dropped])
         return dropped
 
-    def take(self) -> tuple[Spooled, bytes] | None:
-        """Take the oldest of the heaviest and its content; None when nothing waits. `done` or `put_back` follows."""
-        while (one := self._waiting.heaviest()) is not None:
-            if one.path is None:
-                self._taken += 1
-                return one, one.content
-            try:
-                content = one.path.read_bytes()
-            except OSError:
-                self._octets -= one.size  # it was taken away by hand
-                continue
+    def take(self) -> Spooled | None:
+        """Take the oldest of the heaviest; None when nothing waits. `done` or `put_back` follows."""
+        one = self._waiting.heaviest()
+        if one is not None:
             self._taken += 1
-            return one, content
-        return None
+        return one
+
+    def read(self, one: Spooled) -> bytes | None:
+        """Return the content of an alert, None where its file was taken away by hand."""
+        if one.path is None:
+            return one.content
+        try:
+            return one.path.read_bytes()
+        except OSError:
+            return None
 
     def put_back(self, one: Spooled) -> None:
         """It was not delivered: it waits again, before all others of its weight."""
@@ -150,9 +154,17 @@ class Spool:
         self._waiting.put_back(one.rank, one)
 
     def done(self, one: Spooled) -> None:
-        """It was delivered, or never can be."""
+        """It was delivered, or never can be; its file is to be removed."""
         self._taken -= 1
-        self._forget(one)
+        self._octets -= one.size
+
+    def remove(self, one: Spooled) -> None:
+        """Remove the file of an alert that waits no longer."""
+        if one.path is not None:
+            try:
+                one.path.unlink(missing_ok=True)
+            except OSError as error:
+                self._note(error)
 
     @property
     def lost_at_end(self) -> int:
@@ -182,17 +194,10 @@ class Spool:
                     self._octets += one.size
                     gone = self._waiting.put(one.rank, one)
                     if gone is not None:
-                        self._forget(gone)
+                        self._octets -= gone.size
+                        self.remove(gone)
                 elif name.startswith(".") and ".json." in name and name.endswith(PART):
                     path.unlink()  # a kill came before it was whole
-            except OSError as error:
-                self._note(error)
-
-    def _forget(self, one: Spooled) -> None:
-        self._octets -= one.size
-        if one.path is not None:
-            try:
-                one.path.unlink(missing_ok=True)
             except OSError as error:
                 self._note(error)
 

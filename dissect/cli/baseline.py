@@ -13,6 +13,7 @@ import click
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.given import was_given
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, drive, files_argument, write
 from dissect.engine.pipeline import Options
@@ -89,6 +90,9 @@ def command(
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
+    if (against is None or rules is not None) and was_given("rate_factor", "silence_factor"):
+        rates = " without --rules, which has its own rates and gaps" if rules is not None else ""
+        raise click.UsageError(f"--rate-factor and --silence-factor need --against{rates}.")
     if against is not None or rules is not None:
         if output is not None or update is not None:
             raise click.UsageError("--output and --update cannot be combined with --against and --rules.")

@@ -141,6 +141,11 @@ def command(
     wanted = Wanted(connection, transaction, *findings)
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
+    chosen = any((where, connection, transaction, *findings, window))
+    if not chosen and (around.packets or around.ns):
+        raise click.UsageError(
+            "--around needs -Y, --connection, --transaction, --finding or --time: all packets are written."
+        )
     selection = Selection(wanted, comments=not plain, context=context)
     run, code, packets = read_first(files, selection, where, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
     if code == EXIT_INTERRUPTED:

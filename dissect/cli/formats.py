@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
@@ -44,7 +44,7 @@ class FormatType(_ParamType):
         if row is not None and self.kind in row.writers:
             return row
         names = [row.name for row in formats_for(self.kind)]
-        hint = f" {value} is for {', '.join(row.writers)}." if row is not None else ""
+        hint = f" {value} is for {', '.join(_commands_with(row))}." if row is not None else ""
         if row is None:
             near = close_names(value, names)
             hint = f" Did you mean {' or '.join(near)}?" if near else ""
@@ -61,6 +61,30 @@ class FormatType(_ParamType):
             for row in formats_for(self.kind)
             if row.name.startswith(incomplete)
         ]
+
+
+def _commands_with(row: Format) -> list[str]:
+    """Return the commands that take a format, as they say themselves; all are imported for it, which a mistake may cost."""
+    from dissect.cli.main import group
+
+    found = []
+    for name, command in _walk(group, ""):
+        kinds = [parameter.type.kind for parameter in command.params if isinstance(parameter.type, FormatType)]
+        if any([kind in row.writers for kind in kinds]):
+            found.append(name)
+    return found
+
+
+def _walk(command: click.Command, name: str) -> Iterator[tuple[str, click.Command]]:
+    """Yield each command that is no group, with its name as it is typed."""
+    if not isinstance(command, click.Group):
+        yield name, command
+        return
+    context = click.Context(command)
+    for one in command.list_commands(context):
+        below = command.get_command(context, one)
+        if below is not None:
+            yield from _walk(below, f"{name} {one}".lstrip())
 
 
 def format_option(kind: str, *, optional: bool = False, help: str = "") -> Callable[[Any], Any]:  # noqa: A002 - as click

@@ -270,6 +270,7 @@ def _system_refused(exc: OSError) -> int:
     if exc.filename is not None:
         full = exc.errno in _FULL
         name, why = os.fsdecode(exc.filename), exc.strerror or type(exc).__name__
+        why += "; choose another name" if exc.errno == errno.EEXIST else ""
         _say(f"cannot write {name}: {why}" if full else f"{name}: {why}")
         return EXIT_OUTPUT if full else EXIT_USAGE
     # Whatever is still buffered cannot be written either: let the interpreter flush it into nothing.

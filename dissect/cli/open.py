@@ -94,6 +94,8 @@ def command(
 
     if output == "-":
         raise click.UsageError("-o -: Wireshark opens a file; `s7dissect cut FILE -o -` writes to standard output.")
+    if where is None and (around.packets or around.ns):
+        raise click.UsageError("--around needs -Y: all packets are shown.")
     check_files(files, output or "-", force)
     program = _program()
     if program is None and output is None:

@@ -206,11 +206,15 @@ def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -
 
     count = min(jobs, len(files))
     if folder is not None:
-        with Pool(count, "" if is_remote(folder) else folder, RARELY) as pool:
+        with Pool(count, "" if is_remote(folder) else folder, RARELY, _say_of_pool) as pool:
             yield Readers(pool, lambda: count, folder, queued=count)
         return
-    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(count, own, RARELY) as pool:
+    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(count, own, RARELY, _say_of_pool) as pool:
         yield Readers(pool, lambda: count, own, queued=count)
+
+
+def _say_of_pool(text: str) -> None:
+    click.echo(f"s7dissect: {printable(text)}", err=True)
 
 
 def say(file: str, why: str, where: str = "") -> None:

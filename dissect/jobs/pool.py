@@ -21,6 +21,9 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from dissect.jobs.tasks import FileError
+from dissect.report import words
+
 T = TypeVar("T")
 
 
@@ -60,13 +63,25 @@ class Pool(Executor):
     """``count`` processes; each does a task at a time, what is more waits.
 
     The future of a task whose process died raises `concurrent.futures.BrokenExecutor`; another process takes its place.
+    Where none can be started the others go on, and without any left each task raises `dissect.jobs.tasks.FileError`; ``tell``
+    hears of it, in a thread of the pool.
+
     ``folder`` is one that the processes remove when whoever started them was killed and cannot. ``collects`` are the
     thresholds of their collector (`gc.set_threshold`), empty for Python's own.
     """
 
-    def __init__(self, count: int, folder: str = "", collects: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self,
+        count: int,
+        folder: str = "",
+        collects: tuple[int, ...] = (),
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._folder = folder
         self._collects = collects
+        self._tell = tell
+        self._left = count
+        self._why = ""
         self._tasks: queue.SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]] | None] = (
             queue.SimpleQueue()
         )
@@ -82,7 +97,11 @@ class Pool(Executor):
         if kwargs:
             raise TypeError("tasks take no keyword arguments")
         future: Future[T] = Future()
-        self._tasks.put((future, fn, args))
+        with self._change:
+            if self._left:
+                self._tasks.put((future, fn, args))
+            else:
+                future.set_exception(FileError(self._why))
         return future
 
     def _work(self, at: int) -> None:
@@ -94,21 +113,45 @@ class Pool(Executor):
             try:
                 found = self._processes[at].call(fn, arguments)
             except BrokenExecutor as error:
-                self._replace(at)
-                future.set_exception(error)
+                future.set_exception(error)  # first: whoever waits for it waits for no other process
+                if not self._replace(at):
+                    return
             except Exception as error:  # noqa: BLE001 - as every executor hands it on
                 future.set_exception(error)
             else:
                 future.set_result(found)
         self._processes[at].close()
 
-    def _replace(self, at: int) -> None:
-        """Put a process in the place of one that died."""
+    def _replace(self, at: int) -> bool:
+        """Put a process in the place of one that died; return whether that was possible."""
         with self._change:
-            if not self._over:
-                self._processes[at].end()
-                self._processes[at].close()
+            if self._over:
+                return True
+            self._processes[at].end()
+            self._processes[at].close()
+            try:
                 self._processes[at] = _Process(self._folder, self._collects)
+            except Exception as error:  # noqa: BLE001 - whatever it is, nobody may wait for that process
+                reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+                self._why = f"a process of -j ended and no other one could be started: {reason}"
+            else:
+                return True
+            self._left -= 1
+            left = self._left
+            if not left:
+                self._give_up()
+        goes_on = f"{words.count(left, 'process', 'processes')} of -j {'goes' if left == 1 else 'go'} on"
+        self._tell(f"{self._why}; {goes_on if left else 'files that were not read yet are left out'}")
+        return False
+
+    def _give_up(self) -> None:
+        """Fail the tasks that wait: there is no process left. ``_change`` is held."""
+        try:
+            while (task := self._tasks.get_nowait()) is not None:
+                if task[0].set_running_or_notify_cancel():
+                    task[0].set_exception(FileError(self._why))
+        except queue.Empty:
+            pass
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End all processes; what they were doing is lost, and what waits for them is not done."""

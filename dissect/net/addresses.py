@@ -109,5 +109,22 @@ def expect_no_circle(listeners: list[Place], targets: list[Place]) -> None:
             if place.address[1] != target.address[1]:
                 continue
             same = place.address[0] == target.address[0]
-            if same or (place.address[0] in anywhere and is_loopback(str(target.address[0]))):
+            if not same and place.address[0] in anywhere:
+                same = is_loopback(str(target.address[0])) or (place.family == target.family and _is_own(target))
+            if same:
                 raise ProxyError(f"--to {target} is the proxy's own address: it would connect to itself forever")
+
+
+def _is_own(place: Place) -> bool:
+    """Return whether an address is one of this machine; nothing is sent.
+
+    A bind alone does not tell: a system may be told to allow any address (ip_nonlocal_bind), but finds no way from one that
+    is not its own.
+    """
+    with socket.socket(place.family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((place.address[0], 0, *place.address[2:]))
+            probe.connect(place.address)
+        except OSError:
+            return False
+    return True

@@ -131,16 +131,24 @@ class RelayProcess:
     def _receive(self) -> None:
         decode = msgspec.msgpack.Decoder(_Message).decode
         over = False
-        with self._ours, self._ours.makefile("rb", buffering=_PIECE) as stream:
-            while len(head := stream.read(_LENGTH.size)) == _LENGTH.size:
-                message = decode(stream.read(_LENGTH.unpack(head)[0]))
-                self._take_in(message)
-                if message.over:
-                    over = True
-                    break
-        code = os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
-        if not over:
-            self.error = self.error or f"its process ended with {code}"
+        try:
+            with self._ours, self._ours.makefile("rb", buffering=_PIECE) as stream:
+                while len(head := stream.read(_LENGTH.size)) == _LENGTH.size:
+                    length = _LENGTH.unpack(head)[0]
+                    octets = stream.read(length)
+                    if len(octets) < length:
+                        break  # it was killed while it sent
+                    message = decode(octets)
+                    self._take_in(message)
+                    if message.over:
+                        over = True
+                        break
+        except Exception as bug:  # noqa: BLE001 - a thread has nobody else who would hear it
+            self.error = self.error or f"what its process told cannot be read: {bug}"
+        finally:
+            code = os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+            if not over:
+                self.error = self.error or f"its process ended with {code}"
 
     def _take_in(self, message: _Message) -> None:
         if message.counts is not None:

@@ -23,7 +23,7 @@ def slugs_of(text: str) -> frozenset[str]:
     else:
         found = frozenset([text]) & frozenset(CATALOGUE)
     if not found:
-        raise ValueError(f"{text!r} is neither a severity nor a finding{_near(text)}.")
+        raise ValueError(f"{text!r} is neither a severity nor a finding{_near(text)}")
     return found
 
 
@@ -34,4 +34,4 @@ def _near(text: str) -> str:
     near = difflib.get_close_matches(text, [*SEVERITIES, *rooms, *CATALOGUE], n=3)
     begun = [slug for slug in CATALOGUE if text and (slug.startswith(text) or slug.endswith("." + text))]
     named = list(dict.fromkeys([*begun[:3], *near]))
-    return f"; did you mean {', '.join(named)}?" if named else "; s7dissect help findings lists them"
+    return f"; did you mean {', '.join(named)}?" if named else "; s7dissect help findings lists them."

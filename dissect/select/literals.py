@@ -113,7 +113,11 @@ class Kind(ABC):
 
     def unfit(self, literal: Literal, expected: str) -> SelectError:
         """Return the error for a literal that is not of this type."""
-        return SelectError(f"{expected}; got {literal.text!r}", "", literal.start, literal.end)
+        return self.wrong(literal, f"{expected}; got {literal.text!r}")
+
+    def wrong(self, literal: Literal, reason: str) -> SelectError:
+        """Return the error of a literal for a reason that names it."""
+        return SelectError(reason, "", literal.start, literal.end)
 
 
 def _pattern(literal: Literal) -> Callable[[str], bool]:
@@ -202,8 +206,10 @@ class Duration(Kind):
         factor = UNITS.get(unit.lower(), 0) if unit else 1
         if not factor:
             near = close_names(unit, UNITS)
-            hint = f", did you mean {count}{near[0]}?" if near else ""
-            raise self.unfit(literal, f"unknown unit {unit!r}: expected {', '.join(_UNIT_NAMES)}{hint}")
+            hint = f"; did you mean {count}{near[0]}?" if near else ""
+            raise self.wrong(
+                literal, f"unknown unit {unit!r} of {literal.text!r}: expected {', '.join(_UNIT_NAMES)}{hint}"
+            )
         whole, _, fraction = count.partition(".")
         sign = -1 if whole.startswith("-") else 1
         part = int(fraction) * factor // 10 ** len(fraction) if fraction else 0
@@ -374,10 +380,11 @@ class Code(Kind):
     def _unknown(self, literal: Literal, choices: list[str]) -> SelectError:
         near = close_names(literal.text, choices) or [one for one in choices if literal.text.lower() in one.lower()][:3]
         if near:
-            return self.unfit(literal, f"no such name; did you mean {' or '.join([_quoted(one) for one in near])}?")
+            meant = " or ".join([_quoted(one) for one in near])
+            return self.wrong(literal, f"no such name {literal.text!r}; did you mean {meant}?")
         more = ", …" if len(choices) > _MOST_LISTED else ""
         listed = ", ".join([_quoted(one) for one in choices[:_MOST_LISTED]])
-        return self.unfit(literal, f"no such name; expected a number or one of {listed}{more}")
+        return self.wrong(literal, f"no such name {literal.text!r}; expected a number or one of {listed}{more}")
 
     def shown(self, value: Any) -> str:
         """Return its first name, or its number."""

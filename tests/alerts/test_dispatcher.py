@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 
 import pytest
 
-from dissect.alerts import Alert, AlertEngine, Dispatcher
-from dissect.alerts.actions import Action, DeliveryError
+from dissect.alerts import Alert, AlertEngine, Dispatcher, spool
+from dissect.alerts.actions import Action, DeliveryError, Posting
 from dissect.alerts.loading import parse_rules
+from dissect.wire.saving import save
 from tests.alerts.rules_of import alert
 from tests.baseline.wire import Client, Wire
 
@@ -41,6 +43,17 @@ class Failing(Action):
         if one.text == "bug":
             raise ZeroDivisionError("of ours")
         raise DeliveryError("nobody \x1b there")
+
+
+class Posted(Posting):
+    """Keeps what is posted."""
+
+    def __init__(self, name: str, parallel: int, spool: Path) -> None:
+        super().__init__(name, parallel, spool)
+        self.contents: list[bytes] = []
+
+    def post(self, content: bytes) -> None:
+        self.contents.append(content)
 
 
 def test_a_slow_action_holds_up_no_other() -> None:
@@ -126,6 +139,31 @@ def test_what_does_not_end_is_broken_off() -> None:
     assert told[-1] == "alerts: action held: 1 failed, 2 dropped, 0 delivered"
     dispatcher.submit(alert("too late", actions=("held",)))
     assert counts.dropped == 3
+
+
+def test_who_captures_does_not_wait_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writing, disk = threading.Semaphore(0), threading.Event()
+
+    def slow(path: Path, content: bytes, mode: int) -> None:
+        writing.release()
+        assert disk.wait(WAIT)
+        save(path, content, mode)
+
+    monkeypatch.setattr(spool, "save", slow)
+    posted = Posted("hook", 1, tmp_path)
+    dispatcher = Dispatcher({"hook": posted}, tell=lambda _: None)
+    dispatcher.submit(alert("0", actions=("hook",)))
+    assert writing.acquire(timeout=WAIT)
+    submitted = threading.Thread(target=lambda: dispatcher.submit(alert("1", actions=("hook",))), daemon=True)
+    submitted.start()
+    submitted.join(WAIT / 2)
+    waits = submitted.is_alive()
+    disk.set()
+    dispatcher.close(WAIT)
+    assert not waits
+    assert len(posted.contents) == 2
+    assert dispatcher.counts["hook"].as_dict() == {"delivered": 2, "failed": 0, "dropped": 0}
+    assert not list(tmp_path.rglob("*.json"))
 
 
 def test_failures_are_counted_and_told_now_and_then() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.alerts.spool import Spool, default_folder
+from dissect.alerts.spool import Spool, Spooled, default_folder
 
 ERROR, WARNING, NOTE = 0, 1, 2
 
@@ -31,6 +31,14 @@ def opened(folder: Path, most: int = 10, most_octets: int = 1 << 20) -> Spool:
     return spool
 
 
+def put(spool: Spool, rank: int, content: bytes) -> list[Spooled]:
+    """Have an alert wait; return those that had to go for it."""
+    dropped = spool.keep(spool.write(rank, content))
+    for one in dropped:
+        spool.remove(one)
+    return dropped
+
+
 def files(folder: Path) -> list[bytes]:
     return [path.read_bytes() for path in sorted(folder.rglob("*.json"))]
 
@@ -39,19 +47,22 @@ def drained(spool: Spool) -> list[bytes]:
     """Return what waits in the order in which it is taken, and deliver it."""
     told = []
     while (taken := spool.take()) is not None:
-        told.append(taken[1])
-        spool.done(taken[0])
+        content = spool.read(taken)
+        assert content is not None
+        told.append(content)
+        spool.remove(taken)
+        spool.done(taken)
     return told
 
 
 def test_the_heaviest_are_taken_first_and_go_when_they_are_done(tmp_path: Path) -> None:
     spool = opened(tmp_path)
     for rank, content in ((NOTE, b"n1"), (ERROR, b"e1"), (WARNING, b"w1"), (ERROR, b"e2")):
-        assert spool.put(rank, content) == []
+        assert put(spool, rank, content) == []
     assert files(tmp_path) == [b"e1", b"e2", b"w1", b"n1"]
     taken = spool.take()
     assert taken is not None
-    spool.put_back(taken[0])
+    spool.put_back(taken)
     assert drained(spool) == [b"e1", b"e2", b"w1", b"n1"]
     assert (files(tmp_path), len(spool)) == ([], 0)
 
@@ -59,7 +70,7 @@ def test_the_heaviest_are_taken_first_and_go_when_they_are_done(tmp_path: Path) 
 def test_the_next_run_takes_over_what_was_left_also_what_was_under_way(tmp_path: Path) -> None:
     spool = opened(tmp_path)
     for rank, content in ((WARNING, b"w"), (ERROR, b"e")):
-        spool.put(rank, content)
+        put(spool, rank, content)
     assert spool.take() is not None
     (spool.folder / ".0-1.json.7-1.part").write_bytes(b"half")
     (spool.folder / "notes.txt").write_bytes(b"of a person")
@@ -81,15 +92,15 @@ def test_the_oldest_of_the_lightest_go_first(tmp_path: Path, most: int, most_oct
         (ERROR, b"e2"),
         (NOTE, b"n3"),
     ):
-        dropped += [one.rank for one in spool.put(rank, content)]
+        dropped += [one.rank for one in put(spool, rank, content)]
     assert dropped == [NOTE, NOTE, NOTE]
     assert files(tmp_path) == [b"e1", b"e2", b"w1"]
 
 
 def test_two_processes_do_not_share_a_folder(tmp_path: Path) -> None:
     one, other = opened(tmp_path), opened(tmp_path)
-    one.put(ERROR, b"1")
-    other.put(ERROR, b"2")
+    put(one, ERROR, b"1")
+    put(other, ERROR, b"2")
     assert one.folder != other.folder
     assert (drained(one), drained(other)) == ([b"1"], [b"2"])
 
@@ -100,8 +111,8 @@ def test_without_a_disk_alerts_wait_in_memory_and_that_is_told(tmp_path: Path) -
     assert spool.prepare() == []
     spool.open()
     assert spool.trouble.endswith("Not a directory")
-    spool.put(NOTE, b"n")
-    spool.put(ERROR, b"e")
+    put(spool, NOTE, b"n")
+    put(spool, ERROR, b"e")
     assert spool.lost_at_end == 2
     assert drained(spool) == [b"e", b"n"]
 

@@ -147,6 +147,8 @@ def test_rules_are_tried_where_their_program_and_socket_are_not(capfdbinary: Cap
         (("--update", "BAD"), "bad.toml:2: [[pair]] 1, client: is missing"),
         (("--rules", "BAD"), "bad.toml:1: file, format: no such key here"),
         (("--rules", "NEW"), "\"new\" of 'n' needs a baseline: give one with --against"),
+        (("--rate-factor", "2"), "--rate-factor and --silence-factor need --against."),
+        (("--silence-factor", "3", "--rules", "NEW"), "--silence-factor need --against without --rules"),
         (("--against", "BAD", "-o", "x"), "--output and --update cannot be combined with --against and --rules"),
         (("--against", "no.toml"), "no.toml: No such file"),
     ],

@@ -376,6 +376,7 @@ def test_the_capture_itself_is_never_overwritten(tmp_path: Path, capfdbinary: Ca
         (["--time", "noon..dawn"], "'noon' is not a time: expected"),
         (["--around", "-1"], "expected a number of packets or a time such as 500ms or 2s, got '-1'"),
         (["--around", "5min"], "expected a number of packets or a time such as 500ms or 2s, got '5min'"),
+        (["--around", "1"], "--around needs -Y, --connection, --transaction, --finding or --time"),
         (["--finding", "transaction.slo"], "did you mean transaction.slow"),
         (["--finding", "0"], "'0' is neither a severity nor a finding"),
         (["--connection", "0"], "x>=1"),

@@ -82,6 +82,7 @@ def test_2_for_what_is_no_finding(capfdbinary: Capture, odd: Path, command: str)
     ran = run(capfdbinary, command, "--fail-on", "transaction.slwo", odd)
     assert (ran.code, ran.out) == (2, "")
     assert "did you mean transaction.slow" in ran.err
+    assert ran.err.endswith("?\n"), "a question has no full stop"
 
 
 def test_the_heaviest_is_named_first(capfdbinary: Capture, tmp_path: Path) -> None:

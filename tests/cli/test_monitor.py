@@ -125,6 +125,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["-i", "lo", "--buffer", "2000"], "1<=x<=1024"),
         (["a.pcapng", "--buffer", "64"], "need an interface (-i)"),
         (["-i", "lo", "-w", "x", "--keep-around", "nonsense", "1s"], "'nonsense' is neither a severity nor a finding"),
+        (["file", "--export-every", "1s"], "--export-every needs --export, the folder"),
         (["-i", "lo", "--baseline", "plant.toml"], "needs --alerts"),
     ],
 )
@@ -271,7 +272,7 @@ def test_a_name_with_an_extension_is_a_file(capfdbinary: pytest.CaptureFixture[b
     octets = kept.read_bytes()
     ran = run(capfdbinary, "monitor", path, "-w", kept)
     assert (ran.code, ran.out, kept.read_bytes()) == (2, "", octets)
-    assert "kept.pcapng: File exists" in ran.err
+    assert "kept.pcapng: File exists; choose another name" in ran.err
 
 
 def test_a_ring_in_the_place_of_a_file(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

@@ -120,6 +120,8 @@ def test_the_file_is_kept_where_it_is_named(
     assert (ran.code, "--force overwrites it" in ran.err) == (2, True)
     assert run(capfdbinary, "open", capture, "-o", capture, "--force").code == 2
     assert run(capfdbinary, "open", capture, "-o", "-").code == 2
+    ran = run(capfdbinary, "open", capture, "--around", "2")
+    assert (ran.code, "--around needs -Y: all packets are shown" in ran.err) == (2, True)
 
 
 def test_without_wireshark_it_says_how(

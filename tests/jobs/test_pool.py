@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from dissect.jobs import pool
 from dissect.jobs.pool import Pool
 from dissect.jobs.tasks import FileError
 
@@ -80,6 +81,32 @@ def test_what_cannot_be_sent_fails_its_own_task() -> None:
         with pytest.raises(Exception, match=r"pickle|local object"):
             executor.submit(lambda: None).result()
         assert executor.submit(square, 2).result()[0] == 4
+
+
+class NoProcess:
+    """Stands for a process that the system does not start."""
+
+    def __init__(self, *_: object) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+
+def test_a_process_that_cannot_be_replaced_keeps_nobody_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    with Pool(2, tell=told.append) as executor:
+        monkeypatch.setattr(pool, "_Process", NoProcess)
+        with pytest.raises(BrokenExecutor):
+            executor.submit(killed).result(20)
+        assert executor.submit(square, 7).result(20)[0] == 49, "the other one goes on"
+        dies, waits = executor.submit(killed), executor.submit(square, 8)
+        with pytest.raises(BrokenExecutor):
+            dies.result(20)
+        for late in (waits, executor.submit(square, 9)):
+            with pytest.raises(FileError, match="no other one could be started: Resource temporarily unavailable"):
+                late.result(20)
+    assert [line.partition("; ")[2] for line in told] == [
+        "1 process of -j goes on",
+        "files that were not read yet are left out",
+    ]
 
 
 def test_nobody_outlives_a_parent_that_was_killed(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import socket
 import pytest
 
 from dissect.metrics.address import Address, AddressError
+from dissect.net import addresses
 from dissect.net.addresses import (
     Place,
     ProxyError,
@@ -98,3 +99,15 @@ def test_a_proxy_does_not_connect_to_itself(listens: str, target: str, circle: b
         return
     with pytest.raises(ProxyError, match="would connect to itself forever"):
         expect_no_circle(places, targets)
+
+
+def test_a_proxy_that_listens_everywhere_does_not_connect_to_an_address_of_its_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """No machine is sure to have another address than those of its loopback, so these are taken for any other."""
+    monkeypatch.setattr(addresses, "is_loopback", lambda _: False)
+    targets = [Place(socket.AF_INET, ("127.0.0.1", 10102))]
+    with pytest.raises(ProxyError, match="would connect to itself forever"):
+        expect_no_circle([Place(socket.AF_INET, ("0.0.0.0", 10102))], targets)
+    expect_no_circle([Place(socket.AF_INET, ("0.0.0.0", 10103))], targets)
+    expect_no_circle([Place(socket.AF_INET6, ("::", 10102, 0, 0))], targets)

@@ -7,6 +7,7 @@ import signal
 import socket
 import threading
 import time
+import warnings
 from collections.abc import Iterator
 
 import pytest
@@ -98,6 +99,33 @@ def test_what_passes_is_told_in_order(echo: int, nice: list[int]) -> None:
         assert b"".join([passed.octets for passed in told if passed.kind == SENT and passed.side == one]) == octets
     assert (side.connections, side.octets, side.lost, side.error) == (1, [100_000, 100_000], 0, "")
     assert nice == [5]
+
+
+@pytest.mark.parametrize(
+    ("told", "error"),
+    [
+        (b"\x00\x00\x03\xe8\x9b\xa4abcd", "its process ended with 9"),
+        (b"\x00\x00", "its process ended with 9"),
+        (b"\x00\x00\x00\x01\xc1", "what its process told cannot be read: "),
+    ],
+)
+def test_what_is_cut_off_is_no_clean_end(told: bytes, error: str, echo: int) -> None:
+    tap = Tap(1000)
+    relay = Relay(places_to_listen(Address(LOOPBACK, 0), False), places_to_connect(Address(LOOPBACK, echo)), tap)
+    side = RelayProcess(relay, tap)
+    relay.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of the thread of the echo
+        side._pid = os.fork()
+    if not side._pid:
+        side._theirs.sendall(told)  # as a kill in the middle of it leaves it
+        os._exit(9)
+    side._theirs.close()
+    side._thread.start()
+    side.join(WAIT_S)
+    assert side.error.startswith(error)
+    with pytest.raises(ChildProcessError):
+        os.waitpid(side._pid, os.WNOHANG)
 
 
 def test_it_passes_on_though_nobody_takes_and_says_what_was_left_out(

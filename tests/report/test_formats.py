@@ -159,7 +159,7 @@ def test_what_a_made_format_lacks_is_refused(capfdbinary: Capture, tmp_path: Pat
     assert "-V applies to text only" in ran.err
     ran = run(capfdbinary, "diff", file, file, "-T", "markdown")
     assert ran.code == 2
-    assert "markdown is for transactions, PDUs, operations, analysis." in ran.err
+    assert "markdown is for analyze, transactions, operations, show." in ran.err
 
 
 @pytest.mark.parametrize(
@@ -168,14 +168,15 @@ def test_what_a_made_format_lacks_is_refused(capfdbinary: Capture, tmp_path: Pat
         ("transactions", "CSV", "Did you mean csv?"),
         ("show", "jsnl", "Did you mean jsonl?"),
         ("analyze", "jsonn", "Did you mean json?"),
-        ("show", "csv", "csv is for transactions, values, rows, blocks, devices."),
+        ("show", "csv", "csv is for transactions, values, blocks, devices, sql."),
+        ("tags check", "junit", "junit is for diff, replay."),
         ("operations", "zzz", "'zzz' is not one of 'text', 'jsonl', 'fields'."),
     ],
 )
 def test_a_wrong_format_is_answered_with_the_nearest(
     capfdbinary: Capture, tmp_path: Path, command: str, wrong: str, hint: str
 ) -> None:
-    ran = run(capfdbinary, command, simple(tmp_path / "a.pcapng"), "-T", wrong)
+    ran = run(capfdbinary, *command.split(), simple(tmp_path / "a.pcapng"), "-T", wrong)
     assert (ran.code, ran.out) == (2, "")
     assert hint in ran.err
     assert ("Did you mean" in ran.err) == ("Did you mean" in hint)

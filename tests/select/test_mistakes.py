@@ -52,7 +52,7 @@ MISTAKES: Final[list[tuple[str, str, str]]] = [
     ("db overlaps DB10.DBW4", "db overlaps DB10.DBW4", "cannot be compared with overlaps"),
     ("port in {1..x}", "x", "expected a number"),
     ("function == raed_var", "raed_var", "did you mean"),
-    ("outcome == unanswerd", "unanswerd", "did you mean unanswered"),
+    ("outcome == unanswerd", "unanswerd", "no such name 'unanswerd'; did you mean unanswered"),
     ("area == X", "X", "expected a number or one of"),
     ("severity >= warn", "warn", "error, warning, note"),
     ("slug == security.plc_stp", "security.plc_stp", "security.plc_stop"),

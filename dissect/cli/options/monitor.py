@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from dissect.cli.options.given import was_given
 from dissect.report.slugs import slugs_of
 from dissect.wire.text import printable
 
@@ -349,6 +350,8 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         every_ns: int,
         **options: Any,
     ) -> int:
+        if export is None and was_given("export_ns"):
+            raise click.UsageError("--export-every needs --export, the folder that tables are written to.")
         source = options.get("interface") or options.get("file") or "live"
         tables = LiveExport(export, export_ns, source) if export is not None else None
         beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns)

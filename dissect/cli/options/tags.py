@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from click.core import ParameterSource
+
+from dissect.cli.options.given import was_given
 
 if TYPE_CHECKING:
     from dissect.tags import TagSet
@@ -85,10 +86,8 @@ def _numbers(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -
 def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> Naming | None:
     """Return what names values by files of tags, None for no file. Raises `click.ClickException`."""
     if not paths:
-        ctx = click.get_current_context()
-        for name in ("encoding", "numbers"):
-            if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-                raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db say how it is read.")
+        if was_given("encoding", "numbers"):
+            raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db say how it is read.")
         return None
     from dissect.config.settings import split_host
     from dissect.tags.naming import HostNaming
