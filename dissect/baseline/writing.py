@@ -24,7 +24,8 @@ _HEAD: Final = """\
 #: Columns of a line.
 _WIDTH: Final = 110
 _PLAIN: Final = re.compile(r"[ !#-\[\]-~]*")
-_DIGITS: Final = re.compile(r"([0-9]+)")
+#: Digits that are one number where names are sorted; a name from the wire may hold more than Python makes a number of.
+_DIGITS: Final = re.compile(r"([0-9]{1,18})")
 
 
 def baseline_toml(baseline: Baseline) -> str:

@@ -29,7 +29,7 @@ _GATES: Final = 1000
 _WIDTH: Final = 400
 _ESCAPED: Final = re.compile("_x([0-9A-Fa-f]{4})_")
 _RAIL: Final = "TRUE"
-#: Digits of an index that is read.
+#: Digits of an index or a place that are too many to be read.
 _INDEX: Final = 6
 #: Gates that join, and what stands between what they join.
 _JOINS: Final[dict[str, str]] = {"O": " OR ", "A": " AND ", "X": " XOR "}
@@ -96,7 +96,7 @@ def _tag(element: Element) -> str:
 
 def _network(root: Element, names: Mapping[str, str]) -> PlusNetwork:
     place = root.get("NetPos", "")
-    number = int(place) if place.isascii() and place.isdigit() else 0
+    number = int(place) if place.isascii() and place.isdigit() and len(place) < _INDEX else 0
     lines: list[str] = []
     for child in root:
         if _tag(child) == "FlgNet":

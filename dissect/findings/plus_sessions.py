@@ -25,6 +25,8 @@ _NO_SESSION: Final = 288
 MAX_GIVEN: Final = 4096
 #: By the beginning of its order number: the first firmware with secure PG/HMI communication (TIA Portal V17).
 _TLS_SINCE: Final[dict[str, tuple[int, int]]] = {"6ES7 21": (4, 5), "6ES7 51": (2, 9)}
+#: Digits of one number of a firmware version that are read.
+_VERSION_DIGITS: Final = 4
 _ERROR: Final = 0x8000
 
 
@@ -109,9 +111,14 @@ def _offers_tls(identity: Identity) -> bool:
     for prefix, since in _TLS_SINCE.items():
         if identity.order_number.startswith(prefix):
             words = identity.firmware.removeprefix("V").split(".")
-            if len(words) >= 2 and words[0].isdecimal() and words[1].isdecimal():
-                return (int(words[0]), int(words[1])) >= since
+            version = (_part(words[0]), _part(words[1])) if len(words) >= 2 else (-1, -1)
+            return min(version) >= 0 and version >= since
     return False
+
+
+def _part(digits: str) -> int:
+    """Return one number of a firmware version, -1 where the wire says something else: no version has that many digits."""
+    return int(digits) if digits.isascii() and digits.isdecimal() and len(digits) <= _VERSION_DIGITS else -1
 
 
 def _incomplete(connection: Connection) -> bool:

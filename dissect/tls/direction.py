@@ -83,12 +83,14 @@ class Direction:
 
     # ---- decryption -------------------------------------------------------------------------------------------------
 
-    def open_1_2(self, record: bytes, opener: Opener | None) -> bytes | None:
-        """Return the content of a record of TLS 1.2; ``opener`` has the key of the session, if the last one is used up."""
+    def open_1_2(self, record: bytes, opener: Callable[[], Opener | None]) -> bytes | None:
+        """Return the content of a record of TLS 1.2; ``opener`` is asked for the key of the session once it is needed."""
+        if self.given_up:
+            return None
         if self._opener is None:
-            self._opener = opener
+            self._opener = opener()
         current = self._opener
-        if current is None or self.given_up:
+        if current is None:
             return None
         found = self._search(current.open_1_2, record, self._number)
         if found is None:

@@ -41,6 +41,44 @@ def next_secret(suite: Suite, secret: bytes) -> bytes:
     return expand_label(suite.hash, secret, b"traffic upd", hashlib.new(suite.hash).digest_size)
 
 
+class TrafficSecrets:
+    """The traffic secrets of one direction, made one of the other: a step of the key schedule for each KeyUpdate.
+
+    The latest one and the one before it are kept, for whoever tries whether a KeyUpdate is missing.
+    """
+
+    __slots__ = ("_before", "_first", "_latest", "_steps", "_suite")
+
+    def __init__(self) -> None:
+        self._suite: Suite | None = None
+        self._first = b""
+        self._before = b""
+        self._latest = b""
+        self._steps = 0  # from the first to the latest
+
+    def after(self, suite: Suite, first: bytes, updates: int) -> bytes:
+        """Return the secret that follows ``first`` after so many updates."""
+        if first != self._first or suite is not self._suite or updates < self._steps - 1:
+            self._suite = suite
+            self._first = first
+            self._before = first
+            self._latest = first
+            self._steps = 0
+        while self._steps < updates:
+            self._before = self._latest
+            self._latest = next_secret(suite, self._latest)
+            self._steps += 1
+        return self._latest if updates == self._steps else self._before
+
+    def forget(self) -> None:
+        """Keep no secret."""
+        self._first = b""
+        self._before = b""
+        self._latest = b""
+        self._steps = 0
+        self._suite = None
+
+
 def prf(hash_: str, secret: bytes, label: bytes, seed: bytes, size: int) -> bytes:
     """Return ``size`` octets of the PRF of TLS 1.2."""
     seed = label + seed

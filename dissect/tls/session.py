@@ -14,7 +14,7 @@ from dissect.tls.certificate import read_certificate
 from dissect.tls.direction import EARLY, HANDSHAKING, TRAFFIC, Direction
 from dissect.tls.handshake import certificates_of, parse_hello
 from dissect.tls.key_log import KeyRing
-from dissect.tls.key_schedule import key_block, next_secret, traffic_keys
+from dissect.tls.key_schedule import TrafficSecrets, key_block, traffic_keys
 from dissect.tls.records import begins_record
 from dissect.tls.tables import (
     ALERT,
@@ -88,6 +88,7 @@ class TlsSession:
         self._client_random = b""
         self._server_random = b""
         self._secrets: dict[str, bytes] = {}
+        self._traffic = (TrafficSecrets(), TrafficSecrets())
         self._revision = -1
         self._retried = False
         self._installed = True
@@ -128,6 +129,8 @@ class TlsSession:
         self._give_up_waiting()
         self.why_closed = self._why()
         self._secrets = {}
+        for secrets in self._traffic:
+            secrets.forget()
         for direction in self.directions:
             direction.renew(direction.stage)
 
@@ -211,7 +214,7 @@ class TlsSession:
             if self.version == TLS_1_3:
                 plain = direction.open_1_3(record, lambda stage: self._opener_1_3(index, stage))
             elif self.version == TLS_1_2 and direction.changed:
-                plain = direction.open_1_2(record, self._opener_1_2(index))
+                plain = direction.open_1_2(record, lambda: self._opener_1_2(index))
             else:
                 return False
         except ImportError:
@@ -236,8 +239,7 @@ class TlsSession:
         if secret is None or self._suite is None:
             return None
         if stage == TRAFFIC:
-            for _ in range(self.directions[index].updates):
-                secret = next_secret(self._suite, secret)
+            secret = self._traffic[index].after(self._suite, secret, self.directions[index].updates)
         return Opener(self._suite, traffic_keys(self._suite, secret))
 
     def _label(self, index: int, stage: int) -> str:

@@ -38,6 +38,13 @@ def test_the_order_is_that_of_people() -> None:
     assert text == baseline_toml(Baseline(dict(reversed(baseline.pairs.items())), (), baseline.begin, baseline.end))
 
 
+def test_a_name_of_many_digits_is_one_as_any_other() -> None:
+    """Python makes no number of more than 4300 digits."""
+    names = frozenset(("DB10", "DB9", "DB" + "7" * 5000))
+    text = baseline_toml(Baseline({("a", "b"): PairNorm("a", "b", functions=names)}))
+    assert text.index('"DB9"') < text.index('"DB10"') < text.index('"DB77')
+
+
 def test_long_lists_take_several_lines() -> None:
     baseline = learned("10.0.0.1").baseline()
     names = frozenset(f"DB{number}" for number in range(300))

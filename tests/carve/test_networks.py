@@ -99,6 +99,12 @@ def test_what_changed_by_network() -> None:
     assert compare_networks(found, found[1:])[0].text == " removed"
 
 
+def test_a_place_of_too_many_digits_is_none() -> None:
+    found = networks(plus(LADDER.replace('NetPos="1"', f'NetPos="{"1" * 5000}"')), {})
+    assert found is not None
+    assert [network.number for network in found] == [0]
+
+
 @pytest.mark.parametrize(
     "body",
     [

@@ -121,6 +121,10 @@ def an_older_cpu_or_tls(talk: Talk) -> None:
         "1;6ES7 511-1AK00-0AB0;V2.8",
         "1;6ES7 999-1AK00-0AB0;V9.9",
         "1;6ES7 511-1AK00-0AB0;Vx.y",
+        "1;6ES7 511-1AK00-0AB0;V9",
+        f"1;6ES7 511-1AK00-0AB0;V{'9' * 5000}.3",
+        f"1;6ES7 511-1AK00-0AB0;V9.{'3' * 5000}",
+        "1;6ES7 511-1AK00-0AB0;V\u0669.9",
         "nothing",
     )
     for at, version in enumerate(texts):

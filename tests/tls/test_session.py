@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import hmac
 import ssl
 from collections.abc import Iterable
 
@@ -315,6 +316,48 @@ def test_key_updates_of_either_side() -> None:
     session = TlsSession(ring(pair.keys()))
     assert told(session, flights) == [(0, wanted + b"last"), (1, b"answer")]
     assert session.shut == 0
+
+
+def counted_digests(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that grows with every step of a key derivation."""
+    made: list[str] = []
+    digest = hmac.digest
+
+    def counting(key: bytes, message: bytes, hash_: str) -> bytes:
+        made.append(hash_)
+        return digest(key, message, hash_)
+
+    monkeypatch.setattr(hmac, "digest", counting)
+    return made
+
+
+def test_each_key_update_is_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many came before: to begin anew with the first secret took minutes after some thousands."""
+    pair = Pair()
+    client = pair.ends[0]
+    flights = list(pair.begun)
+    for _ in range(200):
+        flights.append((0, client.seal(KEY_UPDATE, HANDSHAKE)))
+        client.update()
+    session = TlsSession(ring(pair.keys()))
+    made = counted_digests(monkeypatch)
+    assert told(session, [*flights, (0, client.seal(b"last"))]) == [(0, b"last")]
+    assert len(made) < 4 * 200
+    session.lose(0, 100)
+    client.seal(KEY_UPDATE, HANDSHAKE)
+    client.update()
+    made.clear()
+    forged = sealing.record(DATA, bytes(40))
+    assert told(session, [*[(0, forged)] * 3, (0, client.seal(b"again"))]) == [(0, b"again")]
+    assert len(made) < 4 * 10
+
+
+def test_the_keys_of_tls_1_2_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = wire([(0, b"x")] * 50, V2)
+    session = TlsSession(ring(found.key_log))
+    made = counted_digests(monkeypatch)
+    assert told(session, found.flights) == [(0, b"x" * 50)]
+    assert len(made) < 40
 
 
 def test_early_data() -> None:
