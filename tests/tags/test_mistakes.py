@@ -269,6 +269,27 @@ def test_25_a_capture_that_reads_behind_the_end_of_a_block_contradicts_its_sourc
     assert coverage.unknown == {"DB10.DBB120 x4": 1, "DB10.DBB200 x4": 1}
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        '<x:row r="1048576"><x:c r="XFD1048576"><x:v>1</x:v></x:c></x:row>',
+        "<x:row r = '1048576'><x:c s='>' \n r = 'CV1048576'><x:v>1</x:v></x:c></x:row>",
+        f'<x:row r="1048576">{"<x:c><x:v>1</x:v></x:c>" * 100}</x:row>',
+        f'{"<!-- far -->" * 200_000}<x:row r="1048576"><x:c r="XFD1048576"><x:v>1</x:v></x:c></x:row>',
+    ],
+)
+def test_a_cell_far_from_all_others_is_told_before_the_library_makes_room_for_all_between(
+    more: str, tmp_path: Path
+) -> None:
+    rows = [["Name", "Logical Address"], ["Start", "%I0.0"]]
+    found = read_tags([workbook(tmp_path / "far.xlsx", rows, more=more)])
+    assert [problem.text.partition(" column")[0] for problem in found.problems] == [
+        "a sheet reaches to row 1048576 and"
+    ]
+    near = '<x:row r="70000"><x:c r="CV70000"/></x:row>'
+    assert [tag.name for tag in load_tags([workbook(tmp_path / "near.xlsx", rows, more=near)]).tags] == ["Start"]
+
+
 def test_a_tag_outside_its_block_is_a_mistake(tmp_path: Path) -> None:
     source = written(tmp_path, "b.awl", "DATA_BLOCK DB 10\nSTRUCT\na : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n")
     table = written(tmp_path, "t.csv", HEAD + "DB10.DBW2,INT,b\n")
