@@ -73,7 +73,10 @@ def looks_like_table(line: str) -> bool:
 
 
 def _cells(line: str) -> list[str]:
-    return next(csv.reader([line], delimiter=delimiter_of(line)), [])
+    try:
+        return next(csv.reader([line], delimiter=delimiter_of(line)), [])
+    except csv.Error:
+        return []
 
 
 def _known(cells: Iterable[str]) -> int:
@@ -84,6 +87,8 @@ def _pair(cells: list[str]) -> tuple[int, int] | None:
     """Return where address and name stand in a line without a header, None when neither cell is an address."""
     from dissect.tags.address import AddressError, TypeNameError, parse_tag_address
 
+    if len(cells) < 2:
+        return None
     for at in (0, 1):
         try:
             parse_tag_address(cells[at])
@@ -95,6 +100,13 @@ def _pair(cells: list[str]) -> tuple[int, int] | None:
 
 def read_csv(text: str, into: TagFile) -> None:
     """Read a table of text."""
+    try:
+        _read_csv(text, into)
+    except csv.Error as error:
+        into.problems.error(0, f"cannot be read as a table: {error}; is a quote missing that ends a cell?")
+
+
+def _read_csv(text: str, into: TagFile) -> None:
     first = text.lstrip("\n\r").partition("\n")[0].rstrip("\r")
     delimiter = delimiter_of(first)
     rows = csv.reader(text.splitlines(keepends=True), delimiter=delimiter)

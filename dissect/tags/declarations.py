@@ -10,6 +10,7 @@ from bisect import bisect_right
 from typing import Final, NamedTuple
 
 from dissect.tags.problems import Problems
+from dissect.tags.types import whole_number
 
 _TOKEN: Final = re.compile(
     r"""
@@ -280,8 +281,9 @@ class _Reader:
         members = self._members(opening, opening.upper, closing, (end, "BEGIN"), 0)
         if constant:
             for member in members:
-                if member.initial.lstrip("+-").isdigit():
-                    self._constants[member.name.lower()] = int(member.initial)
+                number = whole_number(member.initial)
+                if number is not None:
+                    self._constants[member.name.lower()] = number
         elif opening.upper in _IN_MEMORY:
             sections.setdefault(opening.upper, []).extend(members)
 
@@ -349,7 +351,7 @@ class _Reader:
         token = self._next()
         while token.kind == "attributes":
             token = self._next()
-        if token.upper == "ARRAY":
+        while token.upper == "ARRAY":  # arrays of arrays one after the other: a file may nest thousands
             self._expect("[", token)
             text = ""
             while (part := self._next()).text != "]":
@@ -364,7 +366,9 @@ class _Reader:
             of = self._next()
             if of.upper != "OF":
                 raise self._fail(token, f"expected OF behind the bounds of an array, found {of.text[:40]!r}")
-            return self._type(bounds, beyond, depth)
+            token = self._next()
+            while token.kind == "attributes":
+                token = self._next()
         if token.upper == "STRUCT":
             return "STRUCT", Shape([Section(self._members(token, "STRUCT", "END_STRUCT", beyond, depth + 1))])
         if token.kind not in {"word", "quoted"}:

@@ -20,6 +20,11 @@ def read_json(text: str, into: TagFile) -> None:
         line = error.lineno if isinstance(error, json.JSONDecodeError) else 0
         into.problems.error(line, f"is not valid JSON: {error}")
         return
+    except ValueError:
+        into.problems.error(
+            0, "has a number of thousands of digits: no address, number of a block or value is that long"
+        )
+        return
     if isinstance(content, list) and any([isinstance(node, dict) and "vartable" in node for node in content]):
         into.format = "Node-RED flow"
         for node in content:

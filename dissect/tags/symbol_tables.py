@@ -6,6 +6,7 @@ import re
 from typing import Final
 
 from dissect.tags.tag_file import Row, TagFile
+from dissect.tags.types import whole_number
 
 #: The columns of an ASC line behind its prefix: symbol, address, type, comment.
 _ASC_LINE: Final = 130
@@ -100,8 +101,9 @@ def _tia_row(into: TagFile, line: int, cells: list[str]) -> None:
 def add_constant(into: TagFile, name: str, value: str) -> None:
     """Take a constant of a tag table; whole numbers may be bounds of arrays."""
     into.skipped["constants"] += 1
-    if value.strip().lstrip("+-").isdigit():
-        into.constants[name.strip().lower()] = int(value)
+    number = whole_number(value)
+    if number is not None:
+        into.constants[name.strip().lower()] = number
 
 
 def _v5_row(into: TagFile, line: int, symbol: str, address: str, type_: str, comment: str) -> None:

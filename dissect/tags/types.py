@@ -77,6 +77,8 @@ _STRING: Final = re.compile(r"(W|F)?STRING\s*(?:[\[(]\s*(\d{1,5})\s*[\])])?")
 _ARRAY: Final = re.compile(r"ARRAY\s*\[(.*?)\]\s*OF\s+(.+)", re.IGNORECASE | re.DOTALL)
 _COUNTED: Final = re.compile(r"([A-Z0-9_]+(?:\(\d+\))?)\s*\[\s*(\d{1,5})\s*\]")
 _BOUND: Final = re.compile(r"\s*(-?\d{1,10})\s*\.\.\s*(-?\d{1,10})\s*")
+#: A whole number as files write one. No type of S7 has more than the 20 digits of a ULINT; Python refuses to read thousands.
+_WHOLE: Final = re.compile(r"[+-]?[0-9]{1,20}")
 #: Most dimensions and octets of an array.
 MAX_DIMENSIONS: Final = 6
 MAX_ARRAY: Final = 65536
@@ -105,6 +107,12 @@ _MEANT: Final = {
     "LONG": "DINT",
     "INTEGER": "INT",
 }
+
+
+def whole_number(text: str) -> int | None:
+    """Return the whole number that a file writes, None for anything else: "²", "+-5", thousands of digits."""
+    written = text.strip()
+    return int(written) if _WHOLE.fullmatch(written) else None
 
 
 def string_type(kind: str, length: int) -> DataType:

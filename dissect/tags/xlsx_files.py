@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
+import zlib
 from typing import Any, Final
 
 from dissect.tags.csv_tables import read_constants, read_rows
@@ -14,6 +16,16 @@ _MAX_MEMBERS: Final = 2000
 _MAX_UNPACKED: Final = 512 << 20
 _MAX_RATIO: Final = 200
 _SMALL: Final = 4 << 20
+#: Cells of a sheet, empty ones between and around them included: the library makes room for the whole rectangle up to the
+#: last cell before anything is read, about 40 bytes each. Half a million tags in the columns of TIA stay below it.
+_MAX_CELLS: Final = 8_000_000
+_CHUNK: Final = 1 << 20
+#: What says where a cell is: rows and cells begin, or have a place. Nothing of it is longer than the overlap of two pieces.
+_SIGNS: Final = re.compile(
+    rb"""<(?:[\w.-]{1,64}:)?(row|c)(?=[ />])|(?<![\w:.-])r ?= ?["'] ?([A-Za-z]{0,7})([0-9]{1,13})"""
+)
+_OVERLAP: Final = 128
+_BLANKS: Final = re.compile(rb"\s+")
 _TAGS: Final = "PLC Tags"
 _CONSTANTS: Final = "Constants"
 #: Sheets of other tables of TIA.
@@ -30,7 +42,7 @@ def read_xlsx(octets: bytes, into: TagFile) -> None:
     import python_calamine
 
     into.format = "TIA tag table (XLSX)"
-    trouble = _bomb(octets)
+    trouble = _bomb(octets) or _too_wide(octets)
     if trouble:
         into.problems.error(0, trouble)
         return
@@ -75,4 +87,72 @@ def _bomb(octets: bytes) -> str:
     size = sum([member.file_size for member in members])
     if len(members) > _MAX_MEMBERS or size > _MAX_UNPACKED or (size > _SMALL and size > _MAX_RATIO * len(octets)):
         return f"unpacks to {size} bytes in {len(members)} parts: too much for a tag table"
+    return ""
+
+
+class _Extent:
+    """How far the cells of a part of a workbook reach, by their places or, where they say none, by their number."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self.columns = 0
+        self._row = 0
+        self._column = 0
+        self._rest = b""
+
+    def take(self, octets: bytes) -> None:
+        """Note the rows and cells that begin in a piece of the part, of which the last is empty."""
+        text = _BLANKS.sub(b" ", self._rest + octets)
+        end = len(text) - _OVERLAP if octets else len(text)
+        for found in _SIGNS.finditer(text):
+            if found.start() >= end:
+                break
+            end = max(end, found.end())
+            self._note(found[1], found[2], found[3])
+        self._rest = text[max(0, end) :]
+
+    def _note(self, tag: bytes | None, letters: bytes, digits: bytes) -> None:
+        if tag == b"row":
+            self._row += 1
+            self._column = 0
+            return
+        row = int(digits) if digits else self._row
+        if tag is None and not letters:
+            self._row = row
+            return
+        self._column = self._column + 1 if tag is not None else _column(letters)
+        self.columns = max(self.columns, self._column)
+        self.rows = max(self.rows, row)
+
+
+def _column(letters: bytes) -> int:
+    number = 0
+    for letter in letters.upper():
+        number = 26 * number + letter - 64
+    return number
+
+
+def _too_wide(octets: bytes) -> str:
+    """Return why a workbook is not given to the library, empty when it may be.
+
+    Other parts say which part is a sheet, and the library takes much for XML that is none: so all parts are looked at as they
+    unpack, whatever the directory says of their size, and without asking whether they are well-formed.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(octets)) as archive:
+            for member in archive.infolist():
+                extent = _Extent()
+                with archive.open(member) as part:
+                    more = True
+                    while more:
+                        piece = part.read(_CHUNK)
+                        more = bool(piece)
+                        extent.take(piece)
+                        if extent.rows * extent.columns > _MAX_CELLS:
+                            return (
+                                f"a sheet reaches to row {extent.rows} and column {extent.columns}: more than {_MAX_CELLS} "
+                                "cells, too much for a tag table; delete the rows and columns far from the tags"
+                            )
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError) as error:
+        return f"is not a readable workbook: {error}"
     return ""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from dissect.tags.declarations import Block, Member, Section, Shape
 from dissect.tags.symbol_tables import add_constant
 from dissect.tags.tag_file import Row, TagFile
+from dissect.tags.types import whole_number
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 #: The attribute in which the line of an element is kept.
 _LINE: Final = "s7dissect.line"
 _MAX_DEPTH: Final = 200
+#: The greatest number that a block may have: it stands in 16 bits.
+_LAST_BLOCK: Final = 0xFFFF
 _STORED: Final = ("Static", "None", "Input", "Output", "InOut")
 #: Sections in their order in memory.
 _ORDER: Final = {"Input": 0, "Output": 1, "InOut": 2, "Static": 3, "None": 3}
@@ -63,6 +66,10 @@ def parse_xml(octets: bytes) -> Element:
         ) from None
     except ParseError as error:
         raise XmlError(error.position[0], f"is not well-formed XML: {error}") from None
+    except XmlError:
+        raise
+    except (ValueError, LookupError) as error:
+        raise XmlError(1, f"the encoding cannot be read: {error}") from None
     return root
 
 
@@ -165,7 +172,9 @@ def _openness_tags(table: Element, into: TagFile) -> None:
 def _openness_block(element: Element, kind: str, into: TagFile) -> None:
     given = _attributes(element)
     name = given.get("Name", "")
-    number = int(given["Number"]) if given.get("Number", "").isdigit() else None
+    number = whole_number(given.get("Number", ""))
+    if number is not None and not 0 <= number <= _LAST_BLOCK:
+        number = None
     layout = given.get("MemoryLayout", "")
     optimized = None if not layout else layout.lower() != "standard"
     sections: list[tuple[int, Section]] = []

@@ -72,8 +72,11 @@ def sdf_line(name: str, address: str, type_: str, comment: str = "", value: str 
     return f'"{name}","{address}","{type_}","True","True","False","{comment}","{value}","True"'
 
 
-def workbook(path: Path, rows: list[list[str]], sheet: str = "PLC Tags") -> Path:
-    """Write a workbook the way the TIA portal does: a prefix on every name, one part called sheet.xml, shared strings."""
+def workbook(path: Path, rows: list[list[str]], sheet: str = "PLC Tags", more: str = "") -> Path:
+    """Write a workbook the way the TIA portal does: a prefix on every name, one part called sheet.xml, shared strings.
+
+    ``more`` is XML behind the last row.
+    """
     texts = sorted({cell for row in rows for cell in row})
     cells = "".join(
         [
@@ -99,7 +102,7 @@ def workbook(path: Path, rows: list[list[str]], sheet: str = "PLC Tags") -> Path
         "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{_PARTS}/relationships"><Relationship Type="{_OFFICE}/worksheet" '
         f'Target="/xl/worksheets/sheet.xml" Id="R1"/><Relationship Type="{_OFFICE}/sharedStrings" '
         'Target="/xl/sharedStrings.xml" Id="R2"/></Relationships>',
-        "xl/worksheets/sheet.xml": f'<x:worksheet xmlns:x="{_SHEET}"><x:sheetData>{cells}</x:sheetData></x:worksheet>',
+        "xl/worksheets/sheet.xml": f'<x:worksheet xmlns:x="{_SHEET}"><x:sheetData>{cells}{more}</x:sheetData></x:worksheet>',
         "xl/sharedStrings.xml": f'<x:sst xmlns:x="{_SHEET}">{shared}</x:sst>',
     }
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

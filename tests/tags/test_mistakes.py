@@ -20,6 +20,10 @@ from tests.report.support import begun, read, saved
 from tests.tags.support import asc_line, sdf_line, workbook
 
 HEAD: Final = "address,type,name\n"
+BLOCK_XML: Final = (
+    '<Document><Engineering version="V17"/><SW.Blocks.GlobalDB><AttributeList><Name>x</Name><Number>{}</Number>'
+    "<MemoryLayout>Standard</MemoryLayout></AttributeList></SW.Blocks.GlobalDB></Document>"
+)
 #: Name: file, content, severity, line, and what is said.
 CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
     "1 an optimised block": (
@@ -127,6 +131,27 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
     "XML with a document type": (
         "tags.xml", '<!DOCTYPE a [<!ENTITY b "c">]><Tagtable/>', "error", 1, "has a document type or entities",
     ),
+    "XML in an encoding that is none": (
+        "tags.xml", '<?xml version="1.0" encoding="klingon"?><Tagtable/>', "error", 1, "the encoding cannot be read: unknown encoding",
+    ),
+    "XML with a block number of another script": (
+        "db.xml", BLOCK_XML.format("\u00b2"), "error", 1, "DB 'x' has no number",
+    ),
+    "XML with a block number that no block has": ("db.xml", BLOCK_XML.format("9" * 20), "error", 1, "DB 'x' has no number"),
+    "XML with a bound of another script": (
+        "tags.xml", '<Tagtable><Constant value="\u00b2">c</Constant><Tag type="Array[0..\u00b2] of Int" addr="%DB1.DBW0">x</Tag></Tagtable>',
+        "error", 1, "x: array bounds '0..\u00b2': expected LOWEST..HIGHEST",
+    ),
+    "a number of thousands of digits in JSON": ("tags.json", '{"a": ' + "9" * 5000 + "}", "error", 0, "has a number of thousands of digits"),
+    "a quote that swallows the table": (
+        "tags.csv", HEAD + '"MW0,INT,a\n' + "MW2,INT,b\n" * 20_000, "error", 0, "cannot be read as a table: field larger than",
+    ),
+    "a first line of one long cell": ("tags.csv", "a,b," + '"' + "c" * 200_000 + "\n", "error", 0, "cannot be read as a table"),
+    "a first line of blanks": ("tags.csv", "   \nx,y\n", "error", 2, "the header is 'x, y': expected columns"),
+    "arrays of arrays": (
+        "block.db", f"DATA_BLOCK DB 1\nSTRUCT\na : {'ARRAY[0..1] OF ' * 3000}INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
+        "error", 3, "a has 3000 dimensions: at most 6",
+    ),
     "an empty file": ("tags.csv", "\n", "error", 0, "is empty"),
 }  # fmt: skip
 
@@ -135,6 +160,17 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
     path = folder / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
+
+
+@pytest.mark.parametrize("value", ["+-5", "\u00b2", "9" * 5000, "", "5"])
+def test_a_constant_is_a_bound_where_it_is_a_number(value: str, tmp_path: Path) -> None:
+    source = (
+        f"FUNCTION_BLOCK FB 1\nVAR CONSTANT\nN : INT := {value};\nEND_VAR\nEND_FUNCTION_BLOCK\n"
+        "DATA_BLOCK DB 1\nSTRUCT\na : ARRAY[0..N] OF INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n"
+    )
+    found = read_tags([written(tmp_path, "b.scl", source)])
+    said = [problem.text for problem in found.problems]
+    assert said == [] if value == "5" else "the array bound 'N' is a constant that no file declares" in said[0]
 
 
 @each("name", CASES)
@@ -231,6 +267,27 @@ def test_25_a_capture_that_reads_behind_the_end_of_a_block_contradicts_its_sourc
     row = coverage.areas[0x84, 10]
     assert (row.items, row.named, row.octets, row.covered) == (3, 1, 12, 4)
     assert coverage.unknown == {"DB10.DBB120 x4": 1, "DB10.DBB200 x4": 1}
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        '<x:row r="1048576"><x:c r="XFD1048576"><x:v>1</x:v></x:c></x:row>',
+        "<x:row r = '1048576'><x:c s='>' \n r = 'CV1048576'><x:v>1</x:v></x:c></x:row>",
+        f'<x:row r="1048576">{"<x:c><x:v>1</x:v></x:c>" * 100}</x:row>',
+        f'{"<!-- far -->" * 200_000}<x:row r="1048576"><x:c r="XFD1048576"><x:v>1</x:v></x:c></x:row>',
+    ],
+)
+def test_a_cell_far_from_all_others_is_told_before_the_library_makes_room_for_all_between(
+    more: str, tmp_path: Path
+) -> None:
+    rows = [["Name", "Logical Address"], ["Start", "%I0.0"]]
+    found = read_tags([workbook(tmp_path / "far.xlsx", rows, more=more)])
+    assert [problem.text.partition(" column")[0] for problem in found.problems] == [
+        "a sheet reaches to row 1048576 and"
+    ]
+    near = '<x:row r="70000"><x:c r="CV70000"/></x:row>'
+    assert [tag.name for tag in load_tags([workbook(tmp_path / "near.xlsx", rows, more=near)]).tags] == ["Start"]
 
 
 def test_a_tag_outside_its_block_is_a_mistake(tmp_path: Path) -> None:
