@@ -19,6 +19,8 @@ PROTOCOLS: Final = ("frame", "tpkt", "cotp", "s7comm")
 #: Fields of the packet itself that are read.
 OF_FRAME: Final = ("frame.number", "frame.protocols", "frame.len", "frame.cap_len")
 _USERDATA: Final = 7
+#: Where a field is beyond the end of its packet, tshark has words in the place of its octets ("field length invalid!").
+_HEX_DIGITS: Final = frozenset("0123456789abcdefABCDEF")
 #: Wireshark's number of the type of a field that is only the heading of a tree.
 _HEADING: Final = 0
 #: Wireshark up to 4.0 shows the first five fields of a userdata head under names of its own, three of them as one number.
@@ -173,7 +175,7 @@ def _take_body(record: Record, tree: Tree, start: int) -> None:
         for block, _ in _layers(tree, name)[:1]:
             piece = f"{_R_ID}_raw" in block
             for shown, (octets, at, size, mask, type_) in _fields(block):
-                if not size:
+                if not size or not _HEX_DIGITS.issuperset(octets):
                     continue
                 field = _ALIASES.get(shown, shown)
                 inside = joined and not (piece and field in _OF_PIECES)

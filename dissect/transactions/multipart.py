@@ -48,6 +48,7 @@ class Chain:
         "first",
         "group",
         "last",
+        "missing",
         "r_id",
         "sequence",
         "subfunction",
@@ -67,6 +68,7 @@ class Chain:
         self.first: Transaction = transaction
         self.last: Transaction = transaction
         self.transactions: int = 0
+        self.missing: int = 0  # octets that the capture lacked of its direction when it began
         self.r_id: int = -1
 
     def __repr__(self) -> str:
@@ -155,11 +157,25 @@ class Joiner:
             chain.whole = True
             return chain
         key = _key(transaction, head)
+        missing = self._gap(key, transaction, 1 - int(transaction.asked_by))
         chain_of = self._begun(key, head, asked, transaction)
         if chain_of is None:
             self.headless += 1
             return None
+        chain_of.missing = missing
         return self._add(key, chain_of, payload, transaction, head.last_data_unit == 0)
+
+    def _gap(self, key: int, transaction: Transaction, side: int) -> int:
+        """Return how many octets of ``side`` the capture lacks so far; what was begun before some of them were is given up.
+
+        A part may be among them, and parts on both sides of it say together what nobody said.
+        """
+        stream = transaction.connection.tcp.streams[side]
+        missing = int(stream.position) - int(stream.octets)
+        chain = self._chains.get(key)
+        if chain is not None and chain.missing != missing:
+            self._give_up(key)
+        return missing
 
     def _send(self, transaction: Transaction, head: UserdataHead) -> Chain | None:
         """Take a piece of a BSEND, in a request or a push; the partner's answers carry nothing."""
@@ -174,12 +190,15 @@ class Joiner:
             self._give_up(key)
         if transaction.error_code:
             return None
+        sender = int(transaction.asked_by) if piece is transaction.request else 1 - int(transaction.asked_by)
+        missing = self._gap(key, transaction, sender)
         chain = self._chains.get(key)
         if chain is None and follows:
             self.headless += 1
             return None
         if chain is None:
             chain = self._open(key, head, transaction)
+            chain.missing = missing
             chain.r_id = r_id
         else:
             payload = payload[PBC_ID.size :]

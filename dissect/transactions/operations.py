@@ -59,6 +59,7 @@ from dissect.transactions.operation import (
     FAILED,
     LONG_ANSWER,
     MESSAGES,
+    NOT_CAPTURED,
     PASSWORD,
     POLLING,
     REFUSED,
@@ -252,7 +253,14 @@ class Operations(OperationBook):
             return False
         operation.octets += payload_size(transaction)
         _join(operation, transaction)
-        if transaction.outcome == UNANSWERED or transaction.error_code or not more:
+        if (
+            not more
+            and transaction.outcome == ANSWERED
+            and not operation.content
+            and transaction.connection.tcp.has_holes
+        ):
+            self.close(operation, NOT_CAPTURED)  # a part is in a gap of the capture
+        elif transaction.outcome == UNANSWERED or transaction.error_code or not more:
             self.settle(operation, transaction, DONE, FAILED)
         return True
 

@@ -105,6 +105,8 @@ def test_a_body_is_taken_whole() -> None:
         "s7comm.data.userdata.szl_data_tree": [{}, second],
         "s7comm.data.fillbyte_raw": ["3", 99, 1, 0x0F, 4],
         "s7comm.data.fillbyte": "3",
+        "s7comm.data.transportsize_raw": ["field length invalid!", 103, 1, 0, 4],
+        "s7comm.data.transportsize": "0x00",
         "s7comm.resp.data_raw": ["", 100, 0, 0, 30],
         "s7comm.resp.data": "",
         "s7comm.of.a.newer.version_raw": [raw("01", 101), raw("02", 102)],

@@ -18,7 +18,7 @@ from dissect.transactions.transaction import Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import SURPLUS
 from tests.findings.events import bsend
-from tests.transactions.talk import Talk, dbw, read, userdata, words
+from tests.transactions.talk import SERVER, Talk, dbw, read, userdata, words
 
 CAPTURE: Final = Path(__file__).resolve().parents[2] / "captures" / "bsend.pcapng"
 
@@ -85,6 +85,24 @@ def test_chains_of_two_lists_at_once() -> None:
         (question(4, 3, 0x13), answer(4, b"d", 3, 2, subfunction=0x13)),
     )
     assert [chain.octets for chain in joined(joiner, given_)] == [b"ac", b"bd"]
+
+
+def test_a_part_in_a_gap() -> None:
+    """What is on both sides of it is not joined: together it would say what nobody said."""
+    talk = Talk()
+    talk.open()
+    talk.ask(question(1))
+    talk.tell(answer(1, FIRST, 3, 213, 1))
+    talk.ask(question(2, 3))
+    talk.lose(SERVER, answer(2, bytes(28), 3, 213, 1))
+    talk.ask(question(3, 3))
+    talk.tell(answer(3, SECOND, 3, 213))
+    talk.close()
+    (operation,) = [one for one in talk.operations if one.kind == "long_answer"]
+    assert (operation.result, operation.content) == ("not_captured", b"")
+    joiner = operation.connection.operations.joiner
+    assert joiner is not None
+    assert (joiner.unfinished_count, joiner.headless) == (1, 1)
 
 
 def test_a_part_without_the_first() -> None:
