@@ -248,14 +248,14 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     if not aead.is_installed():
         raise ImportError(aead.NEEDS)
     for path in paths:
-        found = KeyLog([GrowingFile(path).more])  # each by itself first, so that a wrong one is named
+        found = KeyLog(files=[GrowingFile(path)])  # each by itself first, so that a wrong one is named
         found.look()
         if found.lines and found.wrong == found.lines:
             name = os.fspath(path)
             raise KeyLogError(
                 f"{name}: not a TLS key log: no line has the form LABEL CLIENT_RANDOM SECRET (SSLKEYLOGFILE)"
             )
-    keys = KeyLog([GrowingFile(path).more for path in paths])
+    keys = KeyLog(files=[GrowingFile(path) for path in paths])
     keys.look()
     return keys
 

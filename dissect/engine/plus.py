@@ -17,6 +17,7 @@ from dissect.s7plus.tables import (
     CREATE_OBJECT,
     FUNCTIONS,
     INIT_SSL,
+    KEEP_ALIVE,
     NOTIFICATION,
     REQUEST,
     RESPONSE2,
@@ -63,6 +64,7 @@ class S7Plus(Protocol):
         assembler = side.plus
         if assembler is None:
             assembler = PlusAssembler()
+            assembler.holed = side.holes > 0
             side.plus = assembler
         if assembler.interrupted(tsdu):
             who = side.tcp.ends[side.index]
@@ -82,8 +84,16 @@ class S7Plus(Protocol):
             self._pdu(side, whole, False, frame, time_ns)
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
-        """Frames of a PDU are missing: what there is of it is all there will be."""
+        """Frames of a PDU are missing: what there is of it is all there will be, and nobody knows what was counted there."""
         self.finish(side, frame, time_ns)
+        assembler = side.plus
+        if assembler is not None:
+            assembler.holed = True
+            self._count_anew(assembler)
+
+    def _count_anew(self, assembler: PlusAssembler) -> None:
+        assembler.asked = -1
+        assembler.notified = -1
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
         """Take what there is of an unfinished PDU: no more of it will come."""
@@ -131,10 +141,16 @@ class S7Plus(Protocol):
                     self._count_row()
                     self._function = head.function
                 self._in_a_row += 1
-        if pdu is not None and pdu.malformed and not (cut or side.holes or connection.mid_stream):
+        assembler = side.plus if side.holes else None
+        holed: bool = assembler is not None and assembler.holed
+        if pdu is not None and pdu.malformed and not (cut or holed or connection.mid_stream):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
         self._pair(side, octets, frame, time_ns)
+        if holed and assembler is not None and head.version != SYSTEM_EVENT and head.version != KEEP_ALIVE:
+            # It may be the rest of a PDU, whose numbers are anything. Those two stand between frames, before such a rest.
+            assembler.holed = False
+            self._count_anew(assembler)
 
     def _count_row(self) -> None:
         """Add the PDUs of the latest function in a row to those of before: to count each one in the table costs more."""
@@ -210,7 +226,7 @@ class S7Plus(Protocol):
         before: i64 = plus.asked
         plus.asked = head.sequence
         ahead: i64 = (head.sequence - before) & 0xFFFF
-        if before < 0 or side.holes or 0 < ahead < 0x8000 or (head.sequence <= 1 and head.function in _BEGINNING):
+        if before < 0 or 0 < ahead < 0x8000 or (head.sequence <= 1 and head.function in _BEGINNING):
             return
         ends = side.tcp.ends
         who = f"{ends[side.index]} to {ends[1 - side.index]}"
@@ -230,7 +246,7 @@ class S7Plus(Protocol):
         number: i64 = head.sequence
         plus.notified = number
         expected: i64 = (before + 1) & (0xFF if head.subscription_id < SHORT_HEADS else 0xFFFFFFFF)
-        if before < 0 or number == expected or side.holes or number == 1:
+        if before < 0 or number == expected or number == 1:
             return  # the first that is seen, the next one, or a session that begins anew
         detail = (
             f"{side.tcp.ends[side.index]}, subscription 0x{head.subscription_id:08x}: number {number} follows {before}"

@@ -43,10 +43,11 @@ class PlusAssembler:
     """Joins the frames of one direction. ``parts`` is None between PDUs.
 
     ``left_out`` counts the octets of a PDU past ``most``, or past its first `MAX_FRAMES` frames.
-    ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several.
+    ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several. So is
+    ``holed``: octets are missing before the next PDU, which may be the rest of one.
     """
 
-    __slots__ = ("_frames", "_most", "asked", "begun_frame", "begun_ns", "left_out", "notified", "parts")
+    __slots__ = ("_frames", "_most", "asked", "begun_frame", "begun_ns", "holed", "left_out", "notified", "parts")
 
     def __init__(self, most: i64 = MAX_PDU) -> None:
         self._most: i64 = most
@@ -57,6 +58,7 @@ class PlusAssembler:
         self.left_out: i64 = 0  # of the PDU at hand
         self.begun_frame: i64 = 0
         self.begun_ns: i64 = 0
+        self.holed: bool = False
 
     def push(self, tsdu: bytes) -> bytes | None:
         """Take a TSDU that begins with 0x72; return the PDU when it is whole, else None."""

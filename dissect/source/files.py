@@ -402,10 +402,9 @@ class ZstdSource(_CompressedSource):
 
     def _skip(self, size: int) -> None:
         """Pass over ``size`` octets from below, holding none."""
-        while self._have(1):
+        while size and self._have(1):
             step = min(size, len(self._pending) - self._at)
             self._at += step
             size -= step
-            if not size:
-                return
-        raise self._cut("zstd")
+        if size:
+            raise self._cut("zstd")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, Protocol
 
 MASTER: Final = "CLIENT_RANDOM"
 EARLY: Final = "CLIENT_EARLY_TRAFFIC_SECRET"
@@ -29,15 +29,24 @@ MAX_SESSIONS: Final = 200_000
 _MAX_LINE: Final = 4096
 
 
+class Growing(Protocol):
+    """A file that another program writes to: `more` gives what was added, ``begun`` counts how often it was begun anew."""
+
+    begun: int
+
+    def more(self) -> bytes:
+        """Return what was written since the last call."""
+
+
 class KeyLog:
-    """The secrets of key logs, given by `add`; ``sources`` are asked for further text when a session is not found.
+    """The secrets of key logs, given by `add`; ``sources`` and ``files`` are asked for more when a session is not found.
 
     ``lines`` counts lines that are no comments, ``wrong`` those of them of another form, ``forgotten`` the sessions for
     which there was no room. ``revision`` grows with each new secret.
     """
 
-    def __init__(self, sources: Sequence[Callable[[], bytes]] = ()) -> None:
-        self._sources = [_Source(more) for more in sources]
+    def __init__(self, sources: Sequence[Callable[[], bytes]] = (), files: Sequence[Growing] = ()) -> None:
+        self._sources = [*[_Source(more) for more in sources], *[_Source(file.more, file) for file in files]]
         self._sessions: dict[bytes, dict[str, bytes]] = {}
         self.lines = 0
         self.wrong = 0
@@ -88,7 +97,7 @@ class KeyLog:
         A last line that may go on is used already when it could be a whole one, and is wrong already when it cannot become one.
         """
         for source in self._sources:
-            text = source.more()
+            text = source.text()
             if text:
                 *whole, rest = _lines(source.rest + text)
                 source.rest = rest[:_MAX_LINE]
@@ -112,12 +121,23 @@ class KeyLog:
 class _Source:
     """What more can be asked of, and the beginning of a line it ended with; ``unfinished`` if that gives no secret yet."""
 
-    __slots__ = ("more", "rest", "unfinished")
+    __slots__ = ("_begun", "_file", "_more", "rest", "unfinished")
 
-    def __init__(self, more: Callable[[], bytes]) -> None:
-        self.more = more
+    def __init__(self, more: Callable[[], bytes], file: Growing | None = None) -> None:
+        self._more = more
+        self._file = file
+        self._begun = file.begun if file is not None else 0
         self.rest = b""
         self.unfinished = False
+
+    def text(self) -> bytes:
+        """Return what was written since the last call. In a file that was begun anew, nothing goes on with it."""
+        text = self._more()
+        if self._file is not None and self._file.begun != self._begun:
+            self._begun = self._file.begun
+            self.rest = b""
+            self.unfinished = False
+        return text
 
 
 def _stripped(line: bytes) -> bytes:

@@ -271,6 +271,43 @@ def test_a_hole_inside_a_pdu_leaves_its_head() -> None:
     assert (talk.pipeline.plus.cut_pdus, talk.pipeline.plus.unpaired) == (1, 1)
 
 
+def test_a_gap_excuses_the_next_request_and_no_more() -> None:
+    """The numbers of the first one are those of anything: it may be the rest of another."""
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    talk.tell(framed(told(1)))
+    talk.lose(CLIENT, framed(asked(2)))
+    for at in (2, 900, 3, 4, 3):
+        if at != 2:
+            talk.ask(framed(asked(at)))
+        talk.tell(framed(told(at)))
+    talk.close()
+    found = [one.detail for one in talk.findings if one.rule.slug == "security.replay"]
+    assert found == ["10.0.0.1:50000 to 10.0.0.2:102: GetMultiVariables with sequence number 3 follows 4"]
+
+
+def test_a_gap_excuses_the_next_notification_and_no_more() -> None:
+    talk = begun()
+    talk.tell(framed(notified(5)))
+    talk.lose(SERVER, framed(notified(6)))
+    talk.packet(CLIENT, flags=ACK)
+    for at in (7, 8, 9, 11):
+        talk.tell(framed(notified(at)))
+    talk.close()
+    found = [one.detail for one in talk.findings if one.rule.slug == "s7plus.notifications_lost"]
+    assert found == ["10.0.0.2:102, subscription 0x70000e51: number 11 follows 9"]
+
+
+def test_a_gap_excuses_the_rest_behind_it_and_no_more() -> None:
+    """What stands between the frames of a PDU may come before its rest."""
+    talk = begun()
+    talk.lose(CLIENT, framed(asked(1), trailer=False))
+    talk.tell(framed(told(1)))
+    talk.ask(KEEP_ALIVE, framed(b"\x44rest"), framed(b"\x44what"))
+    talk.close()
+    assert [one for one in slugs(talk) if one != "transaction.orphan"] == ["stream.hole", "s7.malformed"]
+
+
 def test_the_end_inside_a_pdu() -> None:
     talk = begun()
     talk.ask(framed(asked(1)), framed(asked(2), trailer=False))

@@ -408,6 +408,17 @@ def test_what_gzip_holds_back_inside_is_given_before_the_cut_is_told(size: int) 
     assert source.damage == f"the gzip data is cut off at byte {len(cut)}"
 
 
+@pytest.mark.parametrize("size", [0, 4])
+def test_a_zstd_file_may_end_with_a_frame_to_skip(size: int, tmp_path: Path) -> None:
+    path = tmp_path / "sample"
+    last = b"\x50\x2a\x4d\x18" + size.to_bytes(4, "little") + bytes(size)
+    path.write_bytes(_zstd(SAMPLES["pcap"].octets) + last)
+    reader, recorder = _read_all(path)
+    assert (recorder.frames, reader.damage) == (SAMPLES["pcap"].frames, "")
+    path.write_bytes(path.read_bytes()[:-1])
+    assert "the zstd data is cut off" in _read_all(path)[0].damage
+
+
 def test_a_zstd_bomb_is_read_a_piece_at_a_time() -> None:
     # A window of 128 KiB, then blocks of one octet repeated 131,072 times: four octets each.
     block = struct.pack("<I", (1 << 17 << 3 | 1 << 1) & 0xFFFFFF)

@@ -49,6 +49,21 @@ def test_no_more_than_the_bound_is_read(tmp_path: Path, monkeypatch: pytest.Monk
     assert (file.more(), file.more()) == (b"789", b"")
 
 
+def test_the_bound_is_that_of_a_file_not_of_all_that_it_ever_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(growing, "MAX_READ", 10)
+    path = tmp_path / "file"
+    path.write_bytes(b"01234567")
+    file = GrowingFile(path)
+    read = [file.more()]
+    for text in (b"one", b"2", b""):
+        path.write_bytes(text)
+        read.append(file.more())
+    path.write_bytes(b"three")
+    assert [*read, file.more(), file.begun] == [b"01234567", b"one", b"2", b"", b"three", 3]
+
+
 def test_what_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         GrowingFile(tmp_path / "nowhere")

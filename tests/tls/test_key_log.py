@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.source.growing import GrowingFile
 from dissect.tls import key_log
 from dissect.tls.key_log import MASTER, KeyLog, KeyRing
 
@@ -80,6 +83,20 @@ def test_what_is_written_while_it_is_read() -> None:
         found.look()
         assert found.find(RANDOM) == {MASTER: SECRET, "SERVER_TRAFFIC_SECRET_0": SECRET}, cut
         assert (found.lines, found.wrong) == (2, 0), cut
+
+
+def test_the_half_line_of_a_file_that_was_begun_anew_is_gone(tmp_path: Path) -> None:
+    path = tmp_path / "keys"
+    path.write_text("# some program\n" + LINE[:100])
+    found = KeyLog(files=[GrowingFile(path)])
+    found.look()
+    assert (found.lines, found.unfinished) == (0, 1)
+    path.write_text("")
+    found.look()
+    assert found.unfinished == 0
+    path.write_text(f"{LINE}\n")
+    found.look()
+    assert (found.find(RANDOM), found.lines, found.wrong) == ({MASTER: SECRET}, 1, 0)
 
 
 def test_a_last_line_without_its_end_counts() -> None:
