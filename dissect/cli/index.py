@@ -169,8 +169,11 @@ class Listing(Outcome):
             said += f": {len(changes.read)} read, {changes.unchanged} unchanged since the last time"
             if changes.gone:
                 said += f", {len(changes.gone)} gone"
-            if changes.unreadable:
-                said += f"; {words.count(len(changes.unreadable), 'file')} could not be read"
+            folders = len([name for name in changes.unreadable if name.endswith("/")])
+            kinds = {"file": len(changes.unreadable) - folders, "folder": folders}
+            unread = " and ".join([words.count(count, kind) for kind, count in kinds.items() if count])
+            if unread:
+                said += f"; {unread} could not be read"
         yield Line(said, DIM, 4)
 
     def as_dict(self) -> Mapping[str, object]:

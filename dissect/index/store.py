@@ -1,12 +1,14 @@
 """The catalogue on disk: a SQLite database with a row for each file, its connections' ends and its findings.
 
-It can be made again at any time, so one that another version wrote is emptied. A file is replaced in one transaction: who
+Names of files are kept as the bytes that the file system has, which need not be text in any encoding. The catalogue can be
+made again at any time, so one that another version wrote is emptied. A file is replaced in one transaction: who
 reads meanwhile, or after a crash, sees it as it was before or as it is.
 """
 
 from __future__ import annotations
 
 import errno
+import os
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +20,7 @@ from dissect.index.facts import FileFacts
 #: Name of the catalogue in the folder it is of.
 NAME: Final = ".s7dissect-index.sqlite"
 #: Changes with the tables below.
-FORMAT: Final = 1
+FORMAT: Final = 2
 #: Marks the database as ours (PRAGMA application_id): "S7ix".
 _MARK: Final = 0x53376978
 #: Seconds to wait for another process that writes.
@@ -27,7 +29,7 @@ _PATIENCE: Final = 10.0
 _TABLES: Final = """
 CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
 CREATE TABLE files (
-    id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, size INTEGER NOT NULL, mtime_ns INTEGER NOT NULL,
+    id INTEGER PRIMARY KEY, name BLOB NOT NULL UNIQUE, size INTEGER NOT NULL, mtime_ns INTEGER NOT NULL,
     packets INTEGER NOT NULL, first_ns INTEGER NOT NULL, last_ns INTEGER NOT NULL, pdus INTEGER NOT NULL,
     connections INTEGER NOT NULL, transactions INTEGER NOT NULL, errors INTEGER NOT NULL, unanswered INTEGER NOT NULL,
     all_pairs INTEGER NOT NULL, damage TEXT NOT NULL
@@ -123,14 +125,15 @@ class Store:
             rows = self._base.execute("SELECT name, size, mtime_ns FROM files").fetchall()
         except sqlite3.Error as error:
             raise self._failed(error) from None
-        return {name: (size, mtime_ns) for name, size, mtime_ns in rows}
+        return {os.fsdecode(name): (size, mtime_ns) for name, size, mtime_ns in rows}
 
     def put(self, facts: FileFacts) -> None:
         """Write what is known of a file, in the place of what was known before."""
-        values = [getattr(facts, name) for name in _COLUMNS]
+        name = os.fsencode(facts.name)
+        values = [name, *[getattr(facts, column) for column in _COLUMNS[1:]]]
         try:
             with self._base as base:
-                base.execute("DELETE FROM files WHERE name = ?", (facts.name,))
+                base.execute("DELETE FROM files WHERE name = ?", (name,))
                 marks = ", ".join("?" * len(_COLUMNS))
                 row = base.execute(f"INSERT INTO files ({', '.join(_COLUMNS)}) VALUES ({marks})", values)  # noqa: S608 - our own words
                 number = row.lastrowid
@@ -146,7 +149,7 @@ class Store:
         """Forget a file."""
         try:
             with self._base as base:
-                base.execute("DELETE FROM files WHERE name = ?", (name,))
+                base.execute("DELETE FROM files WHERE name = ?", (os.fsencode(name),))
         except sqlite3.Error as error:
             raise self._failed(error) from None
 
@@ -159,6 +162,7 @@ class Store:
             ).fetchall()
             for number, *values in rows:
                 facts = FileFacts(**dict(zip(_COLUMNS, values, strict=True)))
+                facts.name = os.fsdecode(facts.name)
                 facts.all_pairs = bool(facts.all_pairs)
                 facts.pairs = frozenset(
                     base.execute("SELECT address, port, other_address, other_port FROM pairs WHERE file = ?", (number,))

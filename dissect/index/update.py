@@ -20,7 +20,8 @@ _COMPRESSED: Final = (".gz", ".zst")
 class Changes:
     """What an update did: files by what became of them.
 
-    ``unreadable`` says why, by name; ``damaged`` what of a file that was read is missing; ``whole`` is False if broken off.
+    ``unreadable`` says why, by name, that of a folder ending with a slash; ``damaged`` what of a file that was read is missing;
+    ``whole`` is False if broken off.
     """
 
     read: list[str] = field(default_factory=list)
@@ -31,23 +32,32 @@ class Changes:
     whole: bool = True
 
 
-def captures(folder: Path) -> Iterator[str]:
+def captures(folder: Path, unreadable: dict[str, str] | None = None) -> Iterator[str]:
     """Yield the captures in a folder and below it, by names relative to it, sorted; hidden files and folders are left out.
 
-    Symbolic links to folders are not followed. Raises `OSError` when the folder itself cannot be read.
+    Symbolic links to folders are not followed. What cannot be looked into or at is added to ``unreadable``, with the reason;
+    the names of folders end with a slash there. Raises `OSError` when the folder itself cannot be read.
     """
     with os.scandir(folder) as entries:
         found = sorted(entries, key=lambda entry: entry.name)
     for entry in found:
         if entry.name.startswith("."):
             continue
-        if entry.is_dir(follow_symlinks=False):
-            try:
-                yield from [f"{entry.name}/{name}" for name in captures(Path(entry.path))]
-            except PermissionError:
-                continue
-        elif is_capture(entry.name) and entry.is_file():
-            yield entry.name
+        name = entry.name
+        try:
+            if entry.is_dir(follow_symlinks=False):
+                name += "/"
+                below: dict[str, str] = {}
+                yield from [name + each for each in captures(Path(entry.path), below)]
+                if unreadable is not None:
+                    unreadable.update({name + each: why for each, why in below.items()})
+            elif is_capture(name) and entry.is_file():
+                yield name
+        except FileNotFoundError:
+            continue  # it went while we looked
+        except OSError as error:
+            if unreadable is not None:
+                unreadable[name] = error.strerror or str(error)
 
 
 def is_capture(name: str) -> bool:
@@ -67,8 +77,11 @@ def update(store: Store, folder: Path, read: Callable[[str, FileFacts], FileFact
     """
     changes = Changes()
     known = store.known()
-    names = list(captures(folder))
-    for name in known.keys() - set(names):
+    names = list(captures(folder, changes.unreadable))
+    hidden = tuple([name for name in changes.unreadable if name.endswith("/")])
+    for name in known.keys() - set(names) - changes.unreadable.keys():
+        if name.startswith(hidden):
+            continue  # perhaps it is there: who may look into the folder finds what is known of it
         store.drop(name)
         changes.gone.append(name)
     for name in names:

@@ -95,16 +95,16 @@ def _open_stdin() -> PlainSource:
 def find_reader(source: OctetSource, name: str) -> Reader:
     """Return the reader for what ``source`` holds."""
     head = _read_head(source)
-    compression = _compression(head)
-    if compression:
+    packed = compression(head)
+    if packed:
         try:
-            source = GzipSource(source, head) if compression == "gzip" else ZstdSource(source, head)
+            source = GzipSource(source, head) if packed == "gzip" else ZstdSource(source, head)
         except ImportError:
             raise CaptureError(
                 f"{name}: a zstd file, which needs one more package: pip install 's7dissect[zstd]'"
             ) from None
         head = _read_head(source)
-        if _compression(head):
+        if compression(head):
             raise CaptureError(f"{name}: compressed twice; decompress it once first")
     if head[:4] in PCAP_MAGICS:
         return PcapReader(source, head)
@@ -133,8 +133,8 @@ def _read_head(source: OctetSource) -> bytes:
     return b"".join(pieces)
 
 
-def _compression(head: bytes) -> str:
-    """Return ``gzip``, ``zstd`` or nothing."""
+def compression(head: bytes) -> str:
+    """Return how a file that begins so is compressed: ``gzip``, ``zstd`` or nothing."""
     if head.startswith(_GZIP_MAGIC):
         return "gzip"
     return "zstd" if head.startswith(_ZSTD_MAGIC) or _is_skippable(head[:4]) else ""

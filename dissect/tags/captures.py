@@ -13,8 +13,11 @@ from dissect.source.packet import CaptureError
 from dissect.tags.tag_file import TagFile
 
 
-def read_capture(file: TagFile) -> None:
-    """Take the declarations that a capture holds, by the host of the CPU; none at all is an error of the file."""
+def read_capture(file: TagFile, packed: str = "") -> None:
+    """Take the declarations that a capture holds, by the host of the CPU; none at all is an error of the file.
+
+    ``packed`` says how it is compressed; what is compressed and no capture may be a file of tags.
+    """
     file.format = "capture"
     pipeline = Pipeline(Observer())
     try:
@@ -25,7 +28,8 @@ def read_capture(file: TagFile) -> None:
         finally:
             reader.close()
     except CaptureError as error:
-        file.problems.error(0, str(error).removeprefix(f"{file.path}: "))
+        hint = f"; if it has tags, decompress it first ({packed})" if packed else ""
+        file.problems.error(0, str(error).removeprefix(f"{file.path}: ") + hint)
         return
     pipeline.finish()
     file.programs = pipeline.exchange.watch.plus.programs()

@@ -12,19 +12,24 @@ from typing import Final, NamedTuple
 from dissect.tags.problems import Problems
 from dissect.tags.types import whole_number
 
-_TOKEN: Final = re.compile(
-    r"""
+_TEXT: Final = r"|(?P<text>'(?:[^'$\n]|\$[^\n])*')"
+_TOKENS: Final = rf"""
     (?P<space>\s+)
     |(?P<note>//[^\n]*|\(\*.*?\*\)|/\*.*?\*/)
-    |(?P<attributes>\{(?:'(?:[^'$]|\$.)*'|[^}'])*\})
-    |(?P<text>'(?:[^'$\n]|\$.)*')
+    |(?P<attributes>\{{(?:'(?:[^'$]|\$.)*'|[^}}'])*\}})
+    |(?P<unclosed>\{{|\(\*|/\*)
+    {_TEXT}
     |(?P<quoted>"[^"\n]*")
     |(?P<mark>\.\.|:=|[:;,\[\]().=])
     |(?P<word>[\w#+\-]+)
     |(?P<other>.)
-    """,
-    re.VERBOSE | re.DOTALL,
-)
+    """
+_TOKEN: Final = re.compile(_TOKENS, re.VERBOSE | re.DOTALL)
+#: Where a text is not closed on its line, none that begins behind it is: to try each would take the square of the time.
+_NO_TEXT: Final = re.compile(_TOKENS.replace(_TEXT, ""), re.VERBOSE | re.DOTALL)
+_NOTE_BEHIND: Final = re.compile(r"[^\S\n]*(?://|\(\*)")
+#: What ends what began and is not closed; to look for it once more at every place behind would take the square of the time.
+_CLOSING: Final = {"{": "}", "(*": "*)", "/*": "*/"}
 _LINE_END: Final = re.compile(r"[^\n]*")
 _OPTIMIZED: Final = re.compile(r"S7_Optimized_Access\s*:=\s*'(TRUE|FALSE)'", re.IGNORECASE)
 #: The blocks that a source has, and where each ends.
@@ -149,6 +154,9 @@ class _Reader:
         self._problems = problems
         self._at = 0
         self._note = Token("", "", -1)
+        self._seen = 0  # up to where comments were looked for, and whether one was open there
+        self._opened = False
+        self._no_text = 0  # up to where no text ends
         self._starts = [0, *[found.end() for found in re.finditer("\n", text)]]
         self._constants: dict[str, int] = {}
 
@@ -171,8 +179,15 @@ class _Reader:
 
     def _commented(self, at: int) -> bool:
         """Tell whether a place is inside of a comment that began on an earlier line."""
-        opened = self._text.rfind("(*", 0, at)
-        return opened >= 0 and self._text.find("*)", opened, at) < 0 and "//" not in self._line_before(opened)
+        begin = max(0, self._seen - 1)
+        opened = self._text.rfind("(*", begin, at)
+        if opened >= 0:
+            self._opened = "//" not in self._line_before(opened)
+            begin = opened
+        # Places are asked for in their order, so that what was looked at before need not be looked at again.
+        self._opened = self._opened and self._text.find("*)", begin, at) < 0
+        self._seen = at
+        return self._opened
 
     def _line_before(self, at: int) -> str:
         return self._text[self._text.rfind("\n", 0, at) + 1 : at]
@@ -185,11 +200,20 @@ class _Reader:
     def _next(self) -> Token:
         """Return the next token that is no blank; the comment that ends before it is kept in ``_note``."""
         while self._at < len(self._text):
-            found = _TOKEN.match(self._text, self._at)
+            found = (_TOKEN if self._at >= self._no_text else _NO_TEXT).match(self._text, self._at)
             assert found is not None
             assert found.lastgroup is not None
             token = Token(found.lastgroup, found.group(), self._at)
             self._at = found.end()
+            if token.text == "'" and token.at >= self._no_text:
+                line_end = self._text.find("\n", token.at)
+                self._no_text = line_end if line_end >= 0 else len(self._text)
+            if token.kind == "unclosed":
+                self._at = len(self._text)
+                raise self._fail(
+                    token,
+                    f"{token.text} is never closed by {_CLOSING[token.text]}: all that follows it in the file was left out",
+                )
             if token.kind == "note":
                 self._note = token
             elif token.kind != "space":
@@ -424,6 +448,9 @@ class _Reader:
 
     def _comment(self) -> str:
         """Return the comment on the line that the member ends on."""
+        found = _NOTE_BEHIND.match(self._text, self._at)
+        if found is None:
+            return ""
         line_end = self._text.find("\n", self._at)
         rest = self._text[self._at : line_end if line_end >= 0 else len(self._text)].strip()
         if rest.startswith("//"):

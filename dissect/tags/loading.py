@@ -12,6 +12,9 @@ from typing import Final
 from dissect.config.hints import close_to
 from dissect.s7.tables import DB
 from dissect.s7plus.program import Program
+from dissect.source.files import compression
+from dissect.source.pcap import PCAP_MAGICS
+from dissect.source.pcapng import PCAPNG_MAGIC
 from dissect.tags.captures import read_capture
 from dissect.tags.csv_tables import looks_like_table, read_csv
 from dissect.tags.declarations import Block, Shape, essence, looks_like_source, read_declarations
@@ -34,11 +37,9 @@ _FOREIGN: Final = (
     (b"\xd0\xcf\x11\xe0", "an OLE document, such as an old Excel workbook or a project file"),
     (b"MZ", "a Windows program"),
     (b"PK", "a ZIP archive, such as a TIA project archive, without a workbook"),
-    (b"\x1f\x8b", "a file compressed with gzip"),
     (b"%PDF", "a PDF document"),
 )
 _MAGIC: Final = 4
-_CAPTURES: Final = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\x0a\x0d\x0d\x0a")
 
 
 class TagError(Exception):
@@ -123,8 +124,9 @@ def _read(path: str, encoding: str) -> TagFile:
     file = TagFile(path)
     with Path(path).open("rb") as stream:
         octets = stream.read(_MAGIC)
-        if octets in _CAPTURES:
-            read_capture(file)
+        packed = compression(octets)
+        if packed or octets in PCAP_MAGICS or octets == PCAPNG_MAGIC:
+            read_capture(file, packed)
             return file
         octets += stream.read(MAX_FILE + 1 - _MAGIC)
     if len(octets) > MAX_FILE:

@@ -188,3 +188,29 @@ def test_indexed_needs_an_index_and_a_question(capfdbinary: Capture, folder: Pat
     assert ran.code == 2
     assert f"{index} is not of this version: `s7dissect index` brings it up to date" in ran.err
     assert index.read_bytes() == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names are text there")
+def test_a_name_that_is_no_text(capfdbinary: Capture, tmp_path: Path) -> None:
+    try:
+        shutil.copy(CAPTURES / "item-errors.pcapng", tmp_path / os.fsdecode(b"m\xfcnchen.pcapng"))
+    except OSError:
+        pytest.skip("this file system takes text alone")
+    shutil.copy(CAPTURES / "two-clients.pcapng", tmp_path / "z.pcapng")
+    ran = run(capfdbinary, "index", tmp_path)
+    assert ran.code == 0
+    assert "m\\xfcnchen.pcapng\n" in ran.out
+    assert "2 files: 2 read, 0 unchanged since the last time" in ran.out
+    assert "2 files: 0 read, 2 unchanged since the last time" in run(capfdbinary, "index", tmp_path).out
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a folder that may not be read")
+def test_a_folder_that_may_not_be_read_is_named_and_its_files_stay(capfdbinary: Capture, folder: Path) -> None:
+    run(capfdbinary, "index", folder)
+    (folder / "day 2").chmod(0)
+    try:
+        ran = run(capfdbinary, "index", folder)
+    finally:
+        (folder / "day 2").chmod(0o700)
+    assert (ran.code, ran.err) == (3, "s7dissect: day 2/: Permission denied\n")
+    assert "4 files: 0 read, 3 unchanged since the last time; 1 folder could not be read" in ran.out

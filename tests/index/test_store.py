@@ -6,6 +6,7 @@ import errno
 import os
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -141,3 +142,39 @@ def test_what_cannot_be_read_is_told_and_what_is_broken_off_is_read_the_next_tim
         changes = update(store, tmp_path, lambda _path, facts: answers[facts.name])
         assert (changes.unreadable, changes.read, changes.whole) == ({"a.pcap": "not a capture"}, ["b.pcap"], False)
         assert list(store.known()) == ["b.pcap"]
+
+
+def test_a_name_may_be_of_any_bytes(tmp_path: Path) -> None:
+    name = os.fsdecode(b"m\xfcnchen.pcap")
+    with Store(tmp_path / "index", "1") as store:
+        store.put(some(name))
+        store.put(some("z\u00fc.pcap"))
+    with Store(tmp_path / "index", "1") as store:
+        assert list(store.files()) == [some(name), some("z\u00fc.pcap")] or os.name == "nt"
+        assert store.known() == {name: (100, 7), "z\u00fc.pcap": (100, 7)}
+        store.put(some(name))
+        store.drop(name)
+        assert list(store.known()) == ["z\u00fc.pcap"]
+
+
+def test_what_is_in_a_folder_that_cannot_be_read_is_not_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a.pcap", "closed/b.pcap", "closed/deep/c.pcap", "open/shut/d.pcap", "open/e.pcap"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"x")
+    scandir = os.scandir
+
+    def refused(folder: Path) -> Any:
+        if folder.name in {"closed", "shut"}:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return scandir(folder)
+
+    with Store(tmp_path / ".index", "1") as store:
+        assert len(update(store, tmp_path, lambda _path, facts: facts).read) == 5
+        (tmp_path / "open" / "e.pcap").unlink()
+        monkeypatch.setattr(os, "scandir", refused)
+        changes = update(store, tmp_path, lambda _path, facts: facts)
+        assert changes.unreadable == {"closed/": "Permission denied", "open/shut/": "Permission denied"}
+        assert (changes.gone, changes.unchanged) == (["open/e.pcap"], 1)
+        assert sorted(store.known()) == ["a.pcap", "closed/b.pcap", "closed/deep/c.pcap", "open/shut/d.pcap"]
+        monkeypatch.undo()
+        assert update(store, tmp_path, lambda _path, facts: facts).unchanged == 4

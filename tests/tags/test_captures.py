@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from dissect.s7plus.program import Program
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink
 from dissect.tags import TagError, load_tags
+from dissect.tags.loading import read_tags
 from tests.cli.support import run
 from tests.conftest import ROOT
 from tests.oracle.traffic import write_capture
@@ -117,3 +119,33 @@ def test_what_passes_counts_for_more_than_what_is_given() -> None:
     seen.adopt(given)
     assert seen.count == given.count > before
     assert seen.find(Address(0, 0x8A0E0003, 2550, [9])) is not None
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "plain-big-endian-ns.pcap",
+        "plain-ns.pcap",
+        "plain-gzip.pcap.gz",
+        "plain-zstd.pcap.zst",
+        "plain-big-endian-ng.pcapng",
+    ],
+)
+def test_a_capture_is_one_in_every_format_that_is_read(name: str) -> None:
+    found = read_tags([str(PLANT.parent / name)])
+    assert [problem.text.partition(" of variables")[0] for problem in found.problems] == [
+        "is a capture without declarations"
+    ]
+
+
+def test_every_capture_has_its_names_compressed_or_not(silent: Path, tmp_path: Path) -> None:
+    packed = tmp_path / "plant.gz"
+    packed.write_bytes(gzip.compress(PLANT.read_bytes()))
+    assert set(items(silent, str(packed))) == {'DB1."setpoint"'}
+
+
+def test_tags_that_are_compressed_are_told_from_captures(tmp_path: Path) -> None:
+    packed = tmp_path / "tags.csv.gz"
+    packed.write_bytes(gzip.compress(b"address,type,name\nMW0,INT,a\n"))
+    with pytest.raises(TagError, match=r"not a capture file .*; if it has tags, decompress it first \(gzip\)"):
+        load_tags([packed])

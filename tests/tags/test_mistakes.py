@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from pathlib import Path
 from typing import Final
 
@@ -152,6 +153,14 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "block.db", f"DATA_BLOCK DB 1\nSTRUCT\na : {'ARRAY[0..1] OF ' * 3000}INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
         "error", 3, "a has 3000 dimensions: at most 6",
     ),
+    "attributes that are not closed": (
+        "block.db", "DATA_BLOCK DB 1\nSTRUCT\na { x := 'TRUE' : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
+        "error", 3, "{ is never closed by }: all that follows it in the file was left out",
+    ),
+    "a comment that is not closed": (
+        "block.db", "DATA_BLOCK DB 1\nSTRUCT\na : INT; (* level\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
+        "error", 3, "(* is never closed by *)",
+    ),
     "an empty file": ("tags.csv", "\n", "error", 0, "is empty"),
 }  # fmt: skip
 
@@ -160,6 +169,34 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
     path = folder / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
+
+
+@pytest.mark.parametrize(
+    "members", ["{ " * 60_000, "(* " * 60_000, "/* " * 60_000, "a : STRING := " + "'$" * 60_000, "a : INT;" * 20_000]
+)
+def test_what_is_not_closed_takes_no_longer_than_what_is(members: str, tmp_path: Path) -> None:
+    began = time.perf_counter()
+    read_tags([written(tmp_path, "b.db", f"DATA_BLOCK DB 1\nSTRUCT\n{members}\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n")])
+    assert time.perf_counter() - began < 30  # it was hours for most of them
+
+
+def test_blocks_within_a_comment_are_none(tmp_path: Path) -> None:
+    block = "DATA_BLOCK DB {}\nSTRUCT\na : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n"
+    text = "".join(
+        [
+            block.format(1),
+            "(* old:\n",
+            block.format(2),
+            block.format(3),
+            "*)\n",
+            block.format(4),
+            "// (* a note\n",
+            block.format(5),
+        ]
+    )
+    assert [tag.db for tag in load_tags([written(tmp_path, "b.db", text)]).tags] == [1, 4, 5]
+    text = block.format(1) + "(* old:\n" + block.format(2) * 20_000
+    assert [tag.db for tag in load_tags([written(tmp_path, "b.db", text)]).tags] == [1]
 
 
 @pytest.mark.parametrize("value", ["+-5", "\u00b2", "9" * 5000, "", "5"])
