@@ -139,6 +139,9 @@ class Run:
         file.notes = list(reader.notes)
         if file.loss:
             self.pipeline.note_damage(f"{file.name}: {file.loss}")
+        lost = reader.stated_loss()
+        if lost:
+            self.pipeline.note_dropped(f"{file.name}: {lost}, as the file states")
         reader.close()
 
 

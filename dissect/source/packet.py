@@ -54,6 +54,10 @@ class Reader:
         """
         return False
 
+    def stated_loss(self) -> str:
+        """Return in words how many packets the capture states that were lost while it was made; empty for none."""
+        return ""
+
     def close(self) -> None:
         """Release the file. May be called twice."""
 

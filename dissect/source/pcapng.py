@@ -47,6 +47,8 @@ _MIN_INTERFACE: Final = 20
 _MIN_SIMPLE: Final = 16
 #: The largest statistics block kept; real ones have about a hundred octets.
 _MAX_STATISTICS: Final = 4096
+#: Sections whose statistics are kept; a file that was put together has one for each of its parts.
+_MAX_SECTIONS: Final = 4096
 _MIN_PACKET: Final = 32
 _MIN_SECRETS: Final = 20
 
@@ -130,7 +132,7 @@ class PcapngReader(ChunkReader):
     """A pcapng file. ``head`` begins with `PCAPNG_MAGIC`.
 
     ``statistics`` holds the last Interface Statistics Block of each interface of the section being read, by its number, as it
-    is (`dissect.source.statistics` reads them).
+    is (`dissect.source.statistics` reads them), ``earlier_statistics`` those of the sections before it.
     """
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
@@ -144,6 +146,16 @@ class PcapngReader(ChunkReader):
         self._doubt: bool = False
         self._need = _MIN_BLOCK
         self.statistics: dict[int, bytes] = {}
+        self.earlier_statistics: list[bytes] = []
+
+    def stated_loss(self) -> str:
+        """Return what the statistics of all sections say was lost."""
+        blocks = [*self.earlier_statistics, *self.statistics.values()]
+        if not blocks:
+            return ""
+        from dissect.source.statistics import loss_in  # late: few captures have them
+
+        return loss_in(blocks)
 
     def step(self, sink: PacketSink) -> bool:
         """Read about one chunk and deliver its packets to ``sink``; False when there is nothing more to read."""
@@ -268,6 +280,8 @@ class PcapngReader(ChunkReader):
             self._stop(at, f"a section is of version {major} of the format, which is not defined")
             return
         self._interfaces = []
+        if len(self.earlier_statistics) < _MAX_SECTIONS:
+            self.earlier_statistics += self.statistics.values()
         self.statistics = {}
 
     def _interface(self, at: i64, total: i64) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final, Literal, NamedTuple
 
 from dissect.source.pcapng import STATISTICS
+from dissect.wire.text import count
 
 #: Where the options of the block begin, and those that tell of loss: in the interface, and between it and who captured.
 _OPTIONS_AT: Final = 20
@@ -34,3 +36,13 @@ def read_lost(block: bytes) -> Lost:
             found[code] = int.from_bytes(block[at + 4 : at + 12], order)
         at += 4 + ((size + 3) & ~3)
     return Lost(found.get(_IFDROP), found.get(_OSDROP))
+
+
+def loss_in(blocks: Iterable[bytes]) -> str:
+    """Return in words how many packets Interface Statistics Blocks say were lost; empty for none."""
+    lost = [read_lost(block) for block in blocks]
+    sums = {
+        "interface": sum([one.interface or 0 for one in lost]),
+        "operating system": sum([one.kernel or 0 for one in lost]),
+    }
+    return ", ".join([f"{count(number, 'packet')} dropped by the {who}" for who, number in sums.items() if number])

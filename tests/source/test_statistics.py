@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import dissect
 from dissect.source.pcapng import PcapngReader
 from dissect.source.statistics import Lost, read_lost
 from tests.source.live_support import Sink
@@ -83,3 +85,30 @@ def test_another_section_begins_anew() -> None:
     while reader.step(Sink()):
         pass
     assert reader.statistics == {}
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_what_a_file_states_is_a_finding(order: str, tmp_path: Path) -> None:
+    """All interfaces and sections count, of each interface the last block."""
+    section = block(order, 0x0A0D0D0A, struct.pack(f"{order}IHHq", 0x1A2B3C4D, 1, 0, -1))
+    interface = block(order, 1, struct.pack(f"{order}HHI", 1, 0, 0))
+    dropped = [option(order, code, struct.pack(f"{order}Q", number)) for code, number in ((5, 7), (5, 120), (7, 2))]
+    packet = block(order, 6, struct.pack(f"{order}5I", 0, 0, 1, 60, 60) + bytes(60))
+    path = tmp_path / "lossy.pcapng"
+    path.write_bytes(
+        section + interface + interface + packet + statistics(order, 0, dropped[0]) + statistics(order, 0, dropped[1])
+        + statistics(order, 1, *dropped[1:]) + section + interface + packet + statistics(order, 0, dropped[0])
+    )  # fmt: skip
+    analysis = dissect.analyze(path)
+    (finding,) = [one for one in analysis.findings if one.slug == "capture.dropped"]
+    stated = "247 packets dropped by the interface, 2 packets dropped by the operating system, as the file states"
+    assert finding.detail == f"{path}: {stated}"
+
+
+def test_a_file_that_states_no_loss(tmp_path: Path) -> None:
+    path = tmp_path / "sound.pcapng"
+    begin = block("<", 0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)) + block(
+        "<", 1, struct.pack("<HHI", 1, 0, 0)
+    )
+    path.write_bytes(begin + statistics("<", 0, option("<", 5, bytes(8))))
+    assert "capture.dropped" not in dissect.analyze(path).finding_counts
