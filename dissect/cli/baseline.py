@@ -21,7 +21,7 @@ from dissect.report.formats import ALERTS, Format
 from dissect.report.outcome import SPACED_LINE, Outcome
 from dissect.report.styled import HANG, Line
 from dissect.session import CONTINUES_NS, Run
-from dissect.wire.saving import is_special, save
+from dissect.wire.saving import expect_place, is_special, save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -134,6 +134,8 @@ def _learn(files: Sequence[str], output: str | None, update: str | None, tls_key
         and not (update is not None and _same(output, update))
     ):
         raise click.UsageError(f"{printable(output)} exists; use --update, or choose another file")
+    if output is not None:
+        expect_place(output)
     learner = Learner()
     run = _Run(files, learner, tls_keys, lambda _: learner.restart())
     code = drive(run, files)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -19,6 +18,7 @@ from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
 from dissect.cli.run import checksums_option, complain, drive, files_if_any, places_of, slow_option
+from dissect.cli.second_pass import check_out
 from dissect.source.remote import shown
 from dissect.wire.saving import save
 from dissect.wire.text import printable
@@ -44,16 +44,6 @@ def needs_template_engine() -> None:
 
     if not rendering.is_installed():
         raise click.ClickException(rendering.NEEDS)
-
-
-def check_output(output: str, files: Sequence[str], force: bool) -> None:
-    """Refuse an output that would destroy something."""
-    path = Path(output)
-    for file in files:
-        if file != "-" and path.exists() and Path(file).exists() and path.samefile(file):
-            raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
-    if path.is_file() and not force:
-        raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
 
 
 @click.command("report", epilog=_EXIT_CODES)
@@ -113,8 +103,7 @@ def command(
     needs_template_engine()
     if bool(files) == bool(both):
         raise click.UsageError("give either FILE or --diff A B." if files else "missing FILE (or --diff A B).")
-    if output != "-":
-        check_output(output, files or both or (), force)
+    check_out(files or both or (), output, force)
 
     plots = wanted_of(plotted, naming, decoder) if plotted else None
 

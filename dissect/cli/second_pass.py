@@ -13,7 +13,7 @@ import click
 from dissect.cli.options.select import read_where
 from dissect.cli.run import drive, places_of
 from dissect.source.pcapng_writer import CAPTURE_MODE
-from dissect.wire.saving import Saving
+from dissect.wire.saving import Saving, expect_place
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -64,12 +64,17 @@ def check_files(files: Sequence[str], output: str, force: bool) -> None:
 
 
 def check_out(files: Sequence[str], output: str, force: bool) -> None:
-    """Refuse an output that is an input as well, and with no ``force`` any other file that is there."""
+    """Refuse an output that is an input as well, with no ``force`` any other file that is there, and what cannot be written.
+
+    Raises `OSError` for the last.
+    """
     for file in files:
         if output != "-" and Path(output).exists() and Path(file).exists() and Path(file).samefile(output):
             raise click.UsageError(f"{printable(output)} is both input and output; choose another OUT.")
     if output != "-" and Path(output).is_file() and not force:
         raise click.UsageError(f"{printable(output)} exists; --force overwrites it.")
+    if output != "-":
+        expect_place(output)
 
 
 def read_first(

@@ -106,6 +106,21 @@ def save(output: str | os.PathLike[str], octets: bytes, mode: int = 0o666) -> No
             raise OSError(why.errno, why.strerror, saving.output) from None
 
 
+def expect_place(output: str | os.PathLike[str]) -> None:
+    """Raise the `OSError` that `save` would raise, before a long capture is read for it: its folder is not there, or read-only.
+
+    Only making a file tells for sure; it is gone at once. A device or FIFO is not opened: that alone may do something.
+    """
+    saving = Saving(output)
+    if saving.special:
+        return
+    try:
+        os.close(os.open(saving.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o600))
+        os.unlink(saving.path)  # noqa: PTH108 - a text
+    except OSError as why:
+        raise OSError(why.errno, why.strerror, saving.output) from None
+
+
 class SavingFolder:
     """A folder of outputs while it is written, as a context: make files in ``path``, which takes its place when all went well.
 

@@ -77,3 +77,28 @@ def test_no_room_is_code_5_in_one_line_and_leaves_nothing(tmp_path: Path, name: 
     )  # fmt: skip
     assert (ended.returncode, ended.stderr.decode()) == (5, f"s7dissect: cannot write {out}: File too large\n")
     assert [path.name for path in tmp_path.iterdir()] == ["good.pcapng"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "golden BAD -o OUT",
+        "cut BAD -o OUT",
+        "anonymize BAD -o OUT",
+        "baseline BAD -o OUT",
+        "report BAD -o OUT",
+        "export BAD -o OUT.csv",
+    ],
+)
+@pytest.mark.parametrize(("folder", "why"), [("none", "No such file or directory"), ("bad.pcapng", "Not a directory")])
+def test_an_output_without_a_folder_is_told_before_anything_is_read(
+    capfdbinary: Capture, tmp_path: Path, words: str, folder: str, why: str
+) -> None:
+    bad = tmp_path / "bad.pcapng"
+    bad.write_bytes(b"no capture")
+    out = str(tmp_path / folder / "out")
+    ran = run(capfdbinary, *[word.replace("OUT", out).replace("BAD", str(bad)) for word in words.split()])
+    assert (ran.code, ran.out) == (2, "")
+    assert why in ran.err
+    assert out in ran.err
+    assert list(tmp_path.iterdir()) == [bad]
