@@ -248,6 +248,8 @@ _ROWS: Final = (
           {TRANSACTION: lambda thing, _context: thing.latency_ns}),
     Field("latency_ns", Duration(bare=True), "The same; a number without a unit counts nanoseconds.", "latency_ns > 20000000",
           {TRANSACTION: lambda thing, _context: thing.latency_ns}),
+    Field("sent_again", Number(), "How often TCP sent the request again, 0 where it did not.", "sent_again > 0",
+          {TRANSACTION: lambda thing, _context: int(thing.again.times) if thing.again is not None else 0}),
     Field("duration", Duration(), "Time from the first packet to the last.", "duration > 5s",
           _all(of.duration, (OPERATION, CONNECTION))),
     Field("duration_ns", Duration(bare=True), "The same; a number without a unit counts nanoseconds.",
