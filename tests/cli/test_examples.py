@@ -87,14 +87,14 @@ def prepared(capfdbinary: pytest.CaptureFixture[bytes], folder: Path, command: s
         line = line.replace(theirs, ours)
     if command.startswith("scd"):
         shutil.copy(ROOT / "captures" / "scd" / "plant.toml", folder / "plant.toml")
-        assert here(capfdbinary, "s7dissect scd compile plant.toml -o plant.scd").code == 0
+        assert here(capfdbinary, "s7dissect scd compile plant.toml -o plant.scd --force").code == 0
     if "--against plant.toml" in line:
         (folder / "plant.toml").unlink(missing_ok=True)
         assert here(capfdbinary, "s7dissect baseline old.pcapng -o plant.toml").code == 0
     if "session.s7.txt" in line:
-        assert here(capfdbinary, "s7dissect golden trace.pcapng -o session.s7.txt").code == 0
+        assert here(capfdbinary, "s7dissect golden trace.pcapng -o session.s7.txt --force").code == 0
     for name in re.findall(r"(?:-o|-w|>) (\S+)", line):
-        if (folder / name).is_file() and name != "session.s7.txt":
+        if (folder / name).is_file():
             (folder / name).unlink()
     return line
 

@@ -16,6 +16,7 @@ Capture = pytest.CaptureFixture[bytes]
 EVIL: Final = "a\x1b]0;owned\x07\x1b[31m\nred\u202e"
 SHOWN: Final = "a\\x1b]0;owned\\x07\\x1b[31m"
 PLANT: Final = str(ROOT / "captures" / "scd" / "plant.toml")
+PROGRAM: Final = str(ROOT / "captures" / "crafted" / "program.pcapng")  # it has blocks to write
 #: Calls that name a file that cannot be read (MISSING), written (NOWHERE) or understood (NONSENSE).
 CALLS: Final = """
 analyze MISSING
@@ -33,7 +34,7 @@ report GOOD -o NOWHERE
 report --diff GOOD MISSING -o OUT
 blocks MISSING
 blocks NONSENSE
-blocks GOOD -o NOWHERE
+blocks PROGRAM -o NOWHERE
 blocks --diff GOOD MISSING
 devices MISSING
 show MISSING
@@ -134,6 +135,7 @@ def test_a_name_is_escaped_wherever_it_is_told(capfdbinary: Capture, tmp_path: P
         "GOOD": str(simple(tmp_path / "good.pcapng")),
         "OUT": str(tmp_path / "out"),
         "PLANT": PLANT,
+        "PROGRAM": PROGRAM,
         "FOLDER": str(tmp_path),
         "WORD": EVIL,
     }
