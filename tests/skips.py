@@ -24,7 +24,7 @@ REASONS: Final = (
     "memory is promised for the compiled build",
     # the rights of the user, and what the kernel gives
     "only root ",
-    "root may write anywhere",
+    "root may (read|write) anywhere",
     "no device nodes in this folder",
     "no packet socket here",
     "dumpcap cannot capture here",
