@@ -3,9 +3,9 @@
 One table per connection and asking side, because either end asks and their references are independent and may collide. The key
 is (ROSCTR, PDU reference), as `dissect.transactions.pairing.key_of` puts it in one number; a reference is opaque, zero is
 valid, it wraps and is used again at once. So an answered request leaves the table, and a request that finds its reference
-still open replaces the old one, which stays unanswered. Only when both are the same octets and one came shortly after the
-other do both wait and are answered in turn; a client that asks the same again after a second has given the first one up, and
-if both waited, every later answer of a client that never changes its reference would meet the request before its own.
+still open replaces the old one, which stays unanswered. Both wait only when one came shortly after the other, and either both
+are the same octets or so many may be open: a client that asks again after a second has given the first one up, and if both
+waited, every later answer of a client that never changes its reference would meet the request before its own.
 
 An answer that finds no request is held for a moment, because captures show packets out of order. A request that turns up
 later takes it only when the answer acknowledged the request's octets (TCP ACK), so that it cannot take an older answer.
@@ -17,7 +17,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK
 from dissect.transactions.transaction import Transaction
 
 #: Answers without request that are held per connection and side, and for how long.
@@ -27,6 +27,8 @@ ORPHAN_HOLD_FRAMES: Final = 50
 #: Identical requests that may wait under one reference, and how long after the one before them they may come.
 MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
+#: Requests of a side that may wait behind others of their reference: those of a client whose packets all come first.
+MAX_BEHIND: Final = 1024
 #: Clients wait two seconds at least before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
 #: So many of the longest open are looked at before the latest ones.
@@ -45,6 +47,21 @@ class Orphan:
         self.transaction: Transaction = transaction
         self.ack: i64 = ack
         self.packet: i64 = packet  # packets of its connection seen when it came
+
+
+def acknowledged(request: Transaction, end_seq: i64) -> bool:
+    """Return whether a request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
+    return request.request_ack >= 0 and ((request.request_ack - end_seq) & MASK) < HALF_SPACE
+
+
+def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
+    """Return whether an answer that ends at ``end_seq`` and acknowledges up to ``ack`` cannot be that of a request.
+
+    The request acknowledged it, or came when it was on its way. An acknowledgement far from the request tells nothing.
+    """
+    if request.request_seq >= 0 and ack >= 0 and ((request.request_seq - ack) & MASK) < FAR_AHEAD:
+        return True
+    return acknowledged(request, end_seq)
 
 
 class OpenRequests:
@@ -133,28 +150,82 @@ class OpenRequests:
         return old
 
     def supersede(self, key: i64, transaction: Transaction, old: Transaction) -> bool:
-        """Open a request whose key ``old`` holds, and keep ``old`` behind it; False when too many wait there already.
+        """Open a request whose key ``old`` holds, and keep ``old`` behind it; False when too many wait so already.
 
-        For a request that acknowledges octets the capture has not shown yet: the answer to ``old`` is among them.
+        For a request that acknowledges octets the capture has not shown yet, the answer to ``old`` is among them; and for one
+        that a client asks beside others.
         """
-        depth: i64 = 1
-        link = old.superseded
-        while link is not None:
-            depth += 1
-            link = link.superseded
-        if depth >= MAX_REPEATS:
+        table = self.table
+        if self.count - len(table) >= MAX_BEHIND:
             return False
         self.count += 1
         transaction.superseded = old
-        del self.table[key]  # so that the new one goes to the end: the table stays in the order of asking
-        self.table[key] = transaction
+        del table[key]  # so that the new one goes to the end: the table stays in the order of asking
+        table[key] = transaction
         return True
 
-    def take_superseded(self, found: Transaction, end_seq: i64) -> Transaction | None:
-        """Close and return the request kept behind ``found`` that an answer ending at ``end_seq`` belongs to, if any."""
+    def row(self, found: Transaction) -> list[Transaction]:
+        """Return all that is open under the key of ``found``, which is what `find` returns for it, oldest first. They stay."""
+        row: list[Transaction] = []
+        behind: Transaction | None = found
+        while behind is not None:
+            link: Transaction | None = behind
+            while link is not None:
+                row.append(link)
+                link = link.earlier
+            behind = behind.superseded
+        row.reverse()
+        return row
+
+    def first(self, found: Transaction) -> Transaction:
+        """Return the oldest of the `row` of ``found``."""
+        oldest = found
+        while oldest.superseded is not None or oldest.earlier is not None:
+            oldest = oldest.superseded or oldest.earlier or oldest
+        return oldest
+
+    def close(self, key: i64, chosen: Transaction) -> None:
+        """Close one of those that are open under ``key``, whatever waits before or behind it."""
+        newer: Transaction | None = None  # the one that ``head`` waits behind
+        head: Transaction | None = self.table.get(key)
+        while head is not None:
+            link: Transaction | None = head
+            while link is not None:
+                if link.earlier is chosen:
+                    link.earlier = chosen.earlier
+                    chosen.earlier = None
+                    self.count -= 1
+                    return
+                link = link.earlier
+            if head is chosen:
+                self._close_head(key, newer, head)
+                return
+            newer = head
+            head = head.superseded
+
+    def _close_head(self, key: i64, newer: Transaction | None, head: Transaction) -> None:
+        self.count -= 1
+        rest = head.superseded
+        if head.earlier is not None:
+            head.earlier.superseded = rest
+            rest = head.earlier
+        head.earlier = None
+        head.superseded = None
+        if newer is not None:
+            newer.superseded = rest
+        elif rest is not None:
+            self._table[key] = rest
+        else:
+            del self._table[key]
+
+    def take_superseded(self, found: Transaction, end_seq: i64, ack: i64) -> Transaction | None:
+        """Close and return the request kept behind ``found`` that an answer belongs to, if any.
+
+        The answer ends at ``end_seq`` and came with the acknowledgement ``ack``.
+        """
         newer = found
         older = found.superseded
-        while older is not None and older.acknowledged(end_seq):
+        while older is not None and excludes(older, end_seq, ack):
             newer = older
             older = older.superseded
         return self._take_behind(newer, older) if older is not None else None
@@ -288,10 +359,14 @@ class OpenRequests:
                 return count
             count += 1
         for transaction in reversed(self._table.values()):
-            link: Transaction | None = transaction
-            while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
-                count += 1
-                link = link.earlier
+            behind: Transaction | None = transaction
+            link: Transaction | None = None
+            while behind is not None and link is None and count < enough:
+                link = behind
+                while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
+                    count += 1
+                    link = link.earlier
+                behind = behind.superseded
             if link is transaction or count >= enough:
                 break
         return count

@@ -17,6 +17,7 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.contradictions import contradicts, is_strange
+from dissect.transactions.open_requests import GIVEN_UP_NS, REPEAT_NS, acknowledged, excludes
 from dissect.transactions.results import (
     EXPECTED,
     FUNCTION_MISMATCH,
@@ -143,8 +144,10 @@ class Dialogue:
         answering = side.peer
         waiting = requests.add(key, transaction)
         if waiting is not None:
-            expected: bool = answering is not None and _unseen(transaction, answering)
-            kept: bool = expected and requests.supersede(key, transaction, waiting)
+            transaction.request_seq = (side.end_seq - len(side.stream.last)) & MASK
+            expected: bool = answering is not None and _unseen(transaction, waiting, answering)
+            beside: bool = expected or _is_beside(side, transaction, waiting)
+            kept: bool = beside and requests.supersede(key, transaction, waiting)
             replaced = None if kept else requests.add_again(key, transaction, waiting)
             if replaced is not None:
                 self._replace(replaced, answering)
@@ -179,52 +182,111 @@ class Dialogue:
         waiting = requests.latest
         if waiting is None or key != requests.latest_key:
             waiting = requests.find(key)
+            if waiting is not None and waiting.request_seq >= 0:
+                waiting = self._take_one(side, key, waiting, rosctr, parameters, buf, at, size, data_at, frame)
+                if waiting is None:
+                    self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+                    return None
+                self.open -= 1
+                if mismatch(waiting.parameters, parameters):
+                    waiting.flags |= FUNCTION_MISMATCH
+                waiting.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+                self._answered(waiting, parameters, data_at)
+                return waiting
         if (
             waiting is not None
             and (waiting.request_ack - side.end_seq) & MASK < HALF_SPACE  # most are told from that
-            and waiting.acknowledged(side.end_seq)
-            and waiting.earlier is None
+            and acknowledged(waiting, side.end_seq)
         ):
-            # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
-            older = requests.take_superseded(waiting, side.end_seq)
-            if older is not None and not (
-                _holes(side) and contradicts(older, rosctr, parameters, buf, at, size, data_at)
-            ):
-                self.open -= 1
-                if mismatch(older.parameters, parameters):
-                    older.flags |= FUNCTION_MISMATCH
-                older.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-                self._answered(older, parameters, data_at)
-                return older
-            if older is not None:
-                self._give_up(older, side, REFERENCE_REUSED)
-            waiting = None
+            waiting = None  # the asking side had this answer before it asked
         asking = side.peer
         holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes` in place
         if waiting is None or (holes and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
             # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
-        asked = waiting
-        if waiting is requests.latest and waiting.earlier is None and waiting.superseded is None:  # nearly always
+        if waiting is requests.latest:  # nearly always
             requests.latest = None
             requests.count -= 1
         else:
-            if waiting.earlier is not None and side.hole_frame:
-                lost = requests.lose(waiting, frame, side.hole_frame)
-                if lost is not None:
-                    self._replace(lost, side)
-            if waiting.superseded is not None:  # what was asked before it would have been answered by now
-                for lost in requests.drop_superseded(waiting):
-                    self._give_up(lost, side, REFERENCE_REUSED)
-            asked = requests.take(key, waiting)
+            requests.take(key, waiting)
         self.open -= 1
         if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
             if mismatch(waiting.parameters, parameters):
-                asked.flags |= FUNCTION_MISMATCH
-        asked.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-        self._answered(asked, parameters, data_at)
-        return asked
+                waiting.flags |= FUNCTION_MISMATCH
+        waiting.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+        self._answered(waiting, parameters, data_at)
+        return waiting
+
+    def _take_one(
+        self,
+        side: Side,
+        key: i64,
+        waiting: Transaction,
+        rosctr: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        data_at: i64,
+        frame: i64,
+    ) -> Transaction | None:
+        """Close and return the request that an answer belongs to, None for none, where a reference was used while it was open.
+
+        ``waiting`` is the latest of those that are open under it.
+        """
+        requests = side.connection.open_requests[1 - side.index]
+        holes: bool = _holes(side)
+        if side.connection.jobs_allowed(1 - side.index) > 1 and side.hole_frame < requests.first(waiting).request_frame:
+            return self._take_oldest(side, key, waiting, rosctr, parameters, buf, at, size, data_at)
+        if waiting.earlier is None and excludes(waiting, side.end_seq, side.last_ack):
+            # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
+            older = requests.take_superseded(waiting, side.end_seq, side.last_ack)
+            if older is not None and holes and contradicts(older, rosctr, parameters, buf, at, size, data_at):
+                self._give_up(older, side, REFERENCE_REUSED)
+                return None
+            return older
+        if holes and contradicts(waiting, rosctr, parameters, buf, at, size, data_at):
+            return None
+        if waiting.earlier is not None and side.hole_frame:
+            lost = requests.lose(waiting, frame, side.hole_frame)
+            if lost is not None:
+                self._replace(lost, side)
+        for late in requests.drop_superseded(waiting):  # what was asked before it would have been answered by now
+            self._give_up(late, side, REFERENCE_REUSED)
+        return requests.take(key, waiting)
+
+    def _take_oldest(
+        self,
+        side: Side,
+        key: i64,
+        waiting: Transaction,
+        rosctr: i64,
+        parameters: Parameters,
+        buf: bytes,
+        at: i64,
+        size: i64,
+        data_at: i64,
+    ) -> Transaction | None:
+        """Close and return the oldest request of a reference that an answer fits: the other end answers them in turn."""
+        requests = side.connection.open_requests[1 - side.index]
+        row = [one for one in requests.row(waiting) if not excludes(one, side.end_seq, side.last_ack)]
+        if not row:
+            return None
+        chosen: Transaction | None = None
+        latest_ns: i64 = row[len(row) - 1].request_ns
+        for one in row:
+            if latest_ns - one.request_ns > REPEAT_NS:  # its client asked anew when it had given that one up
+                requests.close(key, one)
+                self._give_up(one, side, REFERENCE_REUSED)
+            elif not contradicts(one, rosctr, parameters, buf, at, size, data_at):
+                chosen = one
+                break
+            elif chosen is None and not _holes(side):
+                chosen = one  # if it fits none, the device is wrong
+        if chosen is not None:
+            requests.close(key, chosen)
+        return chosen
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """Look at the answer that a request has got, and count it."""
@@ -413,10 +475,38 @@ class Dialogue:
         self._answered(transaction, parameters, at + head + len(parameters.octets))
 
 
-def _unseen(request: Transaction, answering: Side) -> bool:
-    """Return whether a request acknowledges octets of the answering side that the capture has not shown yet."""
-    ahead: i64 = (request.request_ack - answering.stream.next_seq) & MASK
-    return request.request_ack >= 0 and answering.stream.next_seq >= 0 and 0 < ahead < HALF_SPACE
+def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:
+    """Return whether a request acknowledges octets of the answering side that the capture has not shown yet.
+
+    Where it has shown none at all: octets that the request ``before`` it did not.
+    """
+    shown: i64 = answering.stream.next_seq
+    if shown < 0:
+        shown = before.request_ack
+    ahead: i64 = (request.request_ack - shown) & MASK
+    return request.request_ack >= 0 and shown >= 0 and 0 < ahead < HALF_SPACE
+
+
+def _is_beside(side: Side, request: Transaction, before: Transaction) -> bool:
+    """Return whether a client asks a request beside another of the same reference, which it still waits for.
+
+    So many may be open, and nothing is missing that may have been the answer to the other one. What is the same once more,
+    or comes when that one was given up, is something else.
+    """
+    connection = side.connection
+    allowed: i64 = connection.jobs_allowed(side.index)
+    if allowed < 2 or request.request_ns - before.request_ns > REPEAT_NS:
+        return False
+    peer = side.peer
+    if peer is None or peer.hole_frame >= before.request_frame or side.hole_frame >= before.request_frame:
+        return False
+    requests = connection.open_requests[side.index]
+    if requests.count >= allowed:
+        # What is long without answer was given up by its client.
+        since_ns: i64 = request.request_ns - GIVEN_UP_NS
+        if requests.open_since(since_ns, peer.hole_frame, allowed) >= allowed:
+            return False
+    return before.request_octets != request.request_octets
 
 
 def _holes(side: Side) -> bool:

@@ -45,7 +45,6 @@ from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.skimming import skim_refusals
 from dissect.s7plus.tables import NOTIFIED, PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BAD_DATA,
@@ -138,6 +137,7 @@ class Transaction:
         "request_frame",
         "request_ns",
         "request_offset",
+        "request_seq",
         "request_size",
         "response_buf",
         "response_frame",
@@ -162,6 +162,7 @@ class Transaction:
         self.pdu_ref: i64 = pdu_ref
         self.parameters: Parameters = parameters  # of the request; of the answer when there is no request
         self.request_ack: i64 = -1  # TCP acknowledgement it came with, -1 for none
+        self.request_seq: i64 = -1  # where its last segment begins, if its reference was in use then; else -1
         self.request_frame: i64 = 0
         self.request_ns: i64 = 0
         self.request_buf: bytes = b""
@@ -202,10 +203,6 @@ class Transaction:
         self.response_size = size
         self.response_rosctr = rosctr
         self.response_parameters = parameters
-
-    def acknowledged(self, end_seq: i64) -> bool:
-        """Return whether the request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
-        return self.request_ack >= 0 and ((self.request_ack - end_seq) & MASK) < HALF_SPACE
 
     @property
     def outcome_name(self) -> str:

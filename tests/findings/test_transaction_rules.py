@@ -193,7 +193,9 @@ def test_a_hole_is_to_blame_not_the_device(talk: Talk) -> None:
     assert sorted(talk.outcomes()) == ["answered", "unanswered"]
 
 
-def test_a_reference_used_again(talk: Talk) -> None:
+def test_a_reference_used_again() -> None:
+    talk = Talk()
+    talk.open()
     talk.ask(read(1, dbw(1, 0)))
     talk.ask(read(1, dbw(1, 2)))
     assert only(talk, "transaction.unanswered").detail.startswith(

@@ -136,7 +136,7 @@ ROWS: Final = [
     Row(
         "crafted/references",
         "15",
-        {"no no answer: reference_reused, no DB1.DBB0 BYTE x2, DB1.DBB0 BYTE x2 = <00 01 02 03>": 1},
+        {"no no answer: connection_closed, no DB1.DBB0 BYTE x2, DB1.DBB0 BYTE x2 = <00 01 02 03>": 1},
         "fits-the-later-request",
     ),
     Row(

@@ -259,7 +259,9 @@ def test_any_course_of_asking_and_answering(steps: list[tuple[bool, int, int, in
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(["ask", "ask", "after", "take", "behind", "oldest"]), st.integers(0, 1), st.integers(1, 9)
+            st.sampled_from(["ask", "ask", "after", "take", "behind", "oldest", "any"]),
+            st.integers(0, 1),
+            st.integers(1, 9),
         ),
         max_size=60,
     )
@@ -286,10 +288,19 @@ def test_no_request_is_forgotten(steps: list[tuple[str, int, int]]) -> None:
         elif step == "oldest":
             closed = requests.oldest()
             assert closed is None or closed.number == min(set(asked) - set(gone))
+        elif waiting is not None and step == "any":
+            row = requests.row(waiting)
+            assert [found.number for found in row] == sorted(set(asked) - set(gone))
+            assert requests.first(waiting) is row[0]
+            closed = row[ago % len(row)]
+            requests.close(5, closed)
+            assert chain(closed) == [closed.number]
         elif waiting is not None:
             gone += [behind.number for behind in requests.drop_superseded(waiting)] if step == "take" else []
             closed = (
-                requests.take(5, waiting) if step == "take" else requests.take_superseded(waiting, max(0, number - ago))
+                requests.take(5, waiting)
+                if step == "take"
+                else requests.take_superseded(waiting, max(0, number - ago), -1)
             )
             # What is answered in turn is not linked to what goes on waiting.
             assert closed is None or chain(closed) == [closed.number]

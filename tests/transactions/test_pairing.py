@@ -218,7 +218,9 @@ def test_a_setup_may_use_the_reference_of_the_next_job() -> None:
     assert talk.outcomes() == ["answered"] * 2
 
 
-def test_a_reference_used_again_while_open(talk: Talk) -> None:
+def test_a_reference_used_again_while_open() -> None:
+    talk = Talk()
+    talk.open()
     lost = talk.ask(read(5, dbw(1, 0)))
     asked = talk.ask(read(5, dbw(1, 2)))
     answered = talk.tell(words(5, 7))
@@ -376,7 +378,9 @@ def test_all_connections_together_are_bounded() -> None:
     assert dialogue.open == 0
 
 
-def test_what_is_open_is_counted_right(talk: Talk) -> None:
+def test_what_is_open_is_counted_right() -> None:
+    talk = Talk()
+    talk.open()
     dialogue = talk.pipeline.exchange.dialogue
     for number in range(10):
         talk.ask(read(number % 4, dbw(1, number)))
@@ -748,30 +752,41 @@ STEPS = st.lists(
 )
 
 
+@pytest.mark.parametrize("jobs", [1, 3, 8])
 @given(STEPS)
-def test_every_request_and_answer_is_told_of_once(steps: list[tuple[int, str, int, int]]) -> None:
-    """Against a plain model: the references are few, so they collide in every way there is."""
+def test_every_request_and_answer_is_told_of_once(jobs: int, steps: list[tuple[int, str, int, int]]) -> None:
+    """Against a plain model: the references are few, so they collide in every way there is.
+
+    Those of one reference wait together while so many jobs are open at most, and are answered in turn.
+    """
     talk = Talk()
-    talk.open(8, 8)
-    waiting: dict[tuple[int, str, int], int] = {}
+    talk.open(jobs, jobs)
+    waiting: list[tuple[tuple[int, str, int], int]] = []
     expected: list[tuple[int, int]] = []
+
+    def end(key: tuple[int, str, int], frame: int) -> None:
+        first = next(one for one in waiting if one[0] == key)
+        waiting.remove(first)
+        expected.append((first[1], frame))
+
     for number, (side, kind, pdu_ref, when) in enumerate(steps):
         key = (side, kind, pdu_ref)
-        if key in waiting:
-            expected.append((waiting.pop(key), 0))
+        same = [one for one in waiting if one[0] == key]
+        if same and (jobs == 1 or len([one for one in waiting if one[0][0] == side]) >= jobs):
+            for _ in same:
+                end(key, 0)
         # Every request is another one, so that none is taken for a repetition.
         request = (
             read(pdu_ref, dbw(number, 0)) if kind == "job" else userdata(pdu_ref, head(REQUEST, 4, 1, number & 255))
         )
-        asked = talk.packet(side, dt(request))
-        waiting[key] = asked
+        waiting.append((key, talk.packet(side, dt(request))))
         if when:
-            late = [*waiting] if when == 2 else [key]
+            late = [one[0] for one in waiting] if when == 2 else [key]
             for other in late:
                 answer = words(other[2], 1) if other[1] == "job" else userdata(other[2], head(RESPONSE, 4, 1, 1, 0))
-                expected.append((waiting.pop(other), talk.packet(1 - other[0], dt(answer))))
+                end(other, talk.packet(1 - other[0], dt(answer)))
     talk.close()
-    assert sorted(talk.pairs()) == sorted(expected + [(frame, 0) for frame in waiting.values()])
+    assert sorted(talk.pairs()) == sorted(expected + [(one[1], 0) for one in waiting])
     assert len({one.number for one in talk.transactions}) == len(steps)
     connection = talk.connections[0]
     assert connection.answered + connection.unanswered == len(steps) + 1  # and the setup
