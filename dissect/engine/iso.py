@@ -47,7 +47,7 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.stray import Stray
-from dissect.transactions.table import Side
+from dissect.transactions.table import Place, Side
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 
@@ -137,7 +137,14 @@ class IsoOnTcp(Protocol):
         if side.connection.state == FOREIGN:
             framer.skipped += end - at
             return
-        framer.push(buf, at, at == start)
+        self._frame(side, buf, at, at == start, frame, time_ns)
+
+    def _frame(self, side: Side, buf: bytes, at: i64, at_segment_start: bool, frame: i64, time_ns: i64) -> None:
+        """Take octets through the framer."""
+        framer = side.framer
+        begun: i64 = framer.buffered
+        given: i64 = framer.framed + framer.skipped + begun
+        framer.push(buf, at, at_segment_start)
         if framer.faults:
             self._faults(side, frame, time_ns)
         if side.stray is not None:
@@ -146,13 +153,20 @@ class IsoOnTcp(Protocol):
             packets = framer.packets
             framer.packets = []
             for packet in packets:
+                place = side.begun_tpkt
                 try:
-                    self._tpkt(side, packet, 0, len(packet), frame, time_ns)
+                    if begun and place is not None and framer.ends[0] <= given:
+                        # It was whole before these octets, which only show that its length is wrong.
+                        self._take_back(side, packet, len(packet), place, True)
+                    else:
+                        self._tpkt(side, packet, 0, len(packet), frame, time_ns)
                 except Exception as bug:
                     if self._exchange.strict:
                         raise
                     self._exchange.note_bug(bug, frame, time_ns)
                 del framer.ends[0]
+        if framer.buffered:
+            side.begun_tpkt = side.note_place(side.begun_tpkt, frame, time_ns)
 
     def longest(self, side: Side) -> i64:
         """Return the octets of the longest TPKT of ``side`` that `usual` may take next, 0 for none.
@@ -258,6 +272,21 @@ class IsoOnTcp(Protocol):
             stray.garbage = stray.garbage or fault.kind == BAD_VERSION
         side.framer.faults = []
 
+    def _take_back(self, side: Side, buf: bytes, size: i64, place: Place, tpkt: bool) -> None:
+        """Take a TPKT, or else a TSDU, that came whole with an earlier packet, as if that one were at hand."""
+        end_seq: i64 = side.end_seq
+        ack: i64 = side.last_ack
+        side.end_seq = place.end_seq
+        side.last_ack = place.ack
+        try:
+            if tpkt:
+                self._tpkt(side, buf, 0, size, place.frame, place.time_ns)
+            else:
+                self._tsdu(side, buf, 0, size, place.frame, place.time_ns)
+        finally:
+            side.end_seq = end_seq
+            side.last_ack = ack
+
     # ---- TPKT → TSDU ------------------------------------------------------------------------------------------------
 
     def _tpkt(self, side: Side, buf: bytes, at: i64, length: i64, frame: i64, time_ns: i64) -> None:
@@ -284,6 +313,8 @@ class IsoOnTcp(Protocol):
         begun: bool = not side.assembler.clear
         overflows: i64 = side.assembler.overflows
         tsdu = side.assembler.push(data, eot)
+        if not eot and data:
+            side.begun_tsdu = side.note_place(side.begun_tsdu, frame, time_ns)
         if side.assembler.overflows > overflows:
             who = side.tcp.ends[side.index]
             self._exchange.reporter.note("cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}")
@@ -303,7 +334,12 @@ class IsoOnTcp(Protocol):
         detail = f"from {side.tcp.ends[side.index]}: a complete PDU follows it"
         self._exchange.reporter.note(slug, side.connection.number, [frame], time_ns, detail)
         if tsdu is not None and is_sound(tsdu, 0, before):
-            self._tsdu(side, tsdu, 0, before, frame, time_ns)  # only its end mark was missing
+            # Only its end mark was missing.
+            place = side.begun_tsdu
+            if place is not None:
+                self._take_back(side, tsdu[:before], before, place, False)
+            else:
+                self._tsdu(side, tsdu, 0, before, frame, time_ns)
         else:
             side.assembler.dropped += before
         self._tsdu(side, data, 0, len(data), frame, time_ns)

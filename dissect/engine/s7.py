@@ -283,12 +283,12 @@ class S7(Protocol):
 
 
 def _surely_open(side: Side, answering: Side, open_now: i64) -> i64:
-    """Return how many requests of ``side`` are open, 0 while octets that may be answers are missing or out of order.
+    """Return how many requests of ``side`` are open, 0 while what may be answers is missing, out of order or unfinished.
 
     What a hole that was given up may have swallowed is left to `judge_request`, which looks at few requests only: walking
     over thousands for each one that is asked would take seconds.
     """
     half = answering.stream
-    if half.held is not None or 0 < (side.last_ack - half.next_seq) & MASK < HALF_SPACE:
+    if answering.unfinished or half.held is not None or 0 < (side.last_ack - half.next_seq) & MASK < HALF_SPACE:
         return 0  # the asking side has octets that the capture did not show, or not yet
     return open_now

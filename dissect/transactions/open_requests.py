@@ -24,6 +24,8 @@ from dissect.transactions.transaction import Transaction
 MAX_ORPHANS: Final = 64
 ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
+#: So many times as long while a message of the asking side is unfinished: a request may be whole in it, as the next one shows.
+UNFINISHED_HOLD: Final = 10
 #: Identical requests that may wait under one reference, and how long after the one before them they may come.
 MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
@@ -418,13 +420,14 @@ class OpenRequests:
             self.orphans = kept or None
         return passed
 
-    def expired_orphans(self, time_ns: i64, packet: i64) -> list[Transaction]:
-        """Remove and return the held answers whose time is over."""
+    def expired_orphans(self, time_ns: i64, packet: i64, unfinished: bool = False) -> list[Transaction]:
+        """Remove and return the held answers whose time is over; ``unfinished``: a message of the asking side is."""
         orphans = self.orphans
+        times: i64 = UNFINISHED_HOLD if unfinished else 1
         gone: list[Transaction] = []
         while orphans and (
-            time_ns - orphans[0].transaction.response_ns > ORPHAN_HOLD_NS
-            or packet - orphans[0].packet > ORPHAN_HOLD_FRAMES
+            time_ns - orphans[0].transaction.response_ns > ORPHAN_HOLD_NS * times
+            or packet - orphans[0].packet > ORPHAN_HOLD_FRAMES * times
         ):
             gone.append(orphans.pop(0).transaction)
         self.orphans = orphans or None

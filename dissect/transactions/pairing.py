@@ -366,8 +366,12 @@ class Dialogue:
 
     def expire(self, side: Side, time_ns: i64) -> None:
         """Give up held answers of ``side`` whose time is over; they go to ``also``."""
+        asking = side.peer
         requests = side.connection.open_requests[1 - side.index]
-        for transaction in requests.expired_orphans(time_ns, side.tcp.packets):
+        if requests.orphans is None:
+            return
+        begun: bool = asking is not None and asking.unfinished
+        for transaction in requests.expired_orphans(time_ns, side.tcp.packets, begun):
             self._give_up_orphan(transaction, side)
 
     def end(self, side: Side, reason: str) -> None:
@@ -476,10 +480,12 @@ class Dialogue:
 
 
 def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:
-    """Return whether a request acknowledges octets of the answering side that the capture has not shown yet.
+    """Return whether a request acknowledges octets of the answering side that are not passed on yet as whole messages.
 
-    Where it has shown none at all: octets that the request ``before`` it did not.
+    Where the capture has shown none at all: octets that the request ``before`` it did not.
     """
+    if answering.unfinished:
+        return True
     shown: i64 = answering.stream.next_seq
     if shown < 0:
         shown = before.request_ack

@@ -203,12 +203,26 @@ _KEY4: Final = 8 + _PORTS
 _PLACES: Final = 4096
 
 
+class Place:
+    """Where a direction stood: a packet of it, the sequence number after its octets, and the acknowledgement it came with."""
+
+    __slots__ = ("ack", "end_seq", "frame", "time_ns")
+
+    def __init__(self) -> None:
+        self.frame: i64 = 0
+        self.time_ns: i64 = 0
+        self.end_seq: i64 = 0
+        self.ack: i64 = -1
+
+
 class Side:
     """One direction of a connection: everything that reads what side ``index`` sends."""
 
     __slots__ = (
         "addresses",
         "assembler",
+        "begun_tpkt",
+        "begun_tsdu",
         "connection",
         "end_seq",
         "framer",
@@ -256,6 +270,8 @@ class Side:
         self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         self.end_seq: i64 = 0  # sequence number after the octets at hand
+        self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
+        self.begun_tsdu: Place | None = None  # the latest one with a DT that left a TSDU unfinished
         #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 where more has to be looked at.
         self.longest: i64 = 0
         self.requests: i64 = 0
@@ -281,6 +297,16 @@ class Side:
             self.probes = Probes()
         self.probes.add(frame, time_ns, filled)
 
+    def note_place(self, place: Place | None, frame: i64, time_ns: i64) -> Place:
+        """Return ``place``, or a new one, that says where the side stands with packet ``frame``."""
+        if place is None:
+            place = Place()
+        place.frame = frame
+        place.time_ns = time_ns
+        place.end_seq = self.end_seq
+        place.ack = self.last_ack
+        return place
+
     @property
     def at_rest(self) -> bool:
         """True when the octets passed on so far end with whole messages: none is begun."""
@@ -291,6 +317,11 @@ class Side:
         if self.plus is not None and self.plus.parts is not None:
             return False
         return self.kept is None
+
+    @property
+    def unfinished(self) -> bool:
+        """True while a TPKT or a TSDU is begun; it may be whole, if its length or the lack of its end mark is wrong."""
+        return self.framer.buffered > 0 or not self.assembler.clear
 
     @property
     def captured(self) -> bool:
