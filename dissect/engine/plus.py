@@ -64,7 +64,7 @@ class S7Plus(Protocol):
         assembler = side.plus
         if assembler is None:
             assembler = PlusAssembler()
-            assembler.holed = side.holes > 0
+            assembler.holed = side.holes > 0 or side.connection.mid_stream
             side.plus = assembler
         if assembler.interrupted(tsdu):
             who = side.tcp.ends[side.index]
@@ -141,9 +141,9 @@ class S7Plus(Protocol):
                     self._count_row()
                     self._function = head.function
                 self._in_a_row += 1
-        assembler = side.plus if side.holes else None
+        assembler = side.plus if side.holes or connection.mid_stream else None
         holed: bool = assembler is not None and assembler.holed
-        if pdu is not None and pdu.malformed and not (cut or holed or connection.mid_stream):
+        if pdu is not None and pdu.malformed and not (cut or holed):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
         self._pair(side, octets, frame, time_ns)

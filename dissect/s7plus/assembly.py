@@ -44,7 +44,7 @@ class PlusAssembler:
 
     ``left_out`` counts the octets of a PDU past ``most``, or past its first `MAX_FRAMES` frames.
     ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several. So is
-    ``holed``: octets are missing before the next PDU, which may be the rest of one.
+    ``holed``: octets are missing before the next PDU, or were sent before the capture, so that it may be the rest of one.
     """
 
     __slots__ = ("_frames", "_most", "asked", "begun_frame", "begun_ns", "holed", "left_out", "notified", "parts")

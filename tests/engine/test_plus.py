@@ -308,6 +308,18 @@ def test_a_gap_excuses_the_rest_behind_it_and_no_more() -> None:
     assert [one for one in slugs(talk) if one != "transaction.orphan"] == ["stream.hole", "s7.malformed"]
 
 
+def test_a_capture_that_begins_amid_a_pdu_excuses_that_and_no_more() -> None:
+    talk = Talk()
+    talk.ask(KEEP_ALIVE, framed(b"\x44rest"), framed(asked(2)))
+    talk.tell(framed(b"\x44rest"), framed(told(2)))
+    assert slugs(talk) == []
+    talk.ask(framed(b"\x44what"))
+    talk.tell(framed(b"\x44what"))
+    talk.close()
+    assert slugs(talk) == ["s7.malformed"] * 2
+    assert talk.outcomes() == ["answered"]
+
+
 def test_the_end_inside_a_pdu() -> None:
     talk = begun()
     talk.ask(framed(asked(1)), framed(asked(2), trailer=False))
