@@ -26,8 +26,10 @@ from dissect.wire.text import POINT, SHORT, decimal
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000
 
-#: Segments and octets held for one direction before its first hole is given up.
-MAX_HELD: Final = 16
+#: Segments and octets held for one direction before its first hole is given up: a window without scaling in full segments, and
+#: some more. What a segment takes in memory besides its octets counts where all connections are added up (`held_size`).
+MAX_HELD: Final = 64
+HELD_COST: Final = 128
 MAX_HELD_OCTETS: Final = 1024 * 1024
 #: A hole that nothing explains is given up after this much capture time.
 HOLE_TIMEOUT_NS: Final = 1_000_000_000
@@ -215,6 +217,13 @@ class HalfStream:
             self.give_up()
 
     @property
+    def held_size(self) -> i64:
+        """What is held takes about so many octets of memory; the latest stretches passed on count as well."""
+        size: i64 = self.held_octets + len(self.last) + len(self.before)
+        held = self.held
+        return size if held is None else size + len(held) * HELD_COST
+
+    @property
     def time_bound(self) -> bool:
         """True while something is held that the passing of time alone may release."""
         held = self.held
@@ -289,9 +298,16 @@ class HalfStream:
             self.held = held
         start: i64 = at
         end: i64 = at + len(octets)
-        index: i64 = 0
-        while index < len(held) and held[index].at + len(held[index].octets) <= start:
-            index += 1
+        # The first stretch that ends behind it: mostly there is none.
+        index: i64 = len(held)
+        if index and held[index - 1].at + len(held[index - 1].octets) > start:
+            low: i64 = 0
+            while low < index:
+                middle: i64 = (low + index) >> 1
+                if held[middle].at + len(held[middle].octets) <= start:
+                    low = middle + 1
+                else:
+                    index = middle
         new: bool = False
         while start < end:
             stop: i64 = end
@@ -334,7 +350,7 @@ class HalfStream:
         if count == len(held):
             self.held = None
         elif count:
-            self.held = held[count:]
+            del held[:count]
 
     def _compare_passed(self, at: i64, octets: bytes) -> None:
         """Count a conflict when ``octets`` differ from those passed on at the same positions, as far as they are kept."""
