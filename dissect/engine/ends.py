@@ -99,7 +99,7 @@ def judge(
     if flags & SYN:
         if not side.tcp.is_new_connection(side.index, seq):
             return SAME
-        if data or side.tcp.ended:
+        if data or (side.tcp.ended and side.tcp.doubt is None):
             return ANOTHER
         return _hold_back(counters, table, side, seq, ack, flags, link)
     peer = side.peer

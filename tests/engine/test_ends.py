@@ -220,6 +220,28 @@ def test_a_syn_that_nothing_confirms_ends_no_connection() -> None:
     assert len(talk.connections) == 1
 
 
+def test_a_reset_and_a_syn_that_are_both_of_somebody_else() -> None:
+    talk = begun()
+    talk.packet(CLIENT, flags=RST, seq=talk.seq[CLIENT] + 2000)
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    polled(talk, 2, 3, 4)
+    talk.close()
+    assert talk.outcomes() == ["answered"] * 4
+    assert [one.tcp.ended for one in talk.connections] == ["fin"]
+    assert talk.slugs() == [IGNORED] * 2
+
+
+def test_a_syn_after_an_end_in_doubt_begins_another_connection() -> None:
+    talk = begun()
+    frame = talk.packet(CLIENT, flags=RST, seq=talk.seq[CLIENT] + 2000)
+    talk.seq = [5_000_000, 7_000_000]
+    talk.open()
+    polled(talk, 2)
+    talk.close()
+    assert [(one.tcp.ended, one.tcp.ended_frame) for one in talk.connections][:1] == [("reset", frame)]
+    assert talk.slugs() == []
+
+
 def test_data_with_the_numbers_of_a_syn_that_the_connection_outlived_are_not_of_another_one() -> None:
     talk = begun()
     talk.packet(CLIENT, flags=SYN, seq=77_000_000)
