@@ -304,16 +304,24 @@ class Recognition(Protocol):
             self._connections.open(side, self._iso, found == HERE or at_start)
             side.protocol.feed(side, octets, 0, size, frame, time_ns)
             return
+        if connection.probed == 0:
+            connection.probed_frame = frame
+            connection.probed_ns = time_ns
         connection.probed += 1
         if connection.protocol == "":
             raw: i64 = raw_protocol(octets)
             connection.protocol = UPPER_NAMES[raw]
             connection.identified_by = identify(raw, octets, 0, size)
         if found == OTHER:
-            self._connections.foreign.take(side, connection.protocol, frame, time_ns)
+            self._take_other(side)
         side.framer.skipped += size
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
         """A connection was never recognised: on port 102 that is worth saying, unless little of it was seen."""
         if side.tcp.known_start or side.connection.probed >= PROBES:
-            self._connections.foreign.take(side, side.connection.protocol, frame, time_ns)
+            self._take_other(side)
+
+    def _take_other(self, side: Side) -> None:
+        """It speaks something else: that is told of its first octets, not of those at which it was certain."""
+        connection = side.connection
+        self._connections.foreign.take(side, connection.protocol, connection.probed_frame, connection.probed_ns)

@@ -8,6 +8,7 @@ from mypy_extensions import i64
 
 from dissect.engine.bare import BareConnections
 from dissect.findings.reporter import Reporter
+from dissect.findings.transaction_rules import DISORDER_NS
 from dissect.tcp.ip import TCP, FragmentStore
 from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, OctetAccount
@@ -16,8 +17,6 @@ from dissect.transactions.table import Side, endpoints
 from dissect.wire.octets import Tally
 from dissect.wire.text import duration_text
 
-#: Steps back of the clock up to this are what two capture queues do.
-_DISORDER_NS: Final = 1_000_000
 #: Later than every packet.
 _NEVER_NS: Final = 0x7FFF_FFFF_FFFF_FFFF
 
@@ -40,6 +39,7 @@ class Counters:
         self.now_ns: i64 = 0
         self._lowest_ns: i64 = _NEVER_NS
         self._highest_ns: i64 = 0
+        self._ahead_ns: i64 = 0  # the latest time of a packet since a step back was told, as far as one followed it
         self.packets: Tally = Tally(len(CATEGORIES), PAYLOAD, NO_PAYLOAD)
 
     @property
@@ -55,7 +55,7 @@ class Counters:
     @property
     def disordered(self) -> bool:
         """True when by their own times packets are older than the first one, or newer than the one that was read last."""
-        return self.first_ns - self.earliest_ns > _DISORDER_NS or self.latest_ns - self.now_ns > _DISORDER_NS
+        return self.first_ns - self.earliest_ns > DISORDER_NS or self.latest_ns - self.now_ns > DISORDER_NS
 
     def widen(self, earliest_ns: i64, latest_ns: i64) -> None:
         """Take two times of packets that `first_ns` and `now_ns` need not show: the clock ran backwards between them."""
@@ -69,9 +69,9 @@ class Counters:
             frames.append(self.frames)
         self._reporter.note(slug, connection, frames, self.now_ns, detail)
 
-    def note_of(self, slug: str, frames: list[int], time_ns: i64, detail: str) -> None:
+    def note_of(self, slug: str, frames: list[int], time_ns: i64, detail: str, connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about packets that came before the one at hand."""
-        self._reporter.note(slug, 0, frames, time_ns, detail)
+        self._reporter.note(slug, connection, frames, time_ns, detail)
 
     def packet_counts(self) -> dict[str, int]:
         """Return what became of every packet, by category; the numbers add up to ``frames``."""
@@ -87,6 +87,7 @@ class Counters:
         if time_ns < self.now_ns:
             self.widen(time_ns, self.now_ns)
         self.now_ns = time_ns
+        self._ahead_ns = time_ns
         old = self.fragments
         fragments = FragmentStore()
         fragments.used = old.used
@@ -110,10 +111,17 @@ class Counters:
             self.note(slug, detail)
 
     def note_step_back(self, time_ns: i64) -> None:
-        """The packet at hand, of ``time_ns``, is older than the one before it."""
+        """The packet at hand, of ``time_ns``, is older than the one before it.
+
+        It is compared with the latest time since the last step that was told: a clock that steps back by little, but again
+        and again, is a clock that runs backwards. A latest time that matters here is one that a step back follows.
+        """
         self.widen(time_ns, self.now_ns)
-        if self.now_ns - time_ns > _DISORDER_NS:
-            self.note("capture.time_backwards", f"by {duration_text(int(self.now_ns - time_ns))}")
+        self._ahead_ns = max(self._ahead_ns, self.now_ns)
+        back_ns: i64 = self._ahead_ns - time_ns
+        if back_ns > DISORDER_NS:
+            self._ahead_ns = time_ns
+            self.note("capture.time_backwards", f"by {duration_text(int(back_ns))}")
 
     def note_cut(self, size: i64, wire_length: i64) -> None:
         """The capture kept ``size`` of ``wire_length`` octets of the packet at hand."""

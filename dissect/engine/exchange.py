@@ -227,7 +227,7 @@ class Exchange:
             and not transaction.has_errors
             and self.decoder is None
             and transaction.rosctr == JOB
-            and transaction.response_ns - transaction.request_ns <= self._slow_ns
+            and 0 <= transaction.response_ns - transaction.request_ns <= self._slow_ns
         ):
             self.observer.transaction(transaction)  # as most are, and there is nothing to say of it
             return
@@ -240,7 +240,9 @@ class Exchange:
         if (
             transaction.flags
             or transaction.has_errors
-            or (transaction.request_frame and transaction.response_ns - transaction.request_ns > self._slow_ns)
+            or (
+                transaction.request_frame and not 0 <= transaction.response_ns - transaction.request_ns <= self._slow_ns
+            )
         ):
             judge_transaction(self.reporter, transaction, self._slow_ns)
         if self.decoder is not None:

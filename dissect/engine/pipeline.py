@@ -22,7 +22,7 @@ from typing import Final
 from librt.strings import read_i16_be, read_i32_be, read_i64_be
 from mypy_extensions import i64
 
-from dissect.engine import attempts
+from dissect.engine import attempts, ends
 from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
@@ -315,9 +315,13 @@ class Pipeline(PacketSink):
         self, side: Side | None, key: bytes, vlan: i64, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64
     ) -> i64:
         """The first packet of a connection, and packets with SYN, FIN or RST."""
-        if flags & SYN and side is not None and side.tcp.is_new_connection(side.index, seq):
-            self._give_way(side)
-            side = None
+        if side is not None and flags & (SYN | RST):
+            what = ends.judge(self.counters, self.table, side, seq, ack, flags, bool(octets), self._link)
+            if what == ends.HELD_BACK:
+                return NO_PAYLOAD
+            if what == ends.ANOTHER:
+                self._give_way(side)
+                side = None
         if side is None:
             if flags & SYN and not flags & ACK and not octets:
                 self.silent.end(key)
@@ -344,16 +348,11 @@ class Pipeline(PacketSink):
                 side.stream.start(seq)
         category = self._segment(side, seq, ack, flags, octets, missing)
         was_closed = side.tcp.closed
-        if flags & RST:
-            if side.connection.state == FOREIGN or side.connection.state == LEFT_OUT:
-                seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
-            if not side.tcp.note_reset(side.index, seq, self.counters.frames, self.counters.now_ns):
-                self.counters.note_ignored(side, "reset")
+        if flags & (RST | FIN):
+            if not ends.take(self.counters, side, seq, flags, len(octets) + missing, self._link):
                 return accounts.RESET_IGNORED
-        elif flags & FIN:
-            end_seq: i64 = (seq + len(octets) + missing) & stream.MASK
-            if not side.tcp.note_fin(side.index, end_seq, self.counters.frames, self.counters.now_ns):
-                self.counters.note_ignored(side, "FIN")
+            if side.tcp.doubt is not None:
+                self.timers.wait(side)
         if side.tcp.closed and not was_closed:
             self.table.linger(side)
             self._forget_closed()  # not only when time passes: in some captures it stands still
@@ -362,12 +361,7 @@ class Pipeline(PacketSink):
 
     def _give_way(self, side: Side) -> None:
         """The addresses of a connection are taken by another one, so it is over."""
-        if not side.tcp.ended:
-            side.tcp.ended = "reused"
-            side.tcp.ended_frame = self.counters.frames
-            side.tcp.ended_ns = self.counters.now_ns
-            if side.connection.followed:
-                self.counters.note("stream.reused", "", side.connection.number)
+        ends.give_way(self.counters, side)
         self._finish(side, CONNECTION_CLOSED)
 
     def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
@@ -432,17 +426,21 @@ class Pipeline(PacketSink):
         """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""
         connection = side.connection
         half = side.stream
+        peer = side.peer
+        assert peer is not None
+        if (side.rival is not None or peer.rival is not None) and ends.follows(side, peer, seq):
+            return self._reopen(side, seq, octets, missing)
         if connection.state == FOREIGN:
             if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
                 return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK
-            if side.tcp.reset_frame and half.held is None and ahead > _AFTER_RESET:
-                return accounts.AFTER_CLOSE
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):
                     return self._reopen(side, seq, octets, missing)
+            if side.tcp.reset_frame and half.held is None and ahead > _AFTER_RESET:
+                return accounts.AFTER_CLOSE
         if connection.state == LEFT_OUT:
             size: i64 = len(octets)
             end_seq: i64 = (seq + size + missing) & stream.MASK
@@ -460,9 +458,8 @@ class Pipeline(PacketSink):
             return accounts.KEEP_ALIVE
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
-        peer = side.peer
         if octets:
-            if peer is not None and peer.stream.octets:
+            if peer.stream.octets:
                 half.heard = True
             if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
                 half.passed(octets, len(octets))  # as `accept` and `chunks` would, with a chunk between them
@@ -558,6 +555,7 @@ class Pipeline(PacketSink):
     def _end(self, side: Side, peer: Side, reason: str) -> None:
         self._end_stream(side)
         self._end_stream(peer)
+        ends.finish(self.counters, self.table, side, peer)
         connection = side.connection
         if connection.number:
             if connection.followed:
@@ -584,6 +582,7 @@ class Pipeline(PacketSink):
 
     def finish(self) -> None:
         """The capture ends: every connection still open is closed, everything held is reported."""
+        self.timers.look_at_ends()
         for side in self.table.closed(self.counters.now_ns, True):
             self._finish(side, CONNECTION_CLOSED)
         for side in self.table.all_open():

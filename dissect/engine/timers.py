@@ -17,6 +17,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine import ends
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.findings.reporter import Reporter
@@ -204,6 +205,8 @@ class Timers:
     def passing(self, side: Side, peer: Side, ack: i64, acknowledges: bool) -> None:
         """Something of this connection waits: the packet at hand may be what it waited for."""
         now_ns: i64 = self._counters.now_ns
+        if side.tcp.doubt is not None:
+            ends.look(self._counters, side)
         if peer.stream.held is not None and acknowledges:
             peer.stream.acknowledged(ack, now_ns)
         for end in (peer, side):
@@ -218,6 +221,7 @@ class Timers:
     def give_up_waiting(self) -> None:
         """Time has passed: give up what waited too long."""
         waiting = list(self._waiting)
+        self.look_at_ends()
         for side in waiting:
             side.stream.expire(self._counters.now_ns)
             if side.stream.ready:
@@ -225,7 +229,14 @@ class Timers:
         for side in waiting:  # only then the answers: the request one of them waits for may just have come out
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
-            side.waiting = side.stream.time_bound or asked.orphans is not None
+            in_doubt: bool = side.tcp.doubt is not None and side.peer is not None
+            side.waiting = in_doubt or side.stream.time_bound or asked.orphans is not None
+
+    def look_at_ends(self) -> None:
+        """Look at the connections whose end is in doubt."""
+        for side in self._waiting:
+            if side.tcp.doubt is not None:
+                ends.look(self._counters, side)
 
     def look_overdue(self) -> None:
         """Report the requests that have been open longer than the limit, where one was set."""

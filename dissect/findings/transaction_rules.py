@@ -75,6 +75,8 @@ from dissect.wire.text import count, distance_text, duration_text, over_limit
 
 #: Areas that have an element of their own, by the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
+#: Packets that are older by up to this than one before them are what two capture queues do; else the clock runs backwards.
+DISORDER_NS: Final = 1_000_000
 #: Faults of a block that a finding names.
 _NAMED: Final = 3
 
@@ -159,6 +161,9 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
         latency: int = transaction.response_ns - transaction.request_ns
         if latency > slow_ns:
             _note(judge, "transaction.slow", transaction, over_limit(latency, int(slow_ns)) + _sent_again(transaction))
+        elif -DISORDER_NS <= latency < 0 and not transaction.flags & REORDERED:  # else the step of the clock is told
+            detail = f"by the times of the packets the answer precedes the request by {duration_text(-latency)}"
+            _note(judge, "transaction.reordered", transaction, detail)
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(judge, "transaction.orphan", transaction, _orphan(transaction))
     if transaction.has_errors:

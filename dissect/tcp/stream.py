@@ -20,14 +20,18 @@ from typing import Final
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.tcp.doubt import Doubt
+from dissect.tcp.stretches import Chunk, Held
 from dissect.wire.octets import u16
 from dissect.wire.text import POINT, SHORT, decimal
 
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000
 
-#: Segments and octets held for one direction before its first hole is given up.
-MAX_HELD: Final = 16
+#: Segments and octets held for one direction before its first hole is given up: a window without scaling in full segments, and
+#: some more. What a segment takes in memory besides its octets counts where all connections are added up (`held_size`).
+MAX_HELD: Final = 64
+HELD_COST: Final = 128
 MAX_HELD_OCTETS: Final = 1024 * 1024
 #: A hole that nothing explains is given up after this much capture time.
 HOLE_TIMEOUT_NS: Final = 1_000_000_000
@@ -44,40 +48,6 @@ NEW: Final = 0
 OLD: Final = 1
 KEEP_ALIVE: Final = 2
 BEFORE_START: Final = 3
-
-
-class Held:
-    """A stretch of octets waiting for its turn, with the packet that brought it."""
-
-    __slots__ = ("ack", "at", "frame", "octets", "time_ns")
-
-    def __init__(self, at: i64, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> None:
-        self.at: i64 = at
-        self.ack: i64 = ack
-        self.octets: bytes = octets
-        self.frame: i64 = frame
-        self.time_ns: i64 = time_ns
-
-
-class Chunk:
-    """What comes out: octets in order (``hole`` is 0), or a gap of ``hole`` octets.
-
-    ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available,
-    ``own_frame`` and ``own_ns`` of the one that brought them first, ``ack`` is the TCP acknowledgement that the last of them
-    came with, -1 for none.
-    """
-
-    __slots__ = ("ack", "end_seq", "frame", "hole", "octets", "own_frame", "own_ns", "time_ns")
-
-    def __init__(self, octets: bytes, hole: i64, end_seq: i64, ack: i64, frame: i64, time_ns: i64) -> None:
-        self.own_frame: i64 = frame
-        self.own_ns: i64 = time_ns
-        self.ack: i64 = ack
-        self.octets: bytes = octets
-        self.hole: i64 = hole
-        self.end_seq: i64 = end_seq
-        self.frame: i64 = frame
-        self.time_ns: i64 = time_ns
 
 
 #: What a stream has ready while that is nothing: most streams share it, and nobody appends to it.
@@ -135,6 +105,11 @@ class HalfStream:
         """Begin at sequence number ``seq`` (the octet after a SYN, or the first one seen)."""
         self.next_seq = seq & MASK
         self.start_seq = self.next_seq
+
+    def distance(self, seq: i64) -> i64:
+        """Return how far a sequence number is ahead of the next octet; negative where it is behind."""
+        ahead: i64 = (seq - self.next_seq) & MASK
+        return ahead if ahead < HALF_SPACE else ahead - MASK - 1
 
     def passed(self, octets: bytes, size: i64) -> None:
         """Account for octets, ``size`` of them, that the caller took straight from an in-order segment."""
@@ -215,6 +190,13 @@ class HalfStream:
             self.give_up()
 
     @property
+    def held_size(self) -> i64:
+        """What is held takes about so many octets of memory; the latest stretches passed on count as well."""
+        size: i64 = self.held_octets + len(self.last) + len(self.before)
+        held = self.held
+        return size if held is None else size + len(held) * HELD_COST
+
+    @property
     def time_bound(self) -> bool:
         """True while something is held that the passing of time alone may release."""
         held = self.held
@@ -289,9 +271,16 @@ class HalfStream:
             self.held = held
         start: i64 = at
         end: i64 = at + len(octets)
-        index: i64 = 0
-        while index < len(held) and held[index].at + len(held[index].octets) <= start:
-            index += 1
+        # The first stretch that ends behind it: mostly there is none.
+        index: i64 = len(held)
+        if index and held[index - 1].at + len(held[index - 1].octets) > start:
+            low: i64 = 0
+            while low < index:
+                middle: i64 = (low + index) >> 1
+                if held[middle].at + len(held[middle].octets) <= start:
+                    low = middle + 1
+                else:
+                    index = middle
         new: bool = False
         while start < end:
             stop: i64 = end
@@ -334,7 +323,7 @@ class HalfStream:
         if count == len(held):
             self.held = None
         elif count:
-            self.held = held[count:]
+            del held[:count]
 
     def _compare_passed(self, at: i64, octets: bytes) -> None:
         """Count a conflict when ``octets`` differ from those passed on at the same positions, as far as they are kept."""
@@ -423,7 +412,7 @@ class TcpConnection:
     ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
     packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``macs`` are the Ethernet addresses of both
     sides at its beginning, six octets each, empty where the link has none; ``heard`` has a bit for each side that sent with
-    its own, and was not only sent to.
+    its own, and was not only sent to. ``doubt`` is there while ``ended`` is of a packet that its receiver need not have taken.
     """
 
     __slots__ = (
@@ -433,6 +422,7 @@ class TcpConnection:
         "_second_position",
         "_silent",
         "_streams",
+        "doubt",
         "ended",
         "ended_by",
         "ended_frame",
@@ -467,6 +457,7 @@ class TcpConnection:
         self.last_ns: i64 = time_ns
         self.packets: i64 = 0
         self._silent: i64 = 0  # a bit for each side that sends nothing more
+        self.doubt: Doubt | None = None
         self.ended: str = ""
         self.ended_by: i64 = -1
         self.ended_frame: i64 = 0
@@ -537,44 +528,64 @@ class TcpConnection:
             return bool(self.ended)
         return stream.start_seq != ((isn + 1) & MASK)
 
-    def note_fin(self, side: i64, end_seq: i64, frame: i64, time_ns: i64) -> bool:
+    def note_fin(self, side: i64, end_seq: i64, frame: i64, time_ns: i64, read: bool = True) -> bool:
         """A FIN was seen; the first one says who closed. False when it is far from what is expected, as with `note_reset`.
 
         ``end_seq`` is the sequence number after the octets it came with. It may be further away than a reset: the octets
-        before it may be missing from the capture.
+        before it may be missing from the capture. ``read``: the octets of the connection are, so that it may be doubted.
         """
         if not self._fits(side, end_seq, FAR_AHEAD):
             return False
-        if not self.ended:
-            self.ended = "fin"
+        self._note_end("fin", side, end_seq, frame, time_ns, read)
+        return True
+
+    def _note_end(self, how: str, side: i64, seq: i64, frame: i64, time_ns: i64, read: bool) -> None:
+        """Take an end that is believed, as far as it is exactly where it is expected; of others the first may be doubted."""
+        silent: i64 = 3 if how == "reset" else 1 << side
+        stream = self.streams[side]
+        if self.ended:
+            if self.doubt is not None and seq == stream.next_seq:
+                self.doubt.note_other(how, side, frame, time_ns, silent)
+        else:
+            self.ended = how
             self.ended_by = side
             self.ended_frame = frame
             self.ended_ns = time_ns
-        self._silent |= 1 << side
-        return True
+            if read and seq != stream.next_seq and stream.next_seq >= 0:
+                self.doubt = Doubt(how, side, seq, frame, time_ns, self.streams)
+        self._silent |= silent
+
+    def withdraw(self) -> None:
+        """The end that was in doubt is none: what ended the connection since then does, if anything did."""
+        doubt = self.doubt
+        if doubt is None:
+            return
+        self.doubt = None
+        self.ended = doubt.other
+        self.ended_by = doubt.other_side
+        self.ended_frame = doubt.other_frame
+        self.ended_ns = doubt.other_ns
+        self._silent = doubt.silent
+        self.reset_by, self.reset_frame, self.reset_ns = -1, 0, 0
+        if self.ended == "reset":
+            self.reset_by, self.reset_frame, self.reset_ns = self.ended_by, self.ended_frame, self.ended_ns
 
     def _fits(self, side: i64, seq: i64, window: i64) -> bool:
         """Return whether a sequence number is within ``window`` of what is expected from ``side``."""
         stream = self.streams[side]
         if stream.next_seq < 0:
             return True
-        distance: i64 = (seq - stream.next_seq) & MASK
-        return distance <= window or MASK + 1 - distance <= window
+        return -window <= stream.distance(seq) <= window
 
     def note_reset(self, side: i64, seq: i64, frame: i64, time_ns: i64) -> bool:
         """A RST was seen; False when its sequence number is far from what is expected, so that it is ignored."""
         if not self._fits(side, seq, _RESET_WINDOW):
             return False
-        if not self.ended:
-            self.ended = "reset"
-            self.ended_by = side
-            self.ended_frame = frame
-            self.ended_ns = time_ns
+        self._note_end("reset", side, seq, frame, time_ns, True)
         if self.reset_frame == 0:
             self.reset_by = side
             self.reset_frame = frame
             self.reset_ns = time_ns
-        self._silent = 3
         return True
 
     @property

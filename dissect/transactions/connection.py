@@ -229,6 +229,8 @@ class Connection:
         "pdus",
         "plus",
         "probed",
+        "probed_frame",
+        "probed_ns",
         "protocol",
         "refused",
         "setup_asked",
@@ -260,6 +262,8 @@ class Connection:
         self.naming: Naming | None = None  # who knows names for addresses of this CPU
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
+        self.probed_frame: i64 = 0  # the packet of the first of them, and its time
+        self.probed_ns: i64 = 0
         self.plus: PlusSession | None = None  # what S7comm-plus told of client, CPU and subscriptions
         #: Of requests of S7comm-plus in several frames, by sequence number and packet of the last: packet and time of the
         #: first, and the octets that were not kept.

@@ -35,8 +35,7 @@ def held_octets(side: Side) -> int:
 
 
 def _held_by(side: Side) -> i64:
-    stream = side.stream
-    held: i64 = stream.held_octets + len(stream.last) + len(stream.before)
+    held: i64 = side.stream.held_size
     held += side.protocol.held(side)
     return held + _open(side.connection.open_requests[side.index])
 

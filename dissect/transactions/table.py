@@ -194,6 +194,8 @@ _GIVEN_UP: Final = 2
 #: A closed connection is kept this long, because captures show packets out of order.
 LINGER_NS: Final = 1_000_000_000
 MAX_LINGERING: Final = 2048
+#: One whose end is in doubt (`dissect.tcp.doubt`) is kept so long, for what its sides send then: they may poll slowly.
+DOUBT_NS: Final = 10_000_000_000
 
 _PORTS: Final = 4
 _VLAN: Final = 8
@@ -243,6 +245,7 @@ class Side:
         "probes",
         "protocol",
         "requests",
+        "rival",
         "stray",
         "stream",
         "tcp",
@@ -283,6 +286,7 @@ class Side:
         self.watched: bool = False  # of those whose requests are watched for being overdue
         self.told_overdue: i64 = 0  # number of its latest request that was told to be
         self.stray: Stray | None = None  # inside a stretch that belongs to no TPKT
+        self.rival: Rival | None = None  # a SYN with other numbers, which nothing has confirmed
 
     def speak(self, protocol: Protocol) -> None:
         """From now on ``protocol`` takes the octets of both directions."""
@@ -327,6 +331,22 @@ class Side:
     def captured(self) -> bool:
         """True when any packet of this side was captured; a RST need not acknowledge anything."""
         return self.last_ack >= 0 or self.stream.start_seq >= 0 or self.tcp.reset_by == self.index
+
+
+class Rival:
+    """A SYN that a side of an open connection is said to have sent, to begin another one: ``seq`` is the number after it.
+
+    ``octets`` is how many that side had sent then, ``answered`` how many the other one.
+    """
+
+    __slots__ = ("answered", "frame", "octets", "seq", "time_ns")
+
+    def __init__(self, seq: i64, octets: i64, answered: i64, frame: i64, time_ns: i64) -> None:
+        self.seq: i64 = seq
+        self.octets: i64 = octets
+        self.answered: i64 = answered
+        self.frame: i64 = frame
+        self.time_ns: i64 = time_ns
 
 
 class Attempt:
@@ -392,6 +412,7 @@ class ConnectionTable:
         # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
         self._half_open: OrderedDict[bytes, Attempt] = OrderedDict()
         self._lingering: deque[Side] = deque()
+        self._doubted: deque[Side] = deque()  # those of them whose end is in doubt
         self._places: list[Side | None] = [None] * _PLACES
         self._mask: i64 = _PLACES - 1
         self._idle: IdleSearch = IdleSearch()
@@ -458,6 +479,10 @@ class ConnectionTable:
         del half_open[key]
         return syn
 
+    def forget_syn(self, key: bytes) -> None:
+        """A connection attempt is none: what was there before goes on."""
+        self._take_syn(key)
+
     def refused(self, key: bytes) -> bool:
         """Return whether a reset with ``key`` answers a connection attempt, and forget the attempt."""
         return self._take_syn(reverse_key(key)) is not None
@@ -512,22 +537,23 @@ class ConnectionTable:
     @property
     def lingering(self) -> bool:
         """True while closed connections are kept."""
-        return len(self._lingering) > 0
+        return len(self._lingering) > 0 or len(self._doubted) > 0
 
     def linger(self, side: Side) -> None:
         """The connection of ``side`` is closed: keep it for a moment."""
-        self._lingering.append(side)
+        (self._lingering if side.tcp.doubt is None else self._doubted).append(side)
 
     def closed(self, time_ns: i64, everything: bool = False) -> list[Side]:
         """Return one side of each closed connection whose moment is over, and stop keeping it."""
         gone: list[Side] = []
-        lingering = self._lingering
-        while lingering:
-            side = lingering[0]
-            if not everything and len(lingering) <= MAX_LINGERING and time_ns - side.tcp.last_ns <= LINGER_NS:
-                break
-            lingering.popleft()
-            gone.append(side)
+        for lingering, pause_ns in ((self._lingering, LINGER_NS), (self._doubted, DOUBT_NS)):
+            while lingering:
+                side = lingering[0]
+                if not everything and len(lingering) <= MAX_LINGERING and time_ns - side.tcp.last_ns <= pause_ns:
+                    break
+                lingering.popleft()
+                if side.tcp.closed or pause_ns == LINGER_NS:  # else its end was withdrawn
+                    gone.append(side)
         return gone
 
     def overflow(self) -> list[Side]:

@@ -711,6 +711,47 @@ def test_a_clock_that_runs_backwards_is_told_and_stops_nothing() -> None:
     assert Result(swapped).counts == {}
 
 
+def test_a_clock_that_steps_back_by_little_again_and_again_runs_backwards() -> None:
+    talk = poll(ready(), 1, 2, 3)
+    start = talk.packets()[0].time_ns
+    packets = [one._replace(time_ns=start - number * MS) for number, one in enumerate(talk.packets())]
+    result = Result(packets)
+    steps = (len(packets) - 1) // 2
+    assert result.counts["capture.time_backwards"] == steps  # each second packet is 2 ms behind the step told before
+    assert set(result.details("capture.time_backwards")) == {"by 2.00 ms"}
+    assert {one.latency_ns for one in result.transactions} == {-MS}
+    # Forwards again, it is the latest time that counts; two queues are no such thing.
+    for steps_us, told_times in (([0, -600, -1200], 1), ([0, -600, 500, -400], 0), ([0, -5000, -5600], 1)):
+        noise = Flow().wrap(0, 17, bytes(20))
+        result = Result([Packet(start + step * 1000, noise, len(noise)) for step in steps_us])
+        assert result.counts.get("capture.time_backwards", 0) == told_times
+
+
+def test_an_answer_time_below_zero_is_always_explained() -> None:
+    """Within what two queues do, at the transaction."""
+    talk = poll(ready(), 1, 2)
+    packets = talk.packets()
+    packets[-1] = packets[-1]._replace(time_ns=packets[-2].time_ns - MS // 2)
+    result = Result(packets)
+    assert result.transactions[-1].latency_ns == -MS // 2
+    assert result.counts == {"transaction.reordered": 1}
+    (detail,) = result.details("transaction.reordered")
+    assert detail.endswith("by the times of the packets the answer precedes the request by 500 µs")
+
+
+def test_another_protocol_on_port_102_is_told_of_its_first_bytes() -> None:
+    talk = Talk().handshake()
+    talk.send(0, b"GET / HTTP/1.0\r\n\r\n").send(1, b"HTTP/1.0 200 OK\r\n").close()
+    assert [one.frames for one in run(talk).record.findings] == [[4]]
+    talk = Talk().handshake()
+    for _ in range(20):
+        talk.send(0, b"GET / HTTP/1.0\r\n\r\n").send(1, b"HTTP/1.0 200 OK\r\n")
+    result = run(talk)
+    assert result.counts == {"session.foreign_on_102": 1}
+    (finding,) = result.record.findings
+    assert (finding.frames, finding.time_ns) == ([4], EPOCH_NS + 3 * MS)
+
+
 def test_a_connection_of_which_one_side_was_captured() -> None:
     talk = poll(ready(), 1, 2, 3)
     for side in (0, 1):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dissect.tcp import stream
-from dissect.tcp.stream import BEFORE_START, NEW, OLD, Chunk, HalfStream
+from dissect.tcp.stream import BEFORE_START, NEW, OLD, HalfStream
+from dissect.tcp.stretches import Chunk
 
 #: An octet of the output, or None for one in a hole; the packet that made it available.
 Octet = tuple[int | None, int]

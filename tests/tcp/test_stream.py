@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise, permutations, product
+from random import Random
 from typing import Final
 
 import pytest
@@ -328,7 +329,7 @@ def test_only_the_acknowledged_hole_is_given_up_and_the_next_gets_a_grace_of_its
     assert feed.holes == [10, 10]
 
 
-def test_sixteen_held_segments_give_the_first_hole_up() -> None:
+def test_as_many_held_segments_as_there_may_be_give_the_first_hole_up() -> None:
     feed = Feed()
     for number in range(stream.MAX_HELD - 1):
         feed.segment(10 + number * 4, b"ab")
@@ -340,11 +341,32 @@ def test_sixteen_held_segments_give_the_first_hole_up() -> None:
     assert feed.holes == [10, 2]
 
 
+@pytest.mark.parametrize("order", ["as sent", "backwards", "mixed"])
+def test_the_segments_of_a_window_wait_for_the_one_before_them(order: str) -> None:
+    """It was lost on its way and sent again: 44 segments of 1460 octets are a window of 64 KiB."""
+    places = [1460 * number for number in range(1, 45)]
+    if order == "backwards":
+        places.reverse()
+    elif order == "mixed":
+        Random(4).shuffle(places)
+    feed = Feed()
+    for place in places:
+        feed.segment(place, place.to_bytes(4, "big") * 365)
+    assert feed.half.held_size == 44 * (1460 + stream.HELD_COST)
+    feed.segment(0, bytes(1460))
+    assert feed.holes == []
+    assert feed.octets == b"".join([bytes(1460), *[place.to_bytes(4, "big") * 365 for place in sorted(places)]])
+    assert feed.half.held is None
+    assert feed.half.held_size == 2 * 1460  # the latest two, for what is sent again
+
+
 def test_a_segment_that_fills_many_holes_does_not_break_the_bound() -> None:
     feed = Feed()
     for number in range(stream.MAX_HELD - 1):
         feed.segment(10 + number * 4, b"ab")
-    feed.segment(14, b"cd" + b"abcd" * stream.MAX_HELD)  # all but the first hole: 28 stretches, and a hole before them
+    feed.segment(
+        14, b"cd" + b"abcd" * stream.MAX_HELD
+    )  # all but the first hole: twice as many stretches, and a hole before them
     assert feed.holes == [10, 2]
     assert feed.half.held is None
 

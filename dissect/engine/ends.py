@@ -1,0 +1,180 @@
+"""Ends of connections: RST and FIN, those of them that were none, and a SYN that would begin another one in the same place.
+
+Whoever can send packets with the addresses of a connection can send any of these; the receiver checks their numbers, and goes
+on. So an end with a number that its receiver need not take is told as the end only while nobody goes on
+(`dissect.tcp.doubt`), and a SYN ends an open connection only once something confirms it: the SYN/ACK or the refusal that
+acknowledges it, or data with the numbers that follow it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mypy_extensions import i64
+
+from dissect.engine import attempts
+from dissect.engine.counters import Counters
+from dissect.tcp.doubt import HOLDS, REFUTED
+from dissect.tcp.stream import ACK, MASK, RST, SYN, WINDOW
+from dissect.transactions.connection import FOREIGN, LEFT_OUT
+from dissect.transactions.table import ConnectionTable, Rival, Side
+from dissect.wire.text import count
+
+# What a SYN or RST means to the connection that it comes on (`judge`).
+SAME: Final = 0
+ANOTHER: Final = 1
+HELD_BACK: Final = 2
+
+_NAMES: Final[dict[str, str]] = {"fin": "FIN", "reset": "reset"}
+
+
+# ---- RST and FIN ----------------------------------------------------------------------------------------------------
+
+
+def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: bytes) -> bool:
+    """Take a RST, else a FIN, with ``size`` octets from ``seq``; False for a RST that is ignored.
+
+    ``link`` are the Ethernet addresses of its packet, that of the receiver in front, empty for none.
+    """
+    tcp = side.tcp
+    state = side.connection.state
+    read: bool = state != FOREIGN and state != LEFT_OUT
+    in_doubt: bool = tcp.doubt is not None
+    if flags & RST:
+        if not read:
+            seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
+        if not tcp.note_reset(side.index, seq, counters.frames, counters.now_ns):
+            counters.note_ignored(side, "reset")
+            return False
+    elif not tcp.note_fin(side.index, (seq + size) & MASK, counters.frames, counters.now_ns, read):
+        counters.note_ignored(side, "FIN")
+    if tcp.doubt is not None and not in_doubt:
+        tcp.doubt.sender = link[6:12]
+    return True
+
+
+def look(counters: Counters, side: Side) -> None:
+    """The end of a connection is in doubt: look whether both sides went on since."""
+    tcp = side.tcp
+    doubt = tcp.doubt
+    peer = side.peer
+    if doubt is None or peer is None:
+        return
+    mine, theirs = (side, peer) if doubt.side == side.index else (peer, side)
+    found: i64 = doubt.look(mine.stream, theirs.stream, mine.last_ack, theirs.last_ack)
+    if found == HOLDS:
+        tcp.doubt = None
+    elif found == REFUTED:
+        tcp.withdraw()
+        if side.connection.followed:
+            where = f"{count(abs(int(doubt.distance)), 'byte')} {'ahead of' if doubt.distance > 0 else 'behind'}"
+            detail = (
+                f"{_NAMES[doubt.how]} from {tcp.ends[doubt.side]}, {where} the number expected: the connection went on"
+            )
+            own = tcp.mac(doubt.side)
+            if own and doubt.sender and doubt.sender != own:
+                detail += f"; sent by {doubt.sender.hex(':')}, but {tcp.ends[doubt.side].host} has {own.hex(':')}"
+            counters.note_of("stream.reset_ignored", [int(doubt.frame)], doubt.time_ns, detail, side.connection.number)
+
+
+def finish(counters: Counters, table: ConnectionTable, side: Side, peer: Side) -> None:
+    """The connection is over, and all that came was taken."""
+    if side.tcp.doubt is not None:
+        look(counters, side)
+        side.tcp.doubt = None
+    _drop(counters, table, side)
+    _drop(counters, table, peer)
+
+
+# ---- SYN ------------------------------------------------------------------------------------------------------------
+
+
+def judge(
+    counters: Counters, table: ConnectionTable, side: Side, seq: i64, ack: i64, flags: i64, data: bool, link: bytes
+) -> i64:
+    """Say whether a SYN or RST that ``side`` sends is of its connection: SAME, ANOTHER or HELD_BACK.
+
+    ``data``: it comes with octets; ``link`` as `take`.
+    """
+    if flags & SYN:
+        if not side.tcp.is_new_connection(side.index, seq):
+            return SAME
+        if data or (side.tcp.ended and side.tcp.doubt is None):
+            return ANOTHER
+        return _hold_back(counters, table, side, seq, ack, flags, link)
+    peer = side.peer
+    rival = peer.rival if peer is not None else None
+    if rival is not None and flags & ACK and rival.seq == ack:
+        return ANOTHER  # it answers the SYN: who sends it knows nothing of the connection that was there
+    return SAME
+
+
+def _hold_back(
+    counters: Counters, table: ConnectionTable, side: Side, seq: i64, ack: i64, flags: i64, link: bytes
+) -> i64:
+    """A SYN with new numbers on a connection that is open: it has to be confirmed."""
+    peer = side.peer
+    assert peer is not None
+    rival = side.rival
+    if flags & ACK:
+        rival = peer.rival
+        return HELD_BACK if rival is not None and rival.seq != ack else ANOTHER
+    if rival is not None and _went_on(side, peer, rival):
+        _drop(counters, table, side)
+        rival = None
+    if rival is None or rival.seq != (seq + 1) & MASK:
+        octets: i64 = side.stream.octets
+        side.rival = Rival((seq + 1) & MASK, octets, peer.stream.octets, counters.frames, counters.now_ns)
+    attempts.note_syn(counters, table, side.key, seq, link)
+    return HELD_BACK
+
+
+def follows(side: Side, peer: Side, seq: i64) -> bool:
+    """Return whether data of ``side`` from ``seq`` on belong to the connection that a SYN with new numbers begins."""
+    far: bool = side.stream.next_seq < 0 or not -WINDOW <= side.stream.distance(seq) <= WINDOW
+    rival = side.rival
+    if rival is not None and (seq == rival.seq or (far and (seq - rival.seq) & MASK <= WINDOW)):
+        return not _went_on(side, peer, rival)
+    rival = peer.rival
+    if rival is None or not far or side.last_ack < 0 or (side.last_ack - rival.seq) & MASK > WINDOW:
+        return False
+    return not _went_on(peer, side, rival)
+
+
+def give_way(counters: Counters, side: Side) -> None:
+    """Another connection takes the addresses of this one, which is over."""
+    tcp = side.tcp
+    frame: i64 = counters.frames
+    time_ns: i64 = counters.now_ns
+    for end in (side, side.peer):
+        if end is not None and end.rival is not None:
+            frame = end.rival.frame
+            time_ns = end.rival.time_ns
+            end.rival = None
+    look(counters, side)
+    if not tcp.ended:
+        tcp.ended = "reused"
+        tcp.ended_frame = frame
+        tcp.ended_ns = time_ns
+        if side.connection.followed:
+            counters.note_of("stream.reused", [int(frame)], time_ns, "", side.connection.number)
+
+
+def _went_on(side: Side, peer: Side, rival: Rival) -> bool:
+    """Return whether both sides sent octets since the SYN; the other one alone may not know of it yet."""
+    return side.stream.octets != rival.octets and peer.stream.octets != rival.answered
+
+
+def _drop(counters: Counters, table: ConnectionTable, side: Side) -> None:
+    """The SYN with new numbers that ``side`` is said to have sent began nothing, if the connection went on."""
+    rival = side.rival
+    peer = side.peer
+    if rival is None or peer is None:
+        return
+    side.rival = None
+    if not _went_on(side, peer, rival):
+        return
+    table.forget_syn(side.key)
+    if side.connection.followed:
+        detail = f"SYN from {side.tcp.ends[side.index]}, with other numbers: the connection went on"
+        counters.note_of("stream.reset_ignored", [int(rival.frame)], rival.time_ns, detail, side.connection.number)

@@ -1,0 +1,113 @@
+"""An end of a connection in doubt: a RST or FIN whose sequence number is not the one that its receiver expects next.
+
+A receiver takes a RST at exactly that number (RFC 5961 section 3.2), and a FIN once every octet before it is there (RFC 9293
+section 3.10.7.4). In a capture such a packet may well be genuine, behind octets that the capture lost; or it is of somebody
+else, who guessed the number. What comes after it tells: the end is believed until both sides went on, that is, until
+
+* the other side sent octets after it, and then the side whose end it is sent some that acknowledge those; or
+* the side whose end it is sent octets from beyond its end.
+
+A FIN that the other side acknowledges is one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from mypy_extensions import i64
+
+if TYPE_CHECKING:
+    from dissect.tcp.stream import HalfStream
+
+# What is known of it (`Doubt.look`).
+OPEN: Final = 0
+HOLDS: Final = 1
+REFUTED: Final = 2
+
+
+class Doubt:
+    """The end that ``side`` is said to have made at ``seq``, with its packet ``frame``: ``how`` is ``fin`` or ``reset``.
+
+    ``distance`` is how far it was ahead of the octet that was expected next (negative: behind), ``sender`` the Ethernet
+    address it came from, empty for none. ``other`` is an end that came after it and is not in doubt, with its side, packet and
+    time; ``silent`` has a bit for each side that sends nothing more because of that one.
+    """
+
+    __slots__ = (
+        "_mine",
+        "_reach",
+        "_theirs",
+        "distance",
+        "frame",
+        "how",
+        "other",
+        "other_frame",
+        "other_ns",
+        "other_side",
+        "sender",
+        "seq",
+        "side",
+        "silent",
+        "time_ns",
+    )
+
+    def __init__(self, how: str, side: i64, seq: i64, frame: i64, time_ns: i64, streams: list[HalfStream]) -> None:
+        mine, theirs = streams[side], streams[1 - side]
+        self.how: str = how
+        self.side: i64 = side
+        self.seq: i64 = seq
+        self.frame: i64 = frame
+        self.time_ns: i64 = time_ns
+        self.distance: i64 = mine.distance(seq)
+        self.sender: bytes = b""
+        self.other: str = ""
+        self.other_side: i64 = -1
+        self.other_frame: i64 = 0
+        self.other_ns: i64 = 0
+        self.silent: i64 = 0
+        # Octets that are held were sent before it, even if they are from beyond.
+        self._reach: i64 = seq
+        held = mine.held
+        if held is not None:
+            last = held[-1]
+            top: i64 = last.at + len(last.octets) - mine.position
+            if top > self.distance:
+                self._reach = mine.next_seq + top
+        self._theirs: i64 = theirs.next_seq
+        self._mine: i64 = -1  # where `side` stood when the other side had sent something after it, -1 before that
+
+    def note_other(self, how: str, side: i64, frame: i64, time_ns: i64, silent: i64) -> None:
+        """Take an end that is not in doubt: it counts if this one does not."""
+        if not self.other:
+            self.other = how
+            self.other_side = side
+            self.other_frame = frame
+            self.other_ns = time_ns
+        self.silent |= silent
+
+    def look(self, mine: HalfStream, theirs: HalfStream, my_ack: i64, their_ack: i64) -> i64:
+        """Say what is known of it by now: OPEN, HOLDS or REFUTED.
+
+        ``mine`` is the stream of ``side``, ``theirs`` that of the other one; the numbers are what each acknowledged last, -1
+        for none.
+        """
+        if self.distance > 0:
+            if mine.distance(self._reach) < 0:
+                return REFUTED
+            if self.how == "fin" and their_ack >= 0 and mine.distance(their_ack) == mine.distance(self.seq) + 1:
+                return HOLDS
+        if mine.held is not None or theirs.held is not None or theirs.next_seq < 0:
+            return OPEN  # what is given up of a hole is no sign of life
+        if self._mine < 0:
+            if theirs.next_seq != self._theirs:
+                self._theirs = theirs.next_seq
+                self._mine = mine.next_seq
+            return OPEN
+        if (
+            mine.next_seq != self._mine
+            and mine.next_seq != self.seq
+            and my_ack >= 0
+            and theirs.distance(my_ack) >= theirs.distance(self._theirs)
+        ):
+            return REFUTED
+        return OPEN
