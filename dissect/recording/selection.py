@@ -25,6 +25,7 @@ from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.tcp import ip, link
 from dissect.tcp.stream import FIN, RST, SYN, TcpConnection
+from dissect.tcp.tunnel import Inner
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, reverse_key
 from dissect.transactions.transaction import PUSH, Transaction
@@ -394,10 +395,23 @@ class Choice:
 def _parsed(buf: bytes, start: int, end: int, link_type: int) -> tuple[ip.IpPacket, bytes] | None:
     """Return the IP packet in a frame and its key, empty for a fragment or where the ports are missing; None without one."""
     at, vlan = link.find_ip(buf, start, end, link_type)
-    if at < 0:
-        return None
-    packet = ip.parse_ip(buf, at, end, True)
-    if packet.problem:
+    if at >= 0:
+        packet = ip.parse_ip(buf, at, end, True)
+        if packet.problem:
+            return None
+        if packet.protocol != ip.TCP:
+            inner = Inner(packet, vlan, True)
+            inner.descend(buf)
+            if not inner.problem:
+                packet, vlan = inner.packet, inner.vlan
+    elif at == link.FRAME:
+        inner = Inner(ip.IpPacket(), 0, True)
+        inner.open_frame(buf, vlan, end)
+        inner.descend(buf)
+        if inner.problem:
+            return None
+        packet, vlan = inner.packet, inner.vlan
+    else:
         return None
     if packet.fragment_key or packet.end - packet.start < 4:
         return packet, b""
