@@ -132,7 +132,7 @@ def _after_header(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i
     `_IP` and where it begins when no EtherType follows; an answer of `find_ip` when nothing does.
     """
     size: i64
-    if ethertype <= 1500:  # a length, and LLC behind it
+    if 0 < ethertype <= 1500:  # a length, and LLC behind it
         head = buf[at : min(at + 6, end)]
         if not _SNAP.startswith(head):
             return NOT_IP, 0

@@ -213,7 +213,7 @@ class Inner:
         if port == _TZSP:
             going = self._open_tzsp(buf, at, stop)
         elif at + 8 > stop:
-            return False
+            going = self._stop("cut")
         elif port == _GENEVE:
             words: i64 = buf[at] & 0x3F
             if buf[at] >> 6:
@@ -233,7 +233,9 @@ class Inner:
 
     def _open_tzsp(self, buf: bytes, at: i64, end: i64) -> bool:
         """Version 1, a packet that was received or is to be sent, the kind of link, tags up to the one that ends them."""
-        if at + 4 > end or buf[at] != 1 or buf[at + 1] > 1:
+        if at + 4 > end:
+            return self._stop("cut")
+        if buf[at] != 1 or buf[at + 1] > 1:
             return False
         kind: i64 = u16(buf, at + 2)
         at += 4
