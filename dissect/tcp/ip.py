@@ -22,7 +22,7 @@ GRE: Final = 47
 AUTHENTICATION: Final = 51
 ETHERIP: Final = 97
 MPLS: Final = 137
-_CARRIERS: Final = frozenset((IPV4, IPV6, GRE, AUTHENTICATION, ETHERIP, MPLS))
+CARRIERS: Final = frozenset((IPV4, IPV6, GRE, AUTHENTICATION, ETHERIP, MPLS))
 _EXTENSION_HEADERS: Final = frozenset((0, 43, 51, 60, 135, 139, 140))
 _MAX_EXTENSION_HEADERS: Final = 16
 _FRAGMENT_HEADER: Final = 44
@@ -131,7 +131,7 @@ def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64, wants_udp: bool) 
     if flags & 0x3FFF:
         packet.fragment_offset = (flags & 0x1FFF) * 8
         packet.more = bool(flags & 0x2000)
-        if packet.protocol == TCP or packet.protocol in _CARRIERS or (wants_udp and packet.protocol == UDP):
+        if packet.protocol == TCP or packet.protocol in CARRIERS or (wants_udp and packet.protocol == UDP):
             packet.fragment_key = b"%b%b%b" % (packet.addresses, buf[at + 4 : at + 6], buf[at + 9 : at + 10])
 
 
@@ -168,7 +168,7 @@ def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64, wants_udp: b
         if not packet.more:
             packet.start = after  # an atomic fragment is whole by itself (RFC 6946)
             return protocol
-    wanted: bool = protocol == TCP or protocol in _CARRIERS or (wants_udp and protocol == UDP)
+    wanted: bool = protocol == TCP or protocol in CARRIERS or (wants_udp and protocol == UDP)
     if wanted or (packet.fragment_offset and protocol in _EXTENSION_HEADERS):
         packet.fragment_key = packet.addresses + buf[here + 4 : here + 8] + buf[here : here + 1]
     return protocol
@@ -322,7 +322,7 @@ class FragmentStore:
             return whole
         protocol, at = _skip_extensions(whole, 0, len(whole), key[_V6_KEY - 1])
         self.protocol = protocol
-        wanted: bool = protocol == TCP or protocol in _CARRIERS or (wants_udp and protocol == UDP)
+        wanted: bool = protocol == TCP or protocol in CARRIERS or (wants_udp and protocol == UDP)
         return whole[at:] if wanted else b""
 
     def _forget(self, key: bytes, datagram: _Datagram) -> None:

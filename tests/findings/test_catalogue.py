@@ -180,7 +180,7 @@ def one_sided(talk: Talk) -> None:
 
 
 @speaks("capture.not_opened")
-def encrypted(talk: Talk) -> None:
+def sealed_packets(talk: Talk) -> None:
     talk.raw(bytes(12) + b"\x88\xe5\x0c\x00" + bytes(60))
 
 

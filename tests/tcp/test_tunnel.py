@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from captures.craft import container
 from dissect.anonymize.account import Choices
-from dissect.recording.selection import packet_key
+from dissect.recording.selection import Choice, Stretch, packet_key
 from dissect.tcp import link
 from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import Segment, find_segment
@@ -25,9 +25,8 @@ from tests.cases import each
 from tests.engine.test_pipeline import poll, ready
 from tests.properties.books import Result, check_books
 from tests.properties.packets import EPOCH_NS, MS, Flow, Talk, capture
-from tests.tcp.craft import DST, SRC, TCP, UDP, authentication, v6
+from tests.tcp.craft import DST, SRC, TCP, UDP, authentication, v4, v6
 from tests.tcp.test_segment import DATA, MORE, ethernet, tcp, udp
-from tests.tcp.test_segment import v4 as inner_v4
 
 MACS: Final = bytes.fromhex("02aabbccdd0102aabbccdd02")
 #: The ends of the tunnel.
@@ -148,7 +147,7 @@ def ppp(packet: bytes) -> bytes:
     return b"\x00\x21" if ethertype(packet) == 0x0800 else b"\x00\x57"
 
 
-PACKETS: Final = {4: lambda: inner_v4(tcp()), 6: lambda: v6(tcp())}
+PACKETS: Final = {4: lambda: v4(tcp()), 6: lambda: v6(tcp())}
 
 
 def found(frame: bytes, store: FragmentStore | None = None, wants_udp: bool = False, kind: int = 1) -> Segment:
@@ -227,20 +226,20 @@ def test_ppp(kind: int, version: int) -> None:
 
 
 def test_the_authentication_header_of_ipv4() -> None:
-    frame = ethernet(inner_v4(authentication(TCP) + tcp(), protocol=51))
-    plain = found(ethernet(inner_v4(tcp())))
+    frame = ethernet(v4(authentication(TCP) + tcp(), protocol=51))
+    plain = found(ethernet(v4(tcp())))
     assert told(found(frame)) == told(plain)
     check_cuts(frame, plain)
 
 
 def test_a_frame_of_mpls_needs_no_control_word_where_its_type_shows() -> None:
-    packet = inner_v4(tcp())
+    packet = v4(tcp())
     frame = b"\x00\x1b\x1b\x00\x00\x01\x00\x1b\x1b\x00\x00\x02" + ethernet(packet)[12:]
     assert told(found(direct(0x8847, LABELS, frame))) == told(found(ethernet(packet)))
 
 
 def test_a_datagram_in_a_tunnel() -> None:
-    packet = inner_v4(udp(), protocol=UDP)
+    packet = v4(udp(), protocol=UDP)
     plain = found(ethernet(packet), wants_udp=True)
     assert plain.octets == DATA
     for wrap in OF_IP.values():
@@ -260,7 +259,7 @@ def test_what_only_has_the_port_of_a_tunnel_is_a_datagram() -> None:
 
 
 def test_tunnels_in_each_other_are_opened_up_to_a_bound() -> None:
-    packet = inner_v4(tcp())
+    packet = v4(tcp())
     for levels in range(1, 9):
         content = packet
         for _ in range(levels):
@@ -279,7 +278,7 @@ def test_tunnels_in_each_other_are_opened_up_to_a_bound() -> None:
 
 @each("name", ["gre", "gre-all", "erspan-2", "ip-in-ip", "mpls-in-ip", "etherip"])
 def test_a_tunnel_in_fragments(name: str) -> None:
-    packet = inner_v4(tcp())
+    packet = v4(tcp())
     content = (OF_IP[name](packet) if name in OF_IP else OF_FRAMES[name](frame_of(packet)))[18:]
     body, protocol = content[20:], content[9]
     store = FragmentStore()
@@ -297,7 +296,7 @@ def test_a_tunnel_in_fragments(name: str) -> None:
 def test_fragments_in_a_tunnel_in_fragments() -> None:
     segment = tcp(DATA * 9)
     store = FragmentStore()
-    pieces = [inner_v4(segment[:48], flags=MORE), inner_v4(segment[48:], flags=6)]
+    pieces = [v4(segment[:48], flags=MORE), v4(segment[48:], flags=6)]
     frames = []
     for number, piece in enumerate(pieces):
         body = gre(piece, 0x0800)
@@ -309,7 +308,7 @@ def test_fragments_in_a_tunnel_in_fragments() -> None:
 
 
 def test_fragments_of_a_tunnel_over_udp_are_named() -> None:
-    body = vxlan(frame_of(inner_v4(tcp())))[38:]
+    body = vxlan(frame_of(v4(tcp())))[38:]
     first, second = found(outer(body[:32], UDP, MORE)), found(outer(body[32:], UDP, 4))
     assert (first.problem, first.sealed) == ("not_tcp", "VXLAN in IP fragments")
     assert (second.problem, second.sealed) == ("not_tcp", "")
@@ -349,12 +348,17 @@ def test_what_is_not_opened_is_named_where_somebody_would_look_for_s7_in_it(
     assert (got.problem, got.sealed, got.octets) == (problem, sealed, b"")
 
 
-WRAPS: Final = {**OF_FRAMES, **{name: lambda f, wrap=wrap: wrap(f[14:]) for name, wrap in {**OF_IP, **OF_LINK}.items()}}
+def of_frame(wrap: Wrap) -> Wrap:
+    """Take the packet out of an untagged frame first."""
+    return lambda frame: wrap(frame[14:])
+
+
+WRAPS: Final = {**OF_FRAMES, **{name: of_frame(wrap) for name, wrap in {**OF_IP, **OF_LINK}.items()}}
 
 
 @given(st.sampled_from(sorted(WRAPS)), st.integers(0, 200), st.binary(min_size=1, max_size=12), st.booleans())
 def test_any_octets(name: str, at: int, octets: bytes, wants_udp: bool) -> None:
-    frame = bytearray(WRAPS[name](frame_of(inner_v4(tcp()))))
+    frame = bytearray(WRAPS[name](frame_of(v4(tcp()))))
     frame[at : at + len(octets)] = octets
     for size in range(len(frame) + 1):
         got = found(bytes(frame[:size]), wants_udp=wants_udp)
@@ -417,6 +421,23 @@ def test_what_is_not_opened_is_counted_and_the_first_of_each_is_told() -> None:
         ([1], "ESP (IPsec), first seen here"),
         ([3], "MACsec, first seen here"),
     ]
+
+
+def test_fragments_of_a_tunnel_are_selected_with_what_is_in_it() -> None:
+    """Which tunnel a fragment is of shows only when all of them are there: while something is wanted, all are."""
+    talk = session()
+    frames = []
+    for number, segment in enumerate(talk.segments):
+        body = gre(segment.frame(), 0x6558)
+        frames += [outer(body[:48], 47, MORE, number), outer(body[48:], 47, 6, number)]
+    result = Result(capture(frames))
+    assert result.outcomes == ["answered"] * 4
+    key = found(talk.segments[0].frame()).key
+    choice = Choice(False, frozenset(), [Stretch(key, TCP, 10, 20)], (), (0, 2**62), {})
+    taken = [choice.takes(number, EPOCH_NS, frame, 0, len(frame), 1) for number, frame in enumerate(frames, 1)]
+    assert taken == [10 <= number <= 20 for number in range(1, len(frames) + 1)]
+    other = outer(bytes(48), 17, MORE)
+    assert not choice.takes(15, EPOCH_NS, other, 0, len(other), 1)
 
 
 #: What Wireshark has to be told: the port, the tag and the kind of label it does not know by itself.
