@@ -166,7 +166,7 @@ class Counters:
         if fragments.invalid > dropped:
             self.note_once("ip.fragment_invalid", "first seen here")
         if fragments.conflicts > conflicts:
-            self.note("ip.fragment_conflict", f"in a datagram that holds {'TCP or UDP' if udp else 'TCP'}")
+            self.note("ip.fragment_conflict", f"in a datagram that holds {'TCP, UDP' if udp else 'TCP'} or a tunnel")
         if fragments.evicted > evicted:
             self.note("ip.fragments_evicted")
         return found

@@ -21,6 +21,7 @@ from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES
 from tests.anonymize.support import anonymized
+from tests.anonymize.support import told as told_of
 from tests.cases import each
 from tests.engine.test_pipeline import poll, ready
 from tests.properties.books import Result, check_books
@@ -491,4 +492,17 @@ def test_nothing_of_a_tunnel_is_left_where_it_is_made_anonymous(others: bool, tm
     anonymized(source, out, Choices(keep_others=others))
     left = out.read_bytes()
     for secret in (SRC + DST, DST + SRC, FROM + TO, FROM6, TO6, talk.segments[0].frame()[:12], MACS[6:] + MACS[:6]):
+        assert secret not in left
+
+
+def test_what_is_behind_headers_without_addresses_is_made_anonymous(tmp_path: Path) -> None:
+    source, out = tmp_path / "plain.pcap", tmp_path / "anonymous.pcapng"
+    frames = [frame for number, name in enumerate(OF_LINK) for frame in frames_in(name, session(40000 + number))]
+    packets = [container.Packet(EPOCH_NS + at * MS, frame, len(frame)) for at, frame in enumerate(frames)]
+    source.write_bytes(container.write_pcap(packets))
+    anonymized(source, out)
+    assert len(told_of(out)) == 4 * len(OF_LINK)
+    assert told_of(out) == told_of(source)
+    left = out.read_bytes()
+    for secret in (SRC + DST, DST + SRC, MACS[:6], MACS[6:]):
         assert secret not in left
