@@ -43,10 +43,11 @@ class Inner:
 
     ``problem`` is empty, or the category of packets (`transactions.accounts`) that this one belongs to; ``sealed`` names what
     could not be opened. ``macs`` are the two Ethernet addresses of the innermost frame, empty without one, and None outside
-    of tunnels, where they are those of the captured frame. ``levels`` are those that may still be opened.
+    of tunnels, where they are those of the captured frame. ``at`` is where the packet begins in a tunnel, in the octets that
+    were opened last. ``levels`` are those that may still be opened.
     """
 
-    __slots__ = ("levels", "macs", "packet", "problem", "sealed", "vlan", "wants_udp")
+    __slots__ = ("at", "levels", "macs", "packet", "problem", "sealed", "vlan", "wants_udp")
 
     def __init__(self, packet: IpPacket, vlan: i64, wants_udp: bool) -> None:
         self.packet: IpPacket = packet
@@ -55,6 +56,7 @@ class Inner:
         self.problem: str = ""
         self.sealed: str = ""
         self.macs: bytes | None = None
+        self.at: i64 = 0
         self.levels: i64 = MAX_LEVELS
 
     def descend(self, buf: bytes) -> None:
@@ -117,6 +119,7 @@ class Inner:
             self.macs = b""
         packet = ip.parse_ip(buf, at, end, self.wants_udp)
         self.packet = packet
+        self.at = at
         self.vlan = vlan
         self.problem = packet.problem
         return True
@@ -252,6 +255,38 @@ class Inner:
                 size: i64 = buf[at]
                 at += 1 + size
         return self._stop("cut")
+
+
+def unwrapped(octets: bytes, link_type: i64) -> tuple[bytes, int, int] | None:
+    """Return the innermost packet of a captured one as it came into the tunnel, its link type and how much of it is missing.
+
+    That is an Ethernet frame, or IP alone where none is there. None for a packet that is in no tunnel, or whose tunnel carries
+    something else than TCP and UDP.
+    """
+    end: i64 = len(octets)
+    at, vlan = link.find_ip(octets, 0, end, link_type)
+    if at < 0 and at != link.FRAME:
+        return None
+    inner: Inner
+    if at == link.FRAME:
+        inner = Inner(IpPacket(), 0, True)
+        inner.open_frame(octets, vlan, end)
+    else:
+        packet = ip.parse_ip(octets, at, end, True)
+        if packet.problem or packet.fragment_key or packet.protocol == ip.TCP:
+            return None
+        inner = Inner(packet, vlan, True)
+    inner.descend(octets)
+    macs = inner.macs
+    if inner.problem or macs is None:
+        return None
+    content = octets[inner.at : inner.packet.end]
+    missing = int(inner.packet.missing)
+    if not macs and not inner.vlan:
+        return content, link.RAW, missing
+    tags = b"".join([b"\x81\x00" + vid.to_bytes(2, "big") for vid in link.vlan_ids(inner.vlan)])
+    ethertype = b"\x08\x00" if octets[inner.at] >> 4 == 4 else b"\x86\xdd"
+    return (macs or bytes(12)) + tags + ethertype + content, link.ETHERNET, missing
 
 
 def sealed_link(link_type: i64) -> str:

@@ -19,6 +19,7 @@ from dissect.recording.selection import Choice, Stretch, packet_key
 from dissect.tcp import link
 from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import Segment, find_segment
+from dissect.tcp.tunnel import unwrapped
 from dissect.transactions.accounts import CATEGORIES
 from tests.anonymize.support import anonymized
 from tests.anonymize.support import told as told_of
@@ -482,27 +483,53 @@ def test_tshark_finds_the_same_frames(tmp_path: Path) -> None:
 
 
 @each("others", [False, True])
-def test_nothing_of_a_tunnel_is_left_where_it_is_made_anonymous(others: bool, tmp_path: Path) -> None:
+def test_what_is_in_a_tunnel_is_made_anonymous_and_nothing_of_the_tunnel_is_left(others: bool, tmp_path: Path) -> None:
     source, out = tmp_path / "tunnels.pcap", tmp_path / "anonymous.pcapng"
-    carriers = [name for name in WRAPS if name not in OF_LINK]
-    talk = session()
-    frames = [frame for name in carriers for frame in frames_in(name, talk)]
+    talks = {name: session(40000 + number) for number, name in enumerate(WRAPS)}
+    frames = [frame for name, talk in talks.items() for frame in frames_in(name, talk)]
+    frames += [outer(gre(ethernet(v4(bytes(40), protocol=1)), 0x6558), 47), outer(bytes(60), 50)]
     packets = [container.Packet(EPOCH_NS + at * MS, frame, len(frame)) for at, frame in enumerate(frames)]
     source.write_bytes(container.write_pcap(packets))
-    anonymized(source, out, Choices(keep_others=others))
-    left = out.read_bytes()
-    for secret in (SRC + DST, DST + SRC, FROM + TO, FROM6, TO6, talk.segments[0].frame()[:12], MACS[6:] + MACS[:6]):
-        assert secret not in left
-
-
-def test_what_is_behind_headers_without_addresses_is_made_anonymous(tmp_path: Path) -> None:
-    source, out = tmp_path / "plain.pcap", tmp_path / "anonymous.pcapng"
-    frames = [frame for number, name in enumerate(OF_LINK) for frame in frames_in(name, session(40000 + number))]
-    packets = [container.Packet(EPOCH_NS + at * MS, frame, len(frame)) for at, frame in enumerate(frames)]
-    source.write_bytes(container.write_pcap(packets))
-    anonymized(source, out)
-    assert len(told_of(out)) == 4 * len(OF_LINK)
+    account = anonymized(source, out, Choices(keep_others=others))
+    assert account.written == len(frames) - (0 if others else 2)
+    assert len(told_of(out)) == 4 * len(WRAPS)
     assert told_of(out) == told_of(source)
     left = out.read_bytes()
-    for secret in (SRC + DST, DST + SRC, MACS[:6], MACS[6:]):
+    for secret in (
+        SRC + DST,
+        DST + SRC,
+        FROM,
+        TO,
+        FROM6,
+        TO6,
+        MACS[:6],
+        MACS[6:],
+        talks["gre"].segments[0].frame()[:12],
+    ):
         assert secret not in left
+
+
+def test_what_is_cut_in_a_tunnel_stays_cut(tmp_path: Path) -> None:
+    source, out = tmp_path / "cut.pcap", tmp_path / "anonymous.pcapng"
+    frames = [WRAPS["vxlan"](segment.frame()) for segment in session().segments]
+    packets = [
+        container.Packet(EPOCH_NS + at * MS, frame[:-2] if at == 8 else frame, len(frame))
+        for at, frame in enumerate(frames)
+    ]
+    source.write_bytes(container.write_pcap(packets))
+    anonymized(source, out)
+    assert told_of(out) == told_of(source)
+
+
+@each("vlan", [0, 20])
+def test_a_packet_out_of_its_tunnel_is_as_it_came_into_it(vlan: int) -> None:
+    frame = frame_of(v4(tcp()), vlan)
+    for wrap in OF_FRAMES.values():
+        assert unwrapped(wrap(frame) + bytes(4), 1) == (frame, link.ETHERNET, 0)
+        assert unwrapped(wrap(frame)[:-3], 1) == (frame[:-3], link.ETHERNET, 3)
+    for wrap in OF_IP.values():
+        assert unwrapped(wrap(v4(tcp())), 1) == (v4(tcp()), link.RAW, 0)
+    for wrap in OF_LINK.values():
+        assert unwrapped(wrap(v4(tcp())), 1) is None
+    assert unwrapped(frame, 1) is None
+    assert unwrapped(outer(gre(frame_of(v4(bytes(20), protocol=1)), 0x6558), 47), 1) is None
