@@ -336,6 +336,7 @@ def link_types(case: Case) -> None:
         talk.close()
     case.put(dt(read_bytes(1, 2)), interface=len(kinds))
     case.table("ignored", link_type=1)
+    case.find("capture.not_opened")
 
 
 def cooked(_side: int, packet: Layer) -> bytes:

@@ -14,6 +14,7 @@ from dissect.anonymize.usual_packet import UsualPackets
 from dissect.source.packet import PacketSink
 from dissect.source.packet_blocks import PacketBlocks
 from dissect.source.pcapng_writer import PcapngWriter
+from dissect.tcp.tunnel import unwrapped
 
 #: Octets of packets that wait behind a fragment whose datagram is not whole yet.
 MAX_WAITING: Final = 32 * 1024 * 1024
@@ -66,6 +67,10 @@ class Rewriter(PacketSink):
         octets = buf[start:end]
         new: bytes | Fragment | None = self._usual.renew(self._account.packets, octets, int(link_type))
         if new is None:
+            inner = unwrapped(octets, link_type)
+            if inner is not None:
+                octets, link_type, missing = inner
+                wire_length = len(octets) + missing
             new = self._packets.renew(self._account.packets, octets, int(link_type))
         if new is None:
             return

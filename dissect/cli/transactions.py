@@ -116,7 +116,8 @@ def command(
     complain(run, code)
     if not run.pipeline.exchange.dialogue.count and not run.pipeline.connections.left_out:
         pipeline = run.pipeline
-        said = _instead(pipeline.frames, pipeline.counters.packet_counts(), feed.protocols)
+        counts = pipeline.counters.packet_counts()
+        said = _instead(pipeline.frames, counts, feed.protocols, pipeline.finding_counts)
         click.echo(f"s7dissect: no S7 transaction: {said}", err=True)
     else:
         shown.explain(
@@ -143,14 +144,17 @@ def _task(of: Task, writer: Writer, feed: TransactionFeed, chosen: Chosen, optio
 
 def _say_nothing_found(total: Total) -> None:
     if not total.before.transactions and not total.left_out:
-        said = _instead(total.before.packets, total.ignored, total.protocols)
+        said = _instead(total.before.packets, total.ignored, total.protocols, total.findings)
         click.echo(f"s7dissect: no S7 transaction: {said}", err=True)
 
 
-def _instead(frames: int, ignored: Mapping[str, int], spoken: Mapping[str, int]) -> str:
+def _instead(frames: int, ignored: Mapping[str, int], spoken: Mapping[str, int], findings: Mapping[str, int]) -> str:
     """Return what there was in captures without S7: packets, of which some were ignored, and connections by protocol."""
     parts = [f"{ignored[name]} {text}" for name, text in _NOT_S7.items() if ignored.get(name)]
     packets = f"{frames} packets" + (f" ({', '.join(parts)})" if parts else "")
+    sealed = findings.get("capture.not_opened", 0)
+    if sealed:
+        packets += f"; {sealed} wrapped in something that is not opened (s7dissect analyze names it)"
     said = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(spoken.items())]
     return f"{packets}; connections: {', '.join(said)}" if said else packets
 

@@ -17,6 +17,8 @@ from dissect.transactions.table import Side, endpoints
 from dissect.wire.octets import Tally
 from dissect.wire.text import duration_text
 
+#: Kinds of packets that are not opened, of which the first is detailed: link types may be any number.
+_MAX_SEALED: Final = 32
 #: Later than every packet.
 _NEVER_NS: Final = 0x7FFF_FFFF_FFFF_FFFF
 
@@ -41,6 +43,7 @@ class Counters:
         self._highest_ns: i64 = 0
         self._ahead_ns: i64 = 0  # the latest time of a packet since a step back was told, as far as one followed it
         self.packets: Tally = Tally(len(CATEGORIES), PAYLOAD, NO_PAYLOAD)
+        self._sealed: set[str] = set()  # what is not opened, as far as it was named
 
     @property
     def earliest_ns(self) -> int:
@@ -110,6 +113,15 @@ class Counters:
         else:
             self.note(slug, detail)
 
+    def note_sealed(self, name: str) -> None:
+        """The packet at hand is in something that is not opened; the first one of each is detailed."""
+        slug = "capture.not_opened"
+        if name in self._sealed or len(self._sealed) >= _MAX_SEALED:
+            self._reporter.counts[slug] = self._reporter.counts.get(slug, 0) + 1
+        else:
+            self._sealed.add(name)
+            self.note(slug, f"{name}, first seen here")
+
     def note_step_back(self, time_ns: i64) -> None:
         """The packet at hand, of ``time_ns``, is older than the one before it.
 
@@ -155,12 +167,14 @@ class Counters:
         evicted: i64 = fragments.evicted
         dropped: i64 = fragments.invalid
         found = find_segment(buf, start, end, link_type, fragments, self.now_ns, udp, checksums)
+        if found.sealed:
+            self.note_sealed(found.sealed)
         if found.problem == "bad_header":
             self.note_once("ip.bad_header", "first seen here")
         if fragments.invalid > dropped:
             self.note_once("ip.fragment_invalid", "first seen here")
         if fragments.conflicts > conflicts:
-            self.note("ip.fragment_conflict", f"in a datagram that holds {'TCP or UDP' if udp else 'TCP'}")
+            self.note("ip.fragment_conflict", f"in a datagram that holds {'TCP, UDP' if udp else 'TCP'} or a tunnel")
         if fragments.evicted > evicted:
             self.note("ip.fragments_evicted")
         return found

@@ -305,7 +305,8 @@ class Pipeline(PacketSink):
         side = self.table.sides.get(found.key)
         if side is None or found.word & 7:
             flags: i64 = found.word & 0x3F
-            self._link = buf[start : start + 12] if link_type == 1 else b""
+            macs = found.macs
+            self._link = macs if macs is not None else buf[start : start + 12] if link_type == 1 else b""
             return self._lifecycle(
                 side, found.key, found.vlan, found.seq, found.ack, flags, found.octets, found.missing
             )

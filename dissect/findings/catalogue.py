@@ -66,6 +66,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Answer times across the step are unreliable. Check the time synchronisation of the capturing machine.", ""),
     ("capture.one_sided", WARNING, CAPTURE, "Only one direction of a connection was captured.",
      "Requests and answers cannot be paired. Check the mirror port: it must copy both directions.", ""),
+    ("capture.not_opened", NOTE, CAPTURE, "Packets were ignored because what they are wrapped in is not opened.",
+     "What is inside is unknown, S7 included. Have the mirror port or sensor send them plain, or decrypt them first.", ""),
     # IP and TCP.
     ("ip.bad_header", WARNING, PROTOCOL, "IP or TCP headers contradict themselves; these packets were ignored.",
      "Lengths or header fields are wrong: a faulty device or network card, or an attempt to mislead analyzers.", ""),

@@ -189,10 +189,15 @@ def _nothing(gathered: Gathered) -> list[str]:
         for name, count in carried(gathered).items()
         if count and name not in {"s7comm", "s7comm_plus", "scd", "empty"}
     ]
+    advice = "S7 is recognised on any TCP port: capture at a mirror port that carries the PLC's traffic."
+    sealed = pipeline.finding_counts.get("capture.not_opened", 0)
+    if sealed:
+        wrapped = counted(sealed, "packet is wrapped", "packets are wrapped")
+        advice = f"{wrapped} in something that is not opened, where S7 may be: capture.not_opened names it."
     return [
         f"There is no S7 communication in this capture of {counted(int(pipeline.frames), 'packet')}.",
         f"It holds instead: {', '.join(instead + others) or 'nothing that could be read'}.",
-        "S7 is recognised on any TCP port: capture at a mirror port that carries the PLC's traffic.",
+        advice,
     ]
 
 

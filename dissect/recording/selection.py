@@ -25,6 +25,7 @@ from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.tcp import ip, link
 from dissect.tcp.stream import FIN, RST, SYN, TcpConnection
+from dissect.tcp.tunnel import Inner
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side, reverse_key
 from dissect.transactions.transaction import PUSH, Transaction
@@ -330,6 +331,10 @@ class Choice:
                 self._stretches.setdefault(key, []).append(stretch)
                 self._hosts.setdefault(_addresses(key), []).append(stretch)
         self._span_hosts: dict[bytes, list[TimedSpan]] = {}
+        self._first = min([one.first for one in stretches], default=1)
+        self._last = max([one.last for one in stretches], default=0)
+        self._begin = min([one.from_ns for one in spans], default=1)
+        self._end = max([one.to_ns for one in spans], default=0)
         for timed in spans:
             self._spans.setdefault(timed.span.key, []).append(timed)
             self._span_hosts.setdefault(_addresses(timed.span.key), []).append(timed)
@@ -372,7 +377,7 @@ class Choice:
             return False
         packet, key = found
         if packet.fragment_key:
-            return self._takes_fragment(frame, time_ns, packet.addresses)
+            return self._takes_fragment(frame, time_ns, packet)
         if not key:
             return False
         protocol = packet.protocol
@@ -384,20 +389,40 @@ class Choice:
         spans = self._spans.get(key) if protocol == ip.TCP else None
         return spans is not None and _carries(spans, time_ns, buf, packet)
 
-    def _takes_fragment(self, frame: int, time_ns: int, addresses: bytes) -> bool:
-        """An IP fragment of TCP: wanted when it is between the hosts of something wanted, while that went on."""
-        if any(one.first <= frame <= one.last for one in self._hosts.get(addresses, ())):
+    def _takes_fragment(self, frame: int, time_ns: int, packet: ip.IpPacket) -> bool:
+        """An IP fragment: wanted when it is between the hosts of something wanted, while that went on.
+
+        One of a tunnel does not show whose packet is in it, so that any will do.
+        """
+        if packet.protocol in ip.CARRIERS and (
+            self._first <= frame <= self._last or self._begin <= time_ns <= self._end
+        ):
             return True
-        return any(one.from_ns <= time_ns <= one.to_ns for one in self._span_hosts.get(addresses, ()))
+        if any(one.first <= frame <= one.last for one in self._hosts.get(packet.addresses, ())):
+            return True
+        return any(one.from_ns <= time_ns <= one.to_ns for one in self._span_hosts.get(packet.addresses, ()))
 
 
 def _parsed(buf: bytes, start: int, end: int, link_type: int) -> tuple[ip.IpPacket, bytes] | None:
     """Return the IP packet in a frame and its key, empty for a fragment or where the ports are missing; None without one."""
     at, vlan = link.find_ip(buf, start, end, link_type)
-    if at < 0:
-        return None
-    packet = ip.parse_ip(buf, at, end, True)
-    if packet.problem:
+    if at >= 0:
+        packet = ip.parse_ip(buf, at, end, True)
+        if packet.problem:
+            return None
+        if packet.protocol != ip.TCP:
+            inner = Inner(packet, vlan, True)
+            inner.descend(buf)
+            if not inner.problem:
+                packet, vlan = inner.packet, inner.vlan
+    elif at == link.FRAME:
+        inner = Inner(ip.IpPacket(), 0, True)
+        inner.open_frame(buf, vlan, end)
+        inner.descend(buf)
+        if inner.problem:
+            return None
+        packet, vlan = inner.packet, inner.vlan
+    else:
         return None
     if packet.fragment_key or packet.end - packet.start < 4:
         return packet, b""

@@ -15,9 +15,16 @@ from dissect.wire.octets import u16
 
 TCP: Final = 6
 UDP: Final = 17
+#: Protocols that carry packets or frames (`dissect.tcp.tunnel`), with the authentication header in IPv4.
+IPV4: Final = 4
+IPV6: Final = 41
+GRE: Final = 47
+AUTHENTICATION: Final = 51
+ETHERIP: Final = 97
+MPLS: Final = 137
+CARRIERS: Final = frozenset((IPV4, IPV6, GRE, AUTHENTICATION, ETHERIP, MPLS))
 _EXTENSION_HEADERS: Final = frozenset((0, 43, 51, 60, 135, 139, 140))
 _MAX_EXTENSION_HEADERS: Final = 16
-_AUTHENTICATION: Final = 51
 _FRAGMENT_HEADER: Final = 44
 _CUT: Final = -1  # instead of a protocol
 #: Sizes of the fragment keys (addresses, identification, protocol or next header); a VLAN may follow.
@@ -40,8 +47,8 @@ class IpPacket:
 
     ``problem`` is empty, or why the packet cannot be used: ``bad_header``, ``cut``.
     ``start``/``end`` bound the payload within the captured octets; ``missing`` counts payload octets the IP length claims and
-    the capture does not hold. For a fragment that may be of a TCP segment, or of a UDP datagram when these are wanted,
-    ``fragment_key`` is not empty, and the payload is what `FragmentStore.add` takes, IPv6 extension headers behind the
+    the capture does not hold. For a fragment that may be of a TCP segment or a tunnel, or of a UDP datagram when these are
+    wanted, ``fragment_key`` is not empty, and the payload is what `FragmentStore.add` takes, IPv6 extension headers behind the
     fragment header included.
     """
 
@@ -67,6 +74,16 @@ class IpPacket:
         self.fragment_key: bytes = b""
         self.fragment_offset: i64 = 0
         self.more: bool = False
+
+    def gather(self, protocol: i64, size: i64) -> None:
+        """The fragment is one of a whole of ``size`` octets, which stand alone in a buffer of their own."""
+        self.protocol = protocol
+        self.start = 0
+        self.end = size
+        self.missing = 0
+        self.fragment_key = b""
+        self.fragment_offset = 0
+        self.more = False
 
 
 def parse_ip(buf: bytes, at: i64, end: i64, wants_udp: bool = False) -> IpPacket:
@@ -114,7 +131,7 @@ def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64, wants_udp: bool) 
     if flags & 0x3FFF:
         packet.fragment_offset = (flags & 0x1FFF) * 8
         packet.more = bool(flags & 0x2000)
-        if packet.protocol == TCP or (wants_udp and packet.protocol == UDP):
+        if packet.protocol == TCP or packet.protocol in CARRIERS or (wants_udp and packet.protocol == UDP):
             packet.fragment_key = b"%b%b%b" % (packet.addresses, buf[at + 4 : at + 6], buf[at + 9 : at + 10])
 
 
@@ -151,7 +168,7 @@ def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64, wants_udp: b
         if not packet.more:
             packet.start = after  # an atomic fragment is whole by itself (RFC 6946)
             return protocol
-    wanted: bool = protocol == TCP or (wants_udp and protocol == UDP)
+    wanted: bool = protocol == TCP or protocol in CARRIERS or (wants_udp and protocol == UDP)
     if wanted or (packet.fragment_offset and protocol in _EXTENSION_HEADERS):
         packet.fragment_key = packet.addresses + buf[here + 4 : here + 8] + buf[here : here + 1]
     return protocol
@@ -169,7 +186,7 @@ def _skip_extensions(buf: bytes, at: i64, end: i64, protocol: i64) -> tuple[i64,
         if at + 8 > end:
             return _CUT, at
         units: i64 = buf[at + 1]
-        size: i64 = (units + 2) * 4 if protocol == _AUTHENTICATION else (units + 1) * 8
+        size: i64 = (units + 2) * 4 if protocol == AUTHENTICATION else (units + 1) * 8
         if at + size > end:
             return _CUT, at
         protocol = buf[at]
@@ -223,8 +240,9 @@ class FragmentStore:
     def add(
         self, key: bytes, offset: i64, more: bool, octets: bytes, time_ns: i64, wants_udp: bool = False
     ) -> bytes | None:
-        """Take one fragment; return the TCP segment or, when wanted, UDP datagram if it is the last one missing, else None.
+        """Take one fragment; return what it is of when it is the last one missing, else None.
 
+        That is a TCP segment, what a tunnel carries or, when wanted, a UDP datagram.
         No octets are returned when the extension headers of the whole lead to another protocol. A fragment that cannot be,
         or that contradicts where its datagram ends, is dropped. The packet that completes a datagram is not counted here:
         its caller accounts for it like any whole packet.
@@ -304,7 +322,8 @@ class FragmentStore:
             return whole
         protocol, at = _skip_extensions(whole, 0, len(whole), key[_V6_KEY - 1])
         self.protocol = protocol
-        return whole[at:] if protocol == TCP or (wants_udp and protocol == UDP) else b""
+        wanted: bool = protocol == TCP or protocol in CARRIERS or (wants_udp and protocol == UDP)
+        return whole[at:] if wanted else b""
 
     def _forget(self, key: bytes, datagram: _Datagram) -> None:
         del self._datagrams[key]

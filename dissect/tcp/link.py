@@ -1,4 +1,9 @@
-"""From a captured frame to the IP packet in it: Ethernet with VLAN tags, Linux cooked, raw IP, BSD loopback."""
+"""From a captured frame to the IP packet in it: Ethernet, Linux cooked, raw IP, BSD loopback, PPP, and what stands between.
+
+Between an EtherType and IP there may be VLAN tags, LLC with SNAP (RFC 1042), MPLS labels (RFC 3032), PPPoE (RFC 2516), an
+HSR tag (IEC 62439-3), Cisco's CMD and VN-Tag, MACsec without encryption (IEEE 802.1AE). They hold no addresses. What holds
+some, a frame in a frame, is left to `dissect.tcp.tunnel`.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +15,10 @@ from dissect.wire.octets import u16
 
 NULL: Final = 0
 ETHERNET: Final = 1
+PPP: Final = 9
 RAW_BSD: Final = 12
 RAW_OPENBSD: Final = 14
+PPP_HDLC: Final = 50
 RAW: Final = 101
 LOOP: Final = 108
 LINUX_SLL: Final = 113
@@ -23,17 +30,39 @@ LINUX_SLL2: Final = 276
 NOT_IP: Final = -1
 CUT: Final = -2
 UNSUPPORTED: Final = -3
+#: An Ethernet frame is in the frame (MPLS): the second number says where.
+FRAME: Final = -4
+#: What follows cannot be read: the second number is a key of `SEALED_NAMES`.
+SEALED: Final = -5
 
 _ETHERTYPE_IPV4: Final = 0x0800
 _ETHERTYPE_IPV6: Final = 0x86DD
+_VN_TAG: Final = 0x8926
+_HSR: Final = 0x892F
+_CMD: Final = 0x8909
+MPLS: Final = 0x8847
+_MPLS_MULTICAST: Final = 0x8848
+_PPPOE: Final = 0x8864
+_MACSEC: Final = 0x88E5
 _MAX_TAGS: Final = 4
+#: Headers that are no tags, and MPLS labels, in one stack.
+_MAX_HEADERS: Final = 4
+_MAX_LABELS: Final = 16
+_SNAP: Final = b"\xaa\xaa\x03\x00\x00\x00"
+#: Instead of where an EtherType stands: IP begins.
+_IP: Final = -16
+#: PPP protocols that are compressed, encrypted or cut into pieces (IANA): Van Jacobson, multilink, encryption, compression.
+_PPP_SEALED: Final = frozenset((0x2D, 0x2F, 0x3D, 0x53, 0x55, 0xFB, 0xFD))
+
+#: What cannot be read, by EtherType.
+SEALED_NAMES: Final[dict[int, str]] = {_MACSEC: "MACsec", _PPPOE: "PPP that is compressed, encrypted or in pieces"}
 
 
 def find_ip(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64]:
     """Return (offset of the IP header, VLAN key) of the frame ``buf[start:end]``.
 
-    The offset is `NOT_IP`, `CUT` or `UNSUPPORTED` when there is none. The VLAN key is 0 for an untagged frame (and for a tag
-    with VLAN id 0, which is only a priority), and differs for different stacks of VLAN ids.
+    The offset is `NOT_IP`, `CUT`, `UNSUPPORTED`, `FRAME` or `SEALED` when there is none. The VLAN key is 0 for an untagged
+    frame (and for a tag with VLAN id 0, which is only a priority), and differs for different stacks of VLAN ids.
     """
     if link_type == ETHERNET:
         return _after_tags(buf, start + 12, start + 14, end)
@@ -51,29 +80,147 @@ def find_ip(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64]
         # systems; the version nibble of the packet itself is the same everywhere.
         version: i64 = buf[at] >> 4
         return (at if version == 4 or version == 6 else NOT_IP), 0
+    if link_type == PPP or link_type == PPP_HDLC:
+        return _serial(buf, start, end)
     return UNSUPPORTED, 0
 
 
 def _after_tags(buf: bytes, type_at: i64, at: i64, end: i64) -> tuple[i64, i64]:
-    """Step over VLAN tags: the EtherType stands at ``type_at``, what it announces at ``at``."""
+    """The EtherType stands at ``type_at``, what it announces at ``at``: step over what is between it and IP."""
+    if at > end:
+        return CUT, 0
+    ethertype: i64 = u16(buf, type_at)
+    if ethertype == _ETHERTYPE_IPV4 or ethertype == _ETHERTYPE_IPV6:
+        return at, 0
+    return after_type(buf, ethertype, at, end)
+
+
+def after_type(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]:
+    """Return what `find_ip` does of what an EtherType announces, and stands at ``at``."""
     vlan: i64 = 0
     tags: i64 = 0
-    while True:
-        if at > end:
-            return CUT, 0
-        ethertype: i64 = u16(buf, type_at)
-        if ethertype == _ETHERTYPE_IPV4 or ethertype == _ETHERTYPE_IPV6:
-            return at, vlan
-        if (ethertype != 0x8100 and ethertype != 0x88A8 and ethertype != 0x9100) or tags == _MAX_TAGS:
+    headers: i64 = 0
+    type_at: i64
+    while ethertype != _ETHERTYPE_IPV4 and ethertype != _ETHERTYPE_IPV6:
+        if ethertype == 0x8100 or ethertype == 0x88A8 or ethertype == 0x9100 or ethertype == 0x9200:
+            if tags == _MAX_TAGS:
+                return NOT_IP, 0
+            if at + 4 > end:
+                return CUT, 0
+            vid: i64 = u16(buf, at) & 0x0FFF
+            if vid != 0:
+                vlan = vlan * 4096 + vid
+            tags += 1
+            type_at = at + 2
+            at += 4
+        else:
+            if headers == _MAX_HEADERS:
+                return NOT_IP, 0
+            headers += 1
+            type_at, at = _after_header(buf, ethertype, at, end)
+            if type_at == _IP:
+                return at, vlan
+            if type_at < 0:
+                return type_at, at
+        ethertype = u16(buf, type_at)
+    return at, vlan
+
+
+def _after_header(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]:
+    """Step over the header at ``at`` of this EtherType, which is no tag: where the next EtherType and its content stand.
+
+    `_IP` and where it begins when no EtherType follows; an answer of `find_ip` when nothing does.
+    """
+    size: i64
+    if 0 < ethertype <= 1500:  # a length, and LLC behind it
+        head = buf[at : min(at + 6, end)]
+        if not _SNAP.startswith(head):
             return NOT_IP, 0
+        size = 8
+    elif ethertype == _HSR or ethertype == _VN_TAG:
+        size = 6
+    elif ethertype == _CMD:  # version, number of options of four octets each
+        if at + 2 > end:
+            return CUT, 0
+        options: i64 = buf[at + 1]
+        size = 4 + options * 4
+    elif ethertype == MPLS or ethertype == _MPLS_MULTICAST:
+        return _after_labels(buf, at, end)
+    elif ethertype == _PPPOE:
+        if at + 6 > end:
+            return CUT, 0
+        return _after_ppp(buf, at + 6, end) if u16(buf, at) == 0x1100 else (NOT_IP, 0)
+    elif ethertype == _MACSEC:
+        if at + 1 > end:
+            return CUT, 0
+        # Encrypted, or with the address of a station: nothing here may hold one.
+        if buf[at] & 0xAC:
+            return SEALED, _MACSEC
+        size = 8
+    else:
+        return NOT_IP, 0
+    if at + size > end:
+        return CUT, 0
+    return at + size - 2, at + size
+
+
+def _after_labels(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
+    """Step over a stack of MPLS labels. Nothing says what is below: it begins with a version of IP, or is a frame.
+
+    A frame may come behind a control word that begins with four bits of 0 (RFC 4385), and so may its own first address.
+    """
+    for _ in range(_MAX_LABELS):
         if at + 4 > end:
             return CUT, 0
-        vid: i64 = u16(buf, at) & 0x0FFF
-        if vid != 0:
-            vlan = vlan * 4096 + vid
-        tags += 1
-        type_at = at + 2
+        bottom: i64 = buf[at + 2] & 1
         at += 4
+        if bottom:
+            break
+    else:
+        return NOT_IP, 0
+    if at >= end:
+        return CUT, 0
+    version: i64 = buf[at] >> 4
+    if version == 4 or version == 6:
+        return _IP, at
+    if version:
+        return NOT_IP, 0
+    if at + 14 <= end and _is_usual(u16(buf, at + 12)) and not (at + 18 <= end and _is_usual(u16(buf, at + 16))):
+        return FRAME, at
+    return FRAME, at + 4
+
+
+def _is_usual(ethertype: i64) -> bool:
+    """Return whether this is the EtherType of IP or of a VLAN tag."""
+    return ethertype == _ETHERTYPE_IPV4 or ethertype == _ETHERTYPE_IPV6 or ethertype == 0x8100 or ethertype == 0x88A8
+
+
+def _serial(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
+    """PPP, with address and control (RFC 1662) or without, or Cisco's HDLC, which has an EtherType."""
+    if at + 2 > end:
+        return CUT, 0
+    head: i64 = u16(buf, at)
+    if head == 0x0F00 or head == 0x8F00:
+        return _after_tags(buf, at + 2, at + 4, end)
+    type_at, found = _after_ppp(buf, at + 2 if head == 0xFF03 else at, end)
+    return (found, 0) if type_at == _IP else (type_at, found)
+
+
+def _after_ppp(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
+    """Step over a PPP protocol number, of two octets or of the last one alone (RFC 1661, 6.5)."""
+    if at >= end:
+        return CUT, 0
+    protocol: i64 = buf[at]
+    if protocol & 1:
+        at += 1
+    elif at + 2 > end:
+        return CUT, 0
+    else:
+        protocol = u16(buf, at)
+        at += 2
+    if protocol == 0x21 or protocol == 0x57:
+        return _IP, at
+    return (SEALED, _PPPOE) if protocol in _PPP_SEALED else (NOT_IP, 0)
 
 
 def vlan_ids(key: i64) -> list[int]:

@@ -1,5 +1,7 @@
 """From a frame of any link and any IP version to its TCP segment or UDP datagram; the pipeline itself reads the common frame.
 
+What is in a tunnel is found there (`dissect.tcp.tunnel`), by the innermost addresses, as if it had come without.
+
 Checksums are verified on request (RFC 9293 section 3.1, RFC 768; IPv6: RFC 8200 section 8.1). Ones' complement arithmetic is
 arithmetic modulo 65535, which lets integers of any length do the adding.
 """
@@ -11,7 +13,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.tcp import ip, link
-from dissect.tcp.ip import TCP
+from dissect.tcp.ip import TCP, IpPacket
+from dissect.tcp.tunnel import Inner, sealed_link
 from dissect.wire.octets import u16, u32
 
 _MODULUS: Final = 0xFFFF
@@ -58,9 +61,12 @@ class Segment:
     packet, then the VLAN key when there is one; ``octets`` the payload. ``word`` is the data offset and the flags; a datagram
     has none of ``seq``, ``ack`` and ``word``. ``missing`` counts octets of payload that the IP length, for a datagram the UDP
     length, claims and the capture does not hold. One with the problem ``bad_checksum`` has everything else as well.
+
+    ``macs`` are the Ethernet addresses of the innermost frame in a tunnel, None outside of one. ``sealed`` names what a packet
+    with a problem is in that is not opened.
     """
 
-    __slots__ = ("ack", "key", "missing", "octets", "problem", "protocol", "seq", "vlan", "word")
+    __slots__ = ("ack", "key", "macs", "missing", "octets", "problem", "protocol", "sealed", "seq", "vlan", "word")
 
     def __init__(self, problem: str) -> None:
         self.problem: str = problem
@@ -72,6 +78,8 @@ class Segment:
         self.word: i64 = 0
         self.octets: bytes = b""
         self.missing: i64 = 0
+        self.macs: bytes | None = None
+        self.sealed: str = ""
 
 
 def find_segment(
@@ -92,31 +100,64 @@ def find_segment(
     """
     at, vlan = link.find_ip(buf, start, end, link_type)
     if at < 0:
-        if at == link.CUT:
-            return Segment("cut")
-        return Segment("link_type" if at == link.UNSUPPORTED else "not_ip")
+        if at != link.FRAME:
+            return _without_ip(at, vlan, link_type)
+        inner = Inner(IpPacket(), 0, wants_udp)
+        inner.open_frame(buf, vlan, end)
+        return _innermost(inner, buf, fragments, time_ns, checksums)
     packet = ip.parse_ip(buf, at, end, wants_udp)
     if packet.problem:
         return Segment(packet.problem)
-    tag = int(vlan).to_bytes(8, "big") if vlan else b""
-    if not packet.fragment_key:
-        if packet.protocol == ip.TCP:
-            return _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
-        if wants_udp and packet.protocol == ip.UDP:
-            return _read_datagram(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
+    if packet.protocol == ip.TCP and not packet.fragment_key:
+        tag = int(vlan).to_bytes(8, "big") if vlan else b""
+        return _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
+    return _innermost(Inner(packet, vlan, wants_udp), buf, fragments, time_ns, checksums)
+
+
+def _without_ip(answer: i64, detail: i64, link_type: i64) -> Segment:
+    """Return what is said of a frame in which `link.find_ip` finds nothing."""
+    if answer == link.CUT:
+        return Segment("cut")
+    segment = Segment("link_type" if answer == link.UNSUPPORTED else "not_ip")
+    if answer == link.UNSUPPORTED:
+        segment.sealed = sealed_link(link_type)
+    elif answer == link.SEALED:
+        segment.sealed = link.SEALED_NAMES[detail]
+    return segment
+
+
+def _innermost(inner: Inner, buf: bytes, fragments: ip.FragmentStore, time_ns: i64, checksums: bool) -> Segment:
+    """Return what `find_segment` does of a packet that may be a tunnel or a fragment, and of what it carries."""
+    while True:
+        inner.descend(buf)
+        packet = inner.packet
+        vlan: i64 = inner.vlan
+        if inner.problem:
+            found = Segment(inner.problem)
+            found.sealed = inner.sealed
+            return found
+        tag = int(vlan).to_bytes(8, "big") if vlan else b""
+        if not packet.fragment_key:
+            break
+        if packet.missing:
+            return Segment("cut")  # a datagram with a cut piece can never be whole
+        piece = buf[packet.start : packet.end]
+        key = packet.fragment_key + tag
+        whole = fragments.add(key, packet.fragment_offset, packet.more, piece, time_ns, inner.wants_udp)
+        if whole is None:
+            return Segment("fragment_waiting")
+        if not whole and fragments.protocol != ip.UDP:
+            return Segment("not_tcp")  # what stands behind the extension headers is known only now
+        packet.gather(fragments.protocol, len(whole))
+        buf = whole
+    if packet.protocol == ip.TCP:
+        found = _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
+    elif inner.wants_udp and packet.protocol == ip.UDP:
+        found = _read_datagram(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
+    else:
         return Segment("not_tcp")
-    if packet.missing:
-        return Segment("cut")  # a datagram with a cut piece can never be whole
-    piece = buf[packet.start : packet.end]
-    key = packet.fragment_key + tag
-    whole = fragments.add(key, packet.fragment_offset, packet.more, piece, time_ns, wants_udp)
-    if whole is None:
-        return Segment("fragment_waiting")
-    if wants_udp and fragments.protocol == ip.UDP:
-        return _read_datagram(packet.addresses, tag, vlan, whole, 0, len(whole), 0, checksums)
-    if not whole:
-        return Segment("not_tcp")  # what stands behind the extension headers is known only now
-    return _read(packet.addresses, tag, vlan, whole, 0, len(whole), 0, checksums)
+    found.macs = inner.macs
+    return found
 
 
 def _read(

@@ -11,7 +11,8 @@ from dissect.report.writers.csv import CSV_COLUMNS
 from tests.cli.support import halves, run, simple
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import MS, Talk
+from tests.properties.packets import MS, Flow, Talk
+from tests.properties.packets import capture as packets_of
 from tests.report.schemas import complaints
 from tests.report.support import WORD, begun, read, saved
 
@@ -131,6 +132,16 @@ def test_a_capture_without_s7_says_what_was_there(capfdbinary: Capture, tmp_path
     ran = run(capfdbinary, "transactions", path)
     assert (ran.code, ran.out) == (0, "")
     assert ran.err == "s7dissect: no S7 transaction: 3 packets\n"
+
+
+def test_a_capture_that_is_not_opened_says_so(capfdbinary: Capture, tmp_path: Path) -> None:
+    path = saved(tmp_path / "x.pcapng", packets_of([Flow().wrap(0, 50, bytes(40))] * 3))
+    for separate in ([], ["--separate"]):
+        ran = run(capfdbinary, "transactions", path, *separate)
+        assert ran.err == (
+            "s7dissect: no S7 transaction: 3 packets (3 not TCP); 3 wrapped in something that is not opened "
+            "(s7dissect analyze names it)\n"
+        )
 
 
 def test_a_capture_without_s7_names_the_protocols_that_were_there(capfdbinary: Capture, corpus: Path) -> None:

@@ -179,6 +179,18 @@ def one_sided(talk: Talk) -> None:
         talk.ask(read(number, dbw(1, 0)))
 
 
+@speaks("capture.not_opened")
+def sealed_packets(talk: Talk) -> None:
+    talk.raw(bytes(12) + b"\x88\xe5\x0c\x00" + bytes(60))
+
+
+@silent("capture.not_opened")
+def no_tunnel(talk: Talk) -> None:
+    """ARP, and the same MACsec without encryption."""
+    talk.raw(bytes(12) + b"\x08\x06" + bytes(46))
+    talk.raw(bytes(12) + b"\x88\xe5" + bytes(6) + b"\x08\x06" + bytes(46))
+
+
 # IP and TCP.
 
 

@@ -8,7 +8,7 @@ from dissect.page.verdict import by_weight, verdict
 from tests.page.support import gathered_of
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import EPOCH_NS, Flow, Talk
+from tests.properties.packets import EPOCH_NS, Flow, Talk, capture
 from tests.report.schemas import ROOT
 from tests.report.support import WORD, begun, read, saved
 
@@ -69,6 +69,14 @@ def test_a_capture_without_s7_says_what_was_there(tmp_path: Path) -> None:
     said = verdict(gathered_of([saved(tmp_path / "b.pcapng", talk.packets())]))
     assert said.sentences[0].startswith("There is no S7 communication")
     assert "2 unknown protocol" in said.sentences[1] or "2 MMS" in said.sentences[1]
+
+
+def test_a_capture_whose_packets_are_not_opened_says_so(tmp_path: Path) -> None:
+    esp = [Flow().wrap(0, 50, bytes(40))] * 3
+    said = verdict(gathered_of([saved(tmp_path / "a.pcapng", capture(esp))]))
+    assert said.sentences[2] == (
+        "3 packets are wrapped in something that is not opened, where S7 may be: capture.not_opened names it."
+    )
 
 
 def test_an_empty_capture(tmp_path: Path) -> None:
