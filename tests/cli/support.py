@@ -23,7 +23,6 @@ from tests.properties.messages import dt
 from tests.properties.packets import Flow, Packet
 from tests.report.support import WORD, begun, read, saved
 
-
 #: The environment of a process that may not write large files: it must not leave half a compiled module in the source tree.
 WITHOUT_CACHE: Final = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dissect.page import rendering
-from tests.cli.support import run, simple
+from tests.cli.support import WITHOUT_CACHE, run, simple
 from tests.page.support import data_of, session_of
 from tests.report.schemas import ROOT
 from tests.report.support import saved
