@@ -24,6 +24,9 @@ MANIFEST: Final = "manifest.json"
 CLASSIC: Final = ".mc7"
 PLUS: Final = ".s7p"
 RAW: Final = ".bin"
+#: What the names of files end with whose block is not whole, and of those with what passed behind its gap.
+INCOMPLETE: Final = "-incomplete"
+BEHIND_GAP: Final = ".behind-gap"
 _SUFFIXES: Final = (CLASSIC, PLUS, RAW)
 #: Octets of a file that is read as a block, or as a manifest.
 _LARGEST: Final = 64 * 1024 * 1024
@@ -43,7 +46,8 @@ def file_name(number: int, block: CarvedBlock) -> str:
     suffix = PLUS if block.plus is not None else CLASSIC if block.classic is not None else RAW
     label = f"{kind}{block.number}" if block.number >= 0 else kind
     direction = f"-{block.direction}" if block.direction else ""
-    return f"{number:04d}-{label}{direction}{suffix}"
+    state = "" if block.complete else INCOMPLETE
+    return f"{number:04d}-{label}{direction}{state}{suffix}"
 
 
 def texts(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> dict[str, bytes]:
@@ -70,6 +74,8 @@ class Plan:
         for index, block in enumerate(blocks):
             name = file_name(index + 1, block)
             self.files[name] = index, block.octets
+            if block.behind_gap:
+                self.files[name + BEHIND_GAP] = index, block.behind_gap
             for text, octets in texts(block, dictionaries).items():
                 if len(octets) > most:
                     self.left_out[index] = self.left_out.get(index, 0) + 1
@@ -91,6 +97,8 @@ def write_folder(folder: str | Path, plan: Plan, manifest: dict[str, Any]) -> No
         record = manifest["blocks"][index]
         if name.endswith(_SUFFIXES):
             record["file"] = name
+        elif name.endswith(BEHIND_GAP):
+            record["behind_gap"] = name
         else:
             record.setdefault("texts", []).append(name)
         save(home / name, octets)
@@ -115,7 +123,7 @@ def read_folder(folder: str | Path) -> list[CarvedBlock]:
     manifest = home / MANIFEST
     if manifest.is_file():
         return _read_manifest(home, manifest)
-    paths = sorted([path for path in home.iterdir() if path.is_file() and path.suffix != ".xml"])
+    paths = sorted([path for path in home.iterdir() if path.is_file() and path.suffix not in {".xml", BEHIND_GAP}])
     found = [block for path in paths if (block := read_block(path)) is not None]
     if not found:
         raise FolderError(
@@ -138,15 +146,21 @@ def _read_manifest(home: Path, path: Path) -> list[CarvedBlock]:
 
 
 def _of_record(home: Path, record: dict[str, Any]) -> CarvedBlock:
-    name = str(record["file"])
-    if name != Path(name).name or name in {"", ".", ".."}:
-        raise FolderError(f"{printable(str(home / MANIFEST))}: {printable(name)} is not a file of this folder")
-    octets = _octets(home / name)
+    octets = _octets(_path(home, str(record["file"])))
     block = plus_block(octets) if record.get("protocol") == S7COMM_PLUS else None
     if block is None:
         block = block_of(octets, _named(record))
     block.missing = str(record.get("missing") or "")
+    if record.get("behind_gap"):
+        block.behind_gap = _octets(_path(home, str(record["behind_gap"])))
     return block
+
+
+def _path(home: Path, name: str) -> Path:
+    """Return where a file lies that the manifest of a folder names. Raises `FolderError` for one outside of it."""
+    if name != Path(name).name or name in {"", ".", ".."}:
+        raise FolderError(f"{printable(str(home / MANIFEST))}: {printable(name)} is not a file of this folder")
+    return home / name
 
 
 def _named(record: dict[str, Any]) -> str:

@@ -42,10 +42,10 @@ class Collector(Observer):
             if len(self.blocks) >= MAX_BLOCKS:
                 self.lost += 1
                 continue
-            size = len(block.octets)
+            size = len(block.octets) + len(block.behind_gap)
             if size > self._room:
                 block.missing = f"{size} bytes were dropped: the blocks together are too large"
-                block.octets = b""
+                block.octets = block.behind_gap = b""
             else:
                 self._room -= size
             self.blocks.append(block)

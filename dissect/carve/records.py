@@ -41,6 +41,7 @@ def record(block: CarvedBlock, places: Places, clock: Clock) -> dict[str, object
         "interface_octets": len(parts.get(INTERFACE, b"")),
         "complete": block.complete,
         "missing": block.missing or None,
+        "octets_behind_gap": len(block.behind_gap),
         "author": encodable(block.author) or None,
         "family": encodable(block.family) or None,
         "version": block.version or None,

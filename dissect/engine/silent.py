@@ -167,8 +167,9 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Pro
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
     detail = f"{client} and {server}: {count(int(probes.count), 'probe')}"
     # As Completeness counts packets whose bytes came before; an empty probe has none.
-    filled = "all" if probes.filled == probes.count else f"{probes.filled} of them" if probes.filled else "none"
-    counters.note_of("session.idle", probes.frames, probes.last_ns, f"{detail}, {filled} with a byte")
+    every = "all " if probes.count > 1 else ""
+    filled = every if probes.filled == probes.count else f"{probes.filled} of them " if probes.filled else "none "
+    counters.note_of("session.idle", probes.frames, probes.last_ns, f"{detail}, {filled}with a byte")
 
 
 def untold(side: Side) -> bool:

@@ -7,6 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.security_rules import SecurityWatch
+from dissect.s7plus.ids import plain_id
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
 from dissect.tcp.link import within
@@ -84,7 +85,7 @@ class PlusSessions:
         if not owner or owner == int(connection.number):
             return
         if connection.traits.first("security.session_reused"):
-            text = f"{transaction.function_name} in session 0x{number:08x}, which connection {owner} got"
+            text = f"{transaction.function_name} in session {plain_id(number)}, which connection {owner} got"
             self._security.tell("security.session_reused", transaction, text)
 
     def _judge_authentication(self, number: i64, transaction: Transaction) -> None:

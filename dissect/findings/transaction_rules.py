@@ -16,7 +16,7 @@ from dissect.s7.items import Item, odd_data_code
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import HEADER_SIZE, Parameters
-from dissect.s7.szl import SZL_HEAD, extract
+from dissect.s7.szl import SZL_HEAD, extract, shortage
 from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import (
     ACK_DATA,
@@ -199,7 +199,7 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
         return
     szl_id, length, count = u16(buf, payload_at), u16(buf, payload_at + 4), u16(buf, payload_at + 6)
     if extract(szl_id) != HEAD_ONLY and length * count > size:
-        detail = f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
+        detail = shortage(szl_id, length, count, int(size))
         frames = transaction.frames
         judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
 

@@ -12,7 +12,9 @@ from typing import Final
 from dissect.program.classic import ClassicBlock, read_classic
 from dissect.program.plus import PlusBlock, plus_block_of, plus_blocks
 from dissect.s7.blocks import HEADER as HEADER_LAYOUT
+from dissect.s7.blocks import is_header
 from dissect.transactions.operation import DONE, NAMELESS, NOT_CAPTURED, TRANSFERS, Activation, Operation
+from dissect.wire.part import Part
 
 S7COMM: Final = "s7comm"
 S7COMM_PLUS: Final = "s7comm_plus"
@@ -33,13 +35,14 @@ class CarvedBlock:
     """A block that was downloaded or uploaded, or one read from a file.
 
     ``kind`` is its type (``DB``), ``number`` -1 for a file; ``label`` both together. ``octets`` are the block as far as it
-    passed; ``missing`` says what it lacks, empty for a whole one. ``operation`` is the transfer, None for a block of a file.
+    passed, up to the first gap; ``missing`` says what it lacks, empty for a whole one. ``behind_gap`` are the octets that
+    passed behind it: nobody can say where in the block they belong. ``operation`` is the transfer, None for a block of a file.
     ``activation`` says what became of one that was loaded. Texts are from the wire and not escaped, times ISO texts without a
     zone, as the engineering station wrote them, or empty. ``checksum`` is -1 for none.
     """
 
     __slots__ = (
-        "activation", "classic", "kind", "missing", "number", "octets", "operation", "plus", "protocol", "title",
+        "activation", "behind_gap", "classic", "kind", "missing", "number", "octets", "operation", "plus", "protocol", "title",
     )  # fmt: skip
 
     def __init__(self, kind: str, number: int, octets: bytes, protocol: str) -> None:
@@ -49,6 +52,7 @@ class CarvedBlock:
         self.octets = octets
         self.protocol = protocol
         self.missing = ""
+        self.behind_gap = b""
         self.classic: ClassicBlock | None = None
         self.plus: PlusBlock | None = None
         self.operation: Operation | None = None
@@ -170,11 +174,25 @@ def carve(operation: Operation) -> list[CarvedBlock]:
         return _carve_plus(operation)
     if not operation.octets and operation.error_code:
         return []
-    found = block_of(operation.content, operation.subject if operation.subject != NAMELESS else "")
+    sure = _sure(operation)
+    found = block_of(operation.content[:sure], operation.subject if operation.subject != NAMELESS else "")
+    found.behind_gap = operation.content[sure:]
     found.operation = operation
     found.activation = operation.activation
     found.missing = _missing(operation, found)
     return [found]
+
+
+def _sure(operation: Operation) -> int:
+    """Return how many octets of a transfer stand where they belong: all, unless a piece is missing from the middle."""
+    content = operation.content
+    got = len(content)
+    if not 0 <= operation.gap < got:
+        return got
+    size = operation.announced
+    if size < 0 and is_header(content):
+        size = Part(HEADER_LAYOUT, content, 0, HEADER_LAYOUT.size).number("load_length")
+    return got if 0 <= size <= got else operation.gap  # all there: what the gap held was no piece of this
 
 
 def block_of(octets: bytes, named: str = "") -> CarvedBlock:
@@ -199,6 +217,14 @@ def _classic_name(operation: Operation) -> bool:
 
 def _missing(operation: Operation, block: CarvedBlock) -> str:
     """Return in words what a block of a transfer lacks."""
+    lacks = _lacks(operation, block)
+    if not block.behind_gap:
+        return lacks
+    lacks = lacks or f"{len(block.octets)} bytes"
+    return f"{lacks}, then a gap; {len(block.behind_gap)} bytes behind it left out, as their place is unknown"
+
+
+def _lacks(operation: Operation, block: CarvedBlock) -> str:
     got = len(block.octets)
     if operation.dropped:
         return f"{operation.dropped} bytes were too much to keep"

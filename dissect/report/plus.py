@@ -14,6 +14,7 @@ from dissect.s7.parameters import Parameters
 from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.hiding import shown_contents, without_secrets
+from dissect.s7plus.ids import plain_id
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.parameters import PlusParameters, names_function
@@ -92,7 +93,7 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
     """Return what a PDU says beside its function, in a few words each, safe to show."""
     said = []
     if pdu.session_id >= 0:
-        said.append(f"session {hex_number(pdu.session_id, 8)}")
+        said.append(f"session {plain_id(pdu.session_id)}")  # as other lines call the object that it is
     if pdu.opcode == REQUEST and not pdu.wants_response:
         said.append("expects no response")
     if pdu.subscription_id >= 0:

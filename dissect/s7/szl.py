@@ -74,6 +74,18 @@ def extract(szl_id: int) -> int:
     return (szl_id >> 8) & 0xF
 
 
+def stated_size(head: bytes) -> int:
+    """Return how many octets an SZL has whose first octets are ``head``, by its own head; -1 where that says nothing."""
+    if len(head) < SZL_HEAD.size or extract(u16(head, 0)) == HEAD_ONLY:
+        return -1
+    return SZL_HEAD.size + u16(head, 4) * u16(head, 6)
+
+
+def shortage(szl_id: int, length: int, count: int, size: int) -> str:
+    """Return in words that an SZL has fewer octets of records than its head states."""
+    return f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
+
+
 def list_note(szl_id: int, index: int) -> str:
     """Return what a list is for a person, for example ``SZL 0x0131 communication capability, index 1 general``."""
     told = f"SZL {hex_number(szl_id, 4)}"

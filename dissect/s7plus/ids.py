@@ -48,6 +48,11 @@ def id_name(number: int) -> str:
         return f"type of {kind}{number & 0xFFFF} 0x{number:08x}"
     if number >> 16 == 0x020A:
         return f"String[{number & 0xFFFF}]"
+    return plain_id(number)
+
+
+def plain_id(number: int) -> str:
+    """Return an id without a name: ``960``, ``0x70000e51``."""
     return str(number) if number < 0x10000 else f"0x{number:08x}"
 
 

@@ -25,7 +25,7 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_showing import as_json, octets_text, value_said
+from dissect.s7plus.value_showing import as_json, meant, octets_text, value_said
 from dissect.s7plus.value_tables import WSTRING
 from dissect.s7plus.values import Packed, Value
 from dissect.wire.codes import CodeTable
@@ -96,6 +96,11 @@ class PlusItem:
             more = " …" if len(elements) > _SHOWN else ""
             return f"{self.found.variable.datatype_name}[{len(elements)}] {', '.join(shown)}{more}"
         return value_said(self.value, self._last_id)
+
+    @property
+    def meaning(self) -> str:
+        """What the number means that the value is, empty where nobody says."""
+        return meant(self.value.content, self._last_id) if self.value is not None and self.is_plain else ""
 
     @property
     def json_value(self) -> object:

@@ -24,6 +24,7 @@ from dissect.s7plus.tables import (
     NOTIFICATION,
     REQUEST,
     SET_MULTI_VARIABLES,
+    refuses,
 )
 from dissect.s7plus.value_showing import value_said, value_text
 
@@ -46,7 +47,9 @@ def summary(pdu: PlusPdu, found: Contents) -> list[str]:
     if found.value is not None:
         said.append(value_text(found.value))
         count += 1
-    if pdu.function in {CREATE_OBJECT, GET_LINK}:
+    if pdu.function in {CREATE_OBJECT, GET_LINK} and not refuses(
+        pdu.return_code
+    ):  # a refusal names what would have been
         said += [short_name(id_) for id_ in found.ids[:_NAMED]]
         count += len(found.ids)
     return _some(said + _objects(found.objects), count)

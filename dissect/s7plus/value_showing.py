@@ -50,10 +50,15 @@ def value_text(value: Value) -> str:
 
 def value_said(value: Value, id_: int) -> str:
     """Return a value in few words, and what its number means where ``id_``, its attribute or member, is one that tells."""
+    meaning = meant(value.content, id_)
+    return f"{value_text(value)} {meaning}" if meaning else value_text(value)
+
+
+def meant(content: object, id_: int) -> str:
+    """Return what a number means where ``id_``, its attribute or member, is one that tells; empty for any other."""
     codes = MEANINGS.get(id_)
-    content = value.content
     row = codes.get(content) if codes is not None and isinstance(content, int) else None
-    return f"{value_text(value)} {row.name}" if row is not None else value_text(value)
+    return row.name if row is not None else ""
 
 
 def _content_text(type_: int, content: object) -> str:

@@ -17,13 +17,18 @@ _MAX_UNPACKED: Final = 512 << 20
 _MAX_RATIO: Final = 200
 _SMALL: Final = 4 << 20
 #: Cells of a sheet, empty ones between and around them included: the library makes room for the whole rectangle up to the
-#: last cell before anything is read, about 40 bytes each. Half a million tags in the columns of TIA stay below it.
+#: last cell that holds something before anything is read, about 40 bytes each. Half a million tags in the columns of TIA stay
+#: below it.
 _MAX_CELLS: Final = 8_000_000
 _CHUNK: Final = 1 << 20
-#: What says where a cell is: rows and cells begin, or have a place. Nothing of it is longer than the overlap of two pieces.
+#: What says where a cell is: rows and cells begin, or have a place; before these a cell that has but a place and a style, of
+#: which the library takes no notice. What is longer than the overlap of two pieces counts as a cell that holds something.
 _SIGNS: Final = re.compile(
-    rb"""<(?:[\w.-]{1,64}:)?(row|c)(?=[ />])|(?<![\w:.-])r ?= ?["'] ?([A-Za-z]{0,7})([0-9]{1,13})"""
+    rb"""<(?:[\w.-]{1,64}:)?c(?P<empty>(?: [rs] ?= ?(?:"\w{0,16}"|'\w{0,16}')){0,3}) ?(?:/>|></(?:[\w.-]{1,64}:)?c ?>)"""
+    rb"""|<(?:[\w.-]{1,64}:)?(?P<tag>row|c)(?=[ />])"""
+    rb"""|(?<![\w:.-])r ?= ?["'] ?(?P<letters>[A-Za-z]{0,7})(?P<digits>[0-9]{1,13})"""
 )
+_PLACE: Final = re.compile(rb""" r ?= ?["']([A-Za-z]{1,7})""")
 _OVERLAP: Final = 128
 _BLANKS: Final = re.compile(rb"\s+")
 _TAGS: Final = "PLC Tags"
@@ -108,7 +113,12 @@ class _Extent:
             if found.start() >= end:
                 break
             end = max(end, found.end())
-            self._note(found[1], found[2], found[3])
+            empty: bytes | None = found["empty"]
+            if empty is None:
+                self._note(found["tag"], found["letters"], found["digits"])
+            else:  # the next cell without a place stands behind it
+                places = [_column(letters) for letters in _PLACE.findall(empty)]
+                self._column = max(places, default=self._column + 1)
         self._rest = text[max(0, end) :]
 
     def _note(self, tag: bytes | None, letters: bytes, digits: bytes) -> None:

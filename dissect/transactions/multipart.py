@@ -26,6 +26,8 @@ from dissect.wire.part import Part
 MAX_CHAINS: Final = 16
 #: Octets of all open chains of a connection; the longest list seen has some thousand.
 MAX_OCTETS: Final = 1 << 20
+#: Parts of a chain whose packets are remembered.
+MAX_PLACES: Final = 1024
 #: Chains that never ended which are remembered.
 MAX_UNFINISHED: Final = 64
 
@@ -39,7 +41,8 @@ class Chain:
     """The payloads of one userdata answer or BSEND, in one part or several.
 
     ``octets`` are the payloads without data heads; ``whole`` tells that the last part was there. ``first`` and ``last`` are the
-    transactions of the first and of the newest part, ``transactions`` counts them. ``r_id`` is -1 for anything but a BSEND.
+    transactions of the first and of the newest part, ``transactions`` counts them; ``places`` are where each part ends in
+    ``octets`` and its packet (the first `MAX_PLACES`). ``r_id`` is -1 for anything but a BSEND.
     """
 
     __slots__ = (
@@ -49,6 +52,7 @@ class Chain:
         "group",
         "last",
         "missing",
+        "places",
         "r_id",
         "sequence",
         "subfunction",
@@ -70,6 +74,7 @@ class Chain:
         self.transactions: int = 0
         self.missing: int = 0  # octets that the capture lacked of its direction when it began
         self.r_id: int = -1
+        self.places: list[tuple[int, int]] = []
 
     def __repr__(self) -> str:
         state = "whole" if self.whole else "open"
@@ -100,6 +105,8 @@ class Chain:
     def append(self, payload: bytes, transaction: Transaction) -> None:
         """Add the next part."""
         self._octets += payload
+        if len(self.places) < MAX_PLACES:
+            self.places.append((len(self._octets), int(transaction.response_frame or transaction.request_frame)))
         self.last = transaction
         self.transactions += 1
 

@@ -136,7 +136,9 @@ class Operation:
     ``announced`` is the size that was stated beforehand, -1 when none was. ``content`` is the answer or BSEND that came in
     parts, joined, once it is whole; of a download or upload, what passed of the block or file once the operation is over (of
     S7comm-plus the whole PDU that carries the blocks), of which ``dropped`` octets were too much to keep. It is empty for
-    other kinds. ``activation`` says what became of a block that was loaded whole. ``begun`` is False when the beginning of a
+    other kinds. ``gap`` is the octets of it that came before the capture first lacked some of those who sent it, -1 where it
+    lacked none: a piece may be missing there. ``places`` are the parts of a joined answer: where each ends in ``content``, and
+    its packet. ``activation`` says what became of a block that was loaded whole. ``begun`` is False when the beginning of a
     transfer is not in the capture, ``half_captured`` True when a request or answer of it is not, because only one direction
     was captured. Times are nanoseconds since 1970.
     """
@@ -155,16 +157,19 @@ class Operation:
         "end_ns",
         "error_code",
         "first_frame",
+        "gap",
         "half_captured",
         "held",
         "key",
         "kind",
+        "lacking",
         "last_frame",
         "number",
         "octets",
         "oddities",
         "parts",
         "pieces",
+        "places",
         "pushes",
         "reason",
         "result",
@@ -197,9 +202,12 @@ class Operation:
         self.oddities: list[Oddity] = []
         self.content = b""
         self.content_head: UserdataHead | None = None
+        self.places: list[tuple[int, int]] = []
         self.pieces: list[bytes] = []  # of a block while it is transferred
         self.held = 0  # their octets
         self.dropped = 0
+        self.gap = -1
+        self.lacking = 0  # octets that the capture lacked of the sender of the pieces, when the latest one was taken
         self.activation: Activation | None = None
 
     def __repr__(self) -> str:
@@ -218,6 +226,12 @@ class Operation:
         from dissect.s7.bodies import parse_joined  # late: see `Pdu.body`
 
         return parse_joined(head.group, head.subfunction, head.type, self.content)
+
+    def frames_of(self, start: int, end: int) -> list[int]:
+        """Return the packets that carried these octets of a joined answer: first and last, of one packet that alone."""
+        found = [frame for at, frame in self.places if at > start]
+        ends = [frame for at, frame in self.places if at >= end]
+        return sorted({found[0] if found else self.last_frame, ends[0] if ends else self.last_frame})
 
     def add(self, transaction: Transaction) -> None:
         """Count a transaction as part of this operation."""

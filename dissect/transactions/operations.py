@@ -40,6 +40,7 @@ from dissect.s7.tables import (
     NOTIFY_8,
     PI_SERVICE,
     PLC_STOP,
+    READ_SZL,
     REQUEST_DOWNLOAD,
     SCAN,
     SEND_PASSWORD,
@@ -391,7 +392,23 @@ def _join(operation: Operation, transaction: Transaction) -> None:
     chain = going.joiner.feed(transaction)
     if chain is not None:
         operation.content = chain.octets
+        operation.places = chain.places
         operation.content_head = UserdataHead(chain.type, chain.group, chain.subfunction, chain.sequence)
+        if chain.group == GROUP_CPU and chain.subfunction == READ_SZL:
+            _hold_to_its_head(operation, int(transaction.response_frame))
+
+
+def _hold_to_its_head(operation: Operation, frame: int) -> None:
+    """Note an SZL in parts that ends, in packet ``frame``, before all records came that its head states."""
+    from dissect.s7.szl import shortage, stated_size  # late: see `Pdu.body`
+
+    octets = operation.content
+    operation.announced = stated_size(octets)
+    lacking = operation.announced - len(octets)
+    if lacking > 0:
+        length, count = u16(octets, 4), u16(octets, 6)
+        detail = shortage(u16(octets, 0), length, count, length * count - lacking)
+        operation.odd(WRONG_SIZE, detail, frame)
 
 
 def _from_the_beginning(operation: Operation) -> None:

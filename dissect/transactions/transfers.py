@@ -72,6 +72,7 @@ class Transfers:
         self._book = book
         self._bodies: dict[bytes, Body] = {}  # of jobs without data, by their parameters: each piece is asked for alike
         self._half_octets = 0
+        self._ordered = True  # what is followed now is followed when it came
 
     def take(self, transaction: Transaction) -> None:
         """Take a job that is over: a step of a transfer, or none."""
@@ -95,9 +96,11 @@ class Transfers:
         """Follow the steps of a connection that wait: it is over, or both of its directions were captured after all."""
         waiting = connection.operations.halves
         connection.operations.halves = []
+        self._ordered = False
         for transaction in sorted(waiting, key=_frame):
             self._half_octets -= _held(transaction)
             self._follow(transaction)
+        self._ordered = True
 
     def _follow(self, transaction: Transaction) -> None:
         function = transaction.function
@@ -155,12 +158,14 @@ class Transfers:
     def _begin(self, kind: str, key: str, transaction: Transaction, name: str) -> Operation:
         operation = self._book.begin(kind, key, transaction, name or NAMELESS)
         operation.half_captured = half_captured(transaction)
+        operation.lacking = _lacking(operation)
         return operation
 
     def _begin_late(self, kind: str, key: str, transaction: Transaction, name: str, asked_by: int) -> Operation:
         """Begin a transfer with one of its pieces: what came before is not in the capture."""
         operation = self._begin(kind, key, transaction, name)
         operation.asked_by = asked_by
+        operation.lacking = _lacking(operation)
         operation.begun = False
         return operation
 
@@ -230,8 +235,15 @@ class Transfers:
         if piece is None or pdu is None:
             return
         size = max(piece.number("length"), 0)
-        operation.octets += size
         octets = pdu.data[PIECE.size : PIECE.size + size]
+        lacking = _lacking(operation)
+        if operation.gap < 0 and lacking != operation.lacking:
+            operation.gap = int(operation.octets)
+        if operation.gap < 0 and len(octets) < size:
+            operation.gap = int(operation.octets) + len(octets)
+        # Steps that waited for the end of their connection no longer say where the gap was: the first piece is sure.
+        operation.lacking = lacking if self._ordered else 0
+        operation.octets += size
         if operation.subject == NAMELESS and is_header(octets):
             operation.subject = header_text(Part(HEADER, octets, 0, HEADER.size))
         self._book.gather(operation, octets)
@@ -309,6 +321,13 @@ class Transfers:
 
 #: In the key of an upload whose id was not captured.
 _NO_ID: Final = "-1"
+
+
+def _lacking(operation: Operation) -> int:
+    """Return how many octets the capture lacks so far of the side that sends the pieces: a piece may be among them."""
+    sender = operation.asked_by if operation.kind == DOWNLOAD else 1 - operation.asked_by
+    stream = operation.connection.tcp.streams[sender]
+    return int(stream.position) - int(stream.octets)
 
 
 def _upload_key(transaction: Transaction, body: Body) -> str:

@@ -430,6 +430,7 @@ class Collector(Observer):
         row = self._store.row(transaction, variable, how, writes, item.data, value)
         if row is not None:
             row.value = value
+            row.text = item.meaning
             row.remark = item.note
             self._store.finish(row)
 

@@ -87,7 +87,7 @@ class ValueRow:
     unit of the tag; None where octets have none: then ``data`` has them (None for values without octets of their own).
     ``previous`` is the value before it, whoever read or wrote that, and ``before`` its octets. ``first``: there was none.
     ``changed``: it was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen
-    before. ``text`` is what an SCD dictionary calls the value, ``remark`` what is odd about it.
+    before. ``text`` is what an SCD dictionary or S7comm-plus calls the value, ``remark`` what is odd about it.
     """
 
     __slots__ = (

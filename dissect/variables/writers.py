@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
@@ -13,6 +14,8 @@ from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import plain_cell, quoted
+from dissect.s7plus.ids import member_name
+from dissect.s7plus.value_showing import meant
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow, Variable
 from dissect.wire.text import Clock, cell, json_text, shortened
@@ -48,6 +51,9 @@ _SMALL: Final = [str(number) for number in range(256)]
 _MAX_CACHED: Final = 8192
 _NAME: Final = 100
 _STRUCT: Final = 200
+#: Octets of S7comm-plus, and how JSON has them.
+_BLOB: Final = "Blob"
+_HEXADECIMAL: Final = re.compile(r"([0-9a-f]{2})*")
 #: The remark of a value of which a part passed.
 PIECED: Final = "only a part of its bytes passed"
 
@@ -77,7 +83,13 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
         return words.octets(data) if data is not None else "-"
     said: str
     if isinstance(value, dict):
-        said = shortened(json.dumps(value, ensure_ascii=False, default=str), _STRUCT)
+        members = value.get("members")
+        text_of = (
+            members_said(members) if isinstance(members, dict) else json.dumps(value, ensure_ascii=False, default=str)
+        )
+        said = shortened(text_of, _STRUCT)
+    elif variable.type == _BLOB and isinstance(value, str):
+        said = words.octets(bytes.fromhex(value)) if _HEXADECIMAL.fullmatch(value) else words.value(value)
     elif isinstance(value, (bool, int, float, str, list)):
         said = words.value(value)
     else:
@@ -85,6 +97,19 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
     if variable.unit:
         said += f" {shortened(variable.unit, 20)}"
     return f"{said} ({shortened(text, _NAME)})" if text else said
+
+
+def members_said(members: dict[object, object]) -> str:
+    """Return the members of a structure of S7comm-plus by name: ``{OwnState: 0, OperatingState: 8 RUN}``. Not escaped."""
+    return f"{{{', '.join([_member_said(str(name), value) for name, value in members.items()])}}}"
+
+
+def _member_said(name: str, value: object) -> str:
+    id_ = int(name) if name.isascii() and name.isdecimal() else -1
+    inner = value.get("members") if isinstance(value, dict) else None
+    said = members_said(inner) if isinstance(inner, dict) else json.dumps(value, ensure_ascii=False, default=str)
+    meaning = meant(value, id_)
+    return f"{member_name(id_) if id_ >= 0 else name}: {said}{f' {meaning}' if meaning else ''}"
 
 
 class Beginnings:

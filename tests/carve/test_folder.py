@@ -42,15 +42,19 @@ def test_no_name_from_the_wire_reaches_a_path(kind: str, number: int, name: str)
 
 def test_a_folder_is_read_back(tmp_path: Path) -> None:
     blocks = [block_of(OB1), block_of(DB2), block_of(b"raw", "DB 7, passive"), block_of(b"text", "/_N_MPF_DIR/_N_1")]
-    blocks[1].missing = "a part"
+    blocks[1].missing, blocks[1].behind_gap = "a part", b"behind"
     written(tmp_path / "new" / "folder", blocks)
     again = read_folder(tmp_path / "new" / "folder")
     assert [(one.label, one.octets, one.missing) for one in again] == [
         ("OB1", OB1, ""), ("DB2", DB2, "a part"), ("DB7", b"raw", ""), ("/_N_MPF_DIR/_N_1", b"text", ""),
     ]  # fmt: skip
     assert sorted(path.name for path in (tmp_path / "new" / "folder").iterdir()) == [
-        "0001-OB1.mc7", "0002-DB2.mc7", "0003-DB7.bin", "0004-file.bin", MANIFEST,
+        "0001-OB1.mc7", "0002-DB2-incomplete.mc7", "0002-DB2-incomplete.mc7.behind-gap", "0003-DB7.bin",
+        "0004-file.bin", MANIFEST,
     ]  # fmt: skip
+    assert [one.behind_gap for one in again] == [b"", b"behind", b"", b""]
+    (tmp_path / "new" / "folder" / MANIFEST).unlink()
+    assert [one.label for one in read_folder(tmp_path / "new" / "folder")] == ["OB1", "DB2"]
 
 
 def test_blocks_of_s7comm_plus_are_read_back(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import sys
 import termios
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import pytest
 
@@ -22,6 +22,9 @@ from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Packet
 from tests.report.support import WORD, begun, read, saved
+
+#: The environment of a process that may not write large files: it must not leave half a compiled module in the source tree.
+WITHOUT_CACHE: Final = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 class Ran(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Final
 
 import pytest
 
-from tests.cli.support import run
+from tests.cli.support import WITHOUT_CACHE, run
 from tests.report.support import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
@@ -105,7 +105,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, form: str) -
 
     ran = subprocess.run(
         [sys.executable, "-m", "dissect", "export", capture, "-o", tmp_path / f"out.{form}"],
-        preexec_fn=limited, capture_output=True, text=True, check=False, timeout=60,
+        preexec_fn=limited, capture_output=True, text=True, check=False, timeout=60, env=WITHOUT_CACHE,
     )  # fmt: skip
     assert ran.returncode in ({5} if form != "sqlite" else {2, 5}), ran.stderr  # which calls it an I/O error
     assert len(ran.stderr.splitlines()) == 1, ran.stderr

@@ -17,7 +17,7 @@ from typing import IO, Any
 import pytest
 
 from dissect.source.files import open_capture
-from tests.cli.support import run, simple, started
+from tests.cli.support import WITHOUT_CACHE, run, simple, started
 from tests.forked import Forked
 from tests.live.support import client, plc
 from tests.properties import messages
@@ -299,6 +299,7 @@ def test_a_file_that_fails_later_is_told(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
+        env=WITHOUT_CACHE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert ran.returncode == 5
@@ -336,6 +337,7 @@ def test_evidence_that_fails_later_is_told_and_the_rest_goes_on(tmp_path: Path) 
         capture_output=True,
         text=True,
         check=False,
+        env=WITHOUT_CACHE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert ran.returncode == 5

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dissect.page import rendering
-from tests.cli.support import run, simple
+from tests.cli.support import WITHOUT_CACHE, run, simple
 from tests.page.support import data_of, session_of
 from tests.report.schemas import ROOT
 from tests.report.support import saved
@@ -66,7 +66,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
 
     ran = subprocess.run(
         [sys.executable, "-m", "dissect", "report", OWN / "transfer.pcapng", "-o", tmp_path / "out.html"],
-        preexec_fn=limited, capture_output=True, text=True, check=False, timeout=60,
+        preexec_fn=limited, capture_output=True, text=True, check=False, timeout=60, env=WITHOUT_CACHE,
     )  # fmt: skip
     assert ran.returncode == 5, ran.stderr
     (line,) = ran.stderr.splitlines()

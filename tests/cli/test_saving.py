@@ -13,7 +13,7 @@ from typing import Final
 
 import pytest
 
-from tests.cli.support import run, simple
+from tests.cli.support import WITHOUT_CACHE, run, simple
 from tests.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
@@ -72,7 +72,7 @@ def test_no_room_is_code_5_in_one_line_and_leaves_nothing(tmp_path: Path, name: 
     hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     ended = subprocess.run(
         [sys.executable, "-m", "dissect", *words],
-        capture_output=True, check=False, timeout=60,
+        capture_output=True, check=False, timeout=60, env=WITHOUT_CACHE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (16, hard)),
     )  # fmt: skip
     assert (ended.returncode, ended.stderr.decode()) == (5, f"s7dissect: cannot write {out}: File too large\n")

@@ -25,6 +25,12 @@ def idle(talk: Talk) -> list[str]:
     return [finding.detail for finding in talk.findings if finding.slug == "session.idle"]
 
 
+def test_one_probe_is_not_all() -> None:
+    talk = Talk()
+    probe(talk, CLIENT, b"\0")
+    assert idle(talk) == ["10.0.0.1:50000 and 10.0.0.2:102: 1 probe, with a byte"]
+
+
 def said(probes: int, filled: str = "none") -> list[str]:
     return [f"10.0.0.1:50000 and 10.0.0.2:102: {probes} probes, {filled} with a byte"]
 

@@ -15,7 +15,7 @@ from dissect.program.carved import CarvedBlock, block_of, carve, plus_block
 from dissect.program.classic import read_classic
 from dissect.transactions import operation
 from tests.program.transfers import Said, activate, carry, download, upload
-from tests.transactions.talk import CLIENT, FIN, SERVER, Talk
+from tests.transactions.talk import CLIENT, FIN, SERVER, Talk, dt
 
 PLUS = Path(__file__).parents[2] / "captures" / "crafted" / "plus-plant.pcapng"
 
@@ -78,6 +78,57 @@ def test_what_was_cut_off_is_there_and_said() -> None:
     assert block.classic.missing == 60
     (block,) = carved(download(OB1, "_0800001P", 40)[:8])
     assert (block.octets, block.complete, block.activated) == (OB1[:120], False, None)
+
+
+def holed(said: list[Said], *lost: int) -> CarvedBlock:
+    """Return the block of a transfer of which the capture lacks these PDUs."""
+    talk = Talk()
+    talk.open()
+    for number, (side, pdu) in enumerate(said):
+        if number in lost:
+            talk.lose(side, pdu)
+        else:
+            talk.packet(side, dt(pdu))
+    talk.close()
+    (block,) = [block for one in talk.operations for block in carve(one)]
+    return block
+
+
+@pytest.mark.parametrize("lost", [(5,), (4, 5)])
+def test_a_block_ends_at_the_gap_of_its_upload(lost: tuple[int, ...]) -> None:
+    block = holed(upload(OB1, "_0800001A", 7, 40), *lost)
+    assert (block.octets, block.behind_gap) == (OB1[:40], OB1[80:])
+    assert block.missing == "40 of 140 bytes, then a gap; 60 bytes behind it left out, as their place is unknown"
+    assert block.parts()["code"] == OB1[36:40]
+
+
+def test_a_block_ends_at_the_gap_of_its_download() -> None:
+    said = download(OB1, "_0800001P", 40)
+    assert said[7][0] == CLIENT
+    block = holed(said, 7)
+    assert (block.label, block.octets, block.behind_gap) == ("OB1", OB1[:80], OB1[120:])
+    block = holed(said, 3)
+    assert (block.label, block.octets, block.behind_gap) == ("OB1", b"", OB1[40:])
+    assert block.missing.startswith("0 of 140 bytes, then a gap; 100 bytes")
+
+
+def test_of_one_direction_only_the_first_piece_is_sure() -> None:
+    talk = Talk()
+    for number, (side, pdu) in enumerate(upload(OB1, "_0800001A", 7, 40)):
+        if side == SERVER and number != 7:
+            talk.packet(side, dt(pdu))
+        else:
+            talk.lose(side, pdu)
+    talk.finish()
+    (block,) = [block for one in talk.operations for block in carve(one)]
+    assert (block.octets, block.behind_gap) == (OB1[:40], OB1[40:80] + OB1[120:])
+
+
+def test_a_gap_that_held_no_piece_harms_no_block() -> None:
+    said = upload(OB1, "_0800001A", 7, 40)
+    other = download(DB2, "_0A00002P", 100, ref=2000)[:2]
+    block = holed([*said[:4], *other, *said[4:]], 4, 5)
+    assert (block.octets, block.complete, block.behind_gap) == (OB1, True, b"")
 
 
 def test_contents_without_a_header_are_named_by_the_request() -> None:

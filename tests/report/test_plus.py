@@ -102,7 +102,7 @@ def talk() -> Talk:
 
 def test_the_session_0_is_one_too() -> None:
     """A client that has none yet asks with it."""
-    assert plus_notes(parse_plus(framed(asked(5, session=0)))) == ["session 0x00000000"]
+    assert plus_notes(parse_plus(framed(asked(5, session=0)))) == ["session 0"]
     assert plus_notes(parse_plus(framed(told(5, body=b"\0")))) == []
 
 
@@ -118,15 +118,15 @@ def test_lines(found: Everything) -> None:
     credit = "0x70000e51.SubscriptionCreditLimit = Int 5"
     wanted = "DB3 LID 14 [CRC 0xaabbccdd], MW100"
     assert found.lines == [
-        f"S7comm-plus Request       seq 5  GetMultiVariables  session 0x00000386  {wanted}",
+        f"S7comm-plus Request       seq 5  GetMultiVariables  session 902  {wanted}",
         "S7comm-plus Response      seq 5  GetMultiVariables  1: Int 5, 2: 0x8020ab0019d9fff4 Object not found",
-        f"S7comm-plus Request       seq 6  GetMultiVariables  session 0x00000386  {wanted}",
+        f"S7comm-plus Request       seq 6  GetMultiVariables  session 902  {wanted}",
         "S7comm-plus Response      seq 6  GetMultiVariables  return value 0xfffffffffffffff4 Object not found",
-        f"S7comm-plus Request       seq 7  SetVariable  session 0x00000386, expects no response  {credit}",
+        f"S7comm-plus Request       seq 7  SetVariable  session 902, expects no response  {credit}",
         "S7comm-plus Notification  subscription 0x70000e51, number 5",
         "S7comm-plus system event  99 bytes confirmed, LOG\\x1bOUT",
         "S7comm-plus keep-alive    number 7",
-        f"S7comm-plus Request       seq 8  GetMultiVariables  session 0x00000386  {wanted}  in 2 frames",
+        f"S7comm-plus Request       seq 8  GetMultiVariables  session 902  {wanted}  in 2 frames",
         f"S7comm-plus Request       seq 9  GetMultiVariables  {damaged}",
     ]
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject
 from dissect.s7plus.session import NAME
-from dissect.s7plus.summary import object_text
+from dissect.s7plus.summary import object_text, summary
+from dissect.s7plus.tables import CREATE_OBJECT
 from dissect.s7plus.value_tables import WSTRING
 from dissect.s7plus.values import Value
+from tests.s7plus.pdus import framed, told
 
 
 @pytest.mark.parametrize(
@@ -22,3 +26,9 @@ from dissect.s7plus.values import Value
 def test_an_object_is_its_class_its_id_and_its_name(rid: int, class_id: int, name: str, text: str) -> None:
     elements = [Attribute(NAME, Value(0, WSTRING, name))] if name else []
     assert object_text(PlusObject(rid, class_id, 0, 0, 0, list(elements))) == text
+
+
+@pytest.mark.parametrize(("result", "said"), [("00", ["0x70400007"]), ("ca 82 d2 c0 80 82 a1 ff 94", [])])
+def test_an_object_whose_creation_was_refused_is_not_there(result: str, said: list[str]) -> None:
+    pdu = parse_plus(framed(told(1, CREATE_OBJECT, bytes.fromhex(f"{result} 01 87 82 80 80 07"))))
+    assert summary(pdu, parse_contents(pdu)) == said

@@ -99,13 +99,31 @@ def test_an_answer_in_parts_says_the_same() -> None:
     talk = told()
     more, last = bytes.fromhex("0001120812840105 07010000"), bytes.fromhex("0001120812840105 07000000")
     talk.ask(userdata(1, head(1, 4, 1), b"\xff\x09\x00\x04" + whole[:4]))
-    talk.tell(userdata(1, more, b"\xff\x09" + struct.pack(">H", 40) + whole[:40]))
+    first = talk.tell(userdata(1, more, b"\xff\x09" + struct.pack(">H", 40) + whole[:40]))
     again = bytes((0, 1, 0x12, 8, 0x12, 0x44, 1, 5, 7, 1, 0, 0))
     talk.ask(userdata(2, again, b"\x0a\x00\x00\x00"))
     rest = whole[40:]
     frame = talk.tell(userdata(2, last, b"\xff\x09" + struct.pack(">H", len(rest)) + rest))
     assert talk.said() == [(facts.ORDER_NUMBER, ORDER), (facts.HARDWARE, "1"), (facts.FIRMWARE, "V3.2.6")]
-    assert talk.facts[0].frames[-1] == frame
+    assert [fact.frames for fact in talk.facts] == [[first], [first, frame], [frame]]
+
+
+def test_an_answer_in_parts_that_lacks_records_says_nothing() -> None:
+    whole = identification(ORDER, (3, 2, 6))
+    talk = told()
+    more, last = bytes.fromhex("0001120812840105 07010000"), bytes.fromhex("0001120812840105 07000000")
+    talk.ask(userdata(1, head(1, 4, 1), b"\xff\x09\x00\x04" + whole[:4]))
+    first = talk.tell(userdata(1, more, b"\xff\x09" + struct.pack(">H", 40) + whole[:40]))
+    again = bytes((0, 1, 0x12, 8, 0x12, 0x44, 1, 5, 7, 1, 0, 0))
+    talk.ask(userdata(2, again, b"\x0a\x00\x00\x00"))
+    rest = whole[68:]
+    frame = talk.tell(userdata(2, last, b"\xff\x09" + struct.pack(">H", len(rest)) + rest))
+    talk.close()
+    assert talk.said() == []
+    (found,) = [one for one in talk.findings if one.slug == "operation.wrong_size"]
+    size = len(whole) - 8
+    assert found.detail.endswith(f"states {size // 28} records of 28 bytes, {size - 28} bytes are there")
+    assert found.frames == [first - 1, frame]
 
 
 def test_a_refusal_and_a_question_say_nothing() -> None:

@@ -312,6 +312,9 @@ def test_25_a_capture_that_reads_behind_the_end_of_a_block_contradicts_its_sourc
         '<x:row r="1048576"><x:c r="XFD1048576"><x:v>1</x:v></x:c></x:row>',
         "<x:row r = '1048576'><x:c s='>' \n r = 'CV1048576'><x:v>1</x:v></x:c></x:row>",
         f'<x:row r="1048576">{"<x:c><x:v>1</x:v></x:c>" * 100}</x:row>',
+        '<x:row r="1048576"><x:c r="XFC1048576" s="1"/><x:c><x:v>1</x:v></x:c></x:row>',
+        '<x:row r="1048576"><x:c r="XFD1048576" s="/>"><x:v>1</x:v></x:c></x:row>',
+        '<x:row r="1048576"><x:c r="XFD1048576" t="s"/></x:row>',
         f'{"<!-- far -->" * 200_000}<x:row r="1048576"><x:c r="XFD1048576"><x:v>1</x:v></x:c></x:row>',
     ],
 )
@@ -325,6 +328,16 @@ def test_a_cell_far_from_all_others_is_told_before_the_library_makes_room_for_al
     ]
     near = '<x:row r="70000"><x:c r="CV70000"/></x:row>'
     assert [tag.name for tag in load_tags([workbook(tmp_path / "near.xlsx", rows, more=near)]).tags] == ["Start"]
+
+
+@pytest.mark.parametrize(
+    "cell", ['<x:c r="XFD{0}" s="3"/>', "<x:c s='3' r='XFD{0}' ></x:c>", '<x:c r="XFD{0}"/><x:c/>']
+)
+def test_cells_that_have_but_a_style_are_no_cells(cell: str, tmp_path: Path) -> None:
+    rows = [["Name", "Logical Address"], ["Start", "%I0.0"]]
+    styled = "".join([f'<x:row r="{row}">{cell.format(row)}</x:row>' for row in (*range(3, 20_000), 1048576)])
+    found = load_tags([workbook(tmp_path / "styled.xlsx", rows, more=styled)])
+    assert [(tag.name, tag.address) for tag in found.tags] == [("Start", "I0.0")]
 
 
 def test_a_tag_outside_its_block_is_a_mistake(tmp_path: Path) -> None:

@@ -17,14 +17,18 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import build_object
 from dissect.s7plus.tables import EXPLORE
+from dissect.s7plus.value_showing import as_json
+from dissect.s7plus.value_tables import DINT, STRUCT, UDINT, WSTRING
 from dissect.s7plus.value_tables import INT as PLUS_INT
 from dissect.s7plus.value_tables import REAL as PLUS_REAL
-from dissect.s7plus.values import Value
+from dissect.s7plus.values import Struct, Value
 from dissect.tags import load_tags
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector, item_type
+from dissect.variables.model import Variable
 from dissect.variables.summary import mean_text
-from dissect.variables.writers import line_end, shown
+from dissect.variables.writers import line_end, members_said, shown
 from tests.properties.messages import Item, dt
 from tests.report.support import ROOT, begun
 from tests.s7plus import bodies
@@ -214,7 +218,25 @@ def test_s7comm_plus_reads_and_notifications() -> None:
     rows = list(dissect.values(path))
     assert ("read", 'DB1."setpoint"', "Int", 60) in said(rows)
     assert ("write", "CPUexecUnit.OperatingStateREQ", "DInt", 1) in said(rows)
+    stop = next(row for row in rows if row.address == "CPUexecUnit.OperatingStateREQ")
+    assert (stop.text, line_end(stop, "state")) == ("STOP", "state = 1 (STOP)")
     assert not [row for row in rows if "Session" in row.address]  # what a session keeps for itself is no variable
+
+
+def test_members_have_their_names_and_what_their_numbers_mean() -> None:
+    inner = Value(0, STRUCT, Struct(4055, [(4059, Value(0, UDINT, 1))]))
+    value = Value(0, STRUCT, Struct(3481, [(3486, Value(0, DINT, 8)), (3487, Value(0, WSTRING, "x")), (9999, inner)]))
+    told = as_json(value)
+    assert isinstance(told, dict)
+    assert members_said(told["members"]) == '{OperatingState: 8 RUN, ComponentDiagnostics: "x", 9999: {Slot: 1}}'
+    assert members_said({"level": 1.5, "3486": [8]}) == "{level: 1.5, OperatingState: [8]}"
+
+
+def test_octets_of_s7comm_plus_are_shown_as_such() -> None:
+    blob = Variable(Endpoint(bytes(4), 102), 0, "CPUproxy.3753", "Blob", "", "")
+    assert shown(blob, "0a14", None) == "0a 14"
+    assert shown(blob, "", None) == "(empty)"
+    assert shown(blob, "no octets", None) == "'no octets'"
 
 
 def test_a_value_of_s7comm_plus_that_contradicts_its_declaration() -> None:
