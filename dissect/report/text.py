@@ -256,6 +256,9 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
     """Yield what is known of a connection, which may still be open."""
     arrow = "→" if connection.client_known else "↔"
     vlan = f", VLAN {vlan_text(connection.tcp.vlan)}" if connection.tcp.vlan else ""
+    also = [f"in VLAN {vlan_text(other)}" if other else "without a VLAN" for other in connection.tcp.also]
+    if also:
+        vlan += f", also {' and '.join(also)}"
     protocol = "" if connection.protocol == "s7comm" else f", {named(connection) or 'no data'}"
     over = " UDP" if connection.udp else ""
     yield Line(

@@ -423,7 +423,8 @@ class TcpConnection:
     ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
     packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``macs`` are the Ethernet addresses of both
     sides at its beginning, six octets each, empty where the link has none; ``heard`` has a bit for each side that sent with
-    its own, and was not only sent to.
+    its own, and was not only sent to. ``vlan`` is the VLAN key (`link.find_ip`) of its first packet, ``also`` are those of
+    others, if any, in which packets of it were captured.
     """
 
     __slots__ = (
@@ -433,6 +434,7 @@ class TcpConnection:
         "_second_position",
         "_silent",
         "_streams",
+        "also",
         "ended",
         "ended_by",
         "ended_frame",
@@ -455,6 +457,7 @@ class TcpConnection:
     def __init__(self, first: Endpoint, second: Endpoint, vlan: i64, frame: i64, time_ns: i64) -> None:
         self.ends: list[Endpoint] = [first, second]
         self.vlan: i64 = vlan
+        self.also: tuple[int, ...] = ()
         self._streams: list[HalfStream] | None = [HalfStream(), HalfStream()]
         self._first_octets: i64 = 0  # what is kept of the streams once they are let go, as the next ones
         self._first_position: i64 = 0
@@ -499,6 +502,11 @@ class TcpConnection:
         self._second_octets = second.octets
         self._second_position = second.position
         self._streams = None
+
+    def note_vlan(self, vlan: int) -> None:
+        """Packets of it were captured in this VLAN, too."""
+        if vlan != self.vlan and vlan not in self.also:
+            self.also = (*self.also, vlan)
 
     def note_link(self, side: i64, addresses: bytes) -> None:
         """Take the Ethernet addresses of a packet that ``side`` sent: that of its receiver in front, as on the wire."""
