@@ -199,6 +199,7 @@ BUSY: Final = (
     "dissect/source/packet_blocks.py",
     "dissect/source/pcapng.py",
     "dissect/source/ring_blocks.py",
+    "dissect/tcp/connection.py",
     "dissect/tcp/stream.py",
     "dissect/iso/cotp.py",
     "dissect/iso/recognition.py",

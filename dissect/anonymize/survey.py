@@ -23,10 +23,10 @@ from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
-from dissect.tcp.stream import TcpConnection
+from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog, ScdMessage
-from dissect.transactions.table import Side, reverse_key
+from dissect.transactions.table import Side, keys_of, reverse_key
 from dissect.wire.octets import u16
 
 if TYPE_CHECKING:
@@ -144,14 +144,24 @@ class Survey(Observer):
             tracks.append(Track(tcp, tcp.streams[index], self._room))
 
     def connection_closed(self, connection: Connection) -> None:
-        """What is not whole yet will not become so."""
+        """What is not whole yet will not become so; in which VLANs packets of it are is known now."""
         self._lay_units()
+        self._join(connection)
         for index, direction in enumerate(_keys(connection.tcp, bool(connection.udp))):
             known = self._messages.get(direction)
             if known is not None and known[0].stream is connection.tcp.streams[index]:
                 self._flush(*known)
                 known[0].expect(known[1].told, -1)
                 del self._messages[direction]
+
+    def _join(self, connection: Connection) -> None:
+        """Let the packets of a connection be found in the other VLANs, too."""
+        tcp = connection.tcp
+        for also in range(1, len(tcp.also) + 1):
+            for own, other in zip(_keys(tcp, False), _keys(tcp, False, also), strict=True):
+                there = self.tracks.setdefault(other, [])
+                there += [track for track in self.tracks.get(own, ()) if track.tcp is tcp and track not in there]
+                there.sort(key=lambda track: track.first_frame)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """A whole TPKT: work out what becomes of it."""
@@ -447,12 +457,9 @@ class Units:
         self.drafts: list[RewritePlan] = []
 
 
-def _keys(tcp: TcpConnection, udp: bool) -> tuple[bytes, bytes]:
-    """Return the keys of the packets of both directions."""
-    first, second = tcp.ends
-    tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
-    ports = first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
-    key = first.address + second.address + ports + tag
+def _keys(tcp: TcpConnection, udp: bool, also: int = 0) -> tuple[bytes, bytes]:
+    """Return the keys of the packets of both directions; ``also`` counts the VLANs in which they were captured besides."""
+    key = keys_of(tcp)[also]
     if udp:
         return UDP + key, UDP + reverse_key(key)
     return key, reverse_key(key)

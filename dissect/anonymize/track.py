@@ -12,7 +12,8 @@ from collections import OrderedDict, deque
 from typing import Final
 
 from dissect.anonymize.rewrite_plan import RewritePlan
-from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream
 
 #: Ranges, and octets that replace others, remembered over all connections; of what comes after nothing is kept.
 MAX_RANGES: Final = 4_000_000

@@ -22,7 +22,7 @@ from typing import Final
 from librt.strings import read_i16_be, read_i32_be, read_i64_be
 from mypy_extensions import i64
 
-from dissect.engine import attempts, ends
+from dissect.engine import attempts, ends, vlans
 from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
@@ -159,10 +159,7 @@ class Pipeline(PacketSink):
         Every connection must have been closed. Attempts and fragments that wait are forgotten, but stay counted.
         """
         self.counters.restart(time_ns)
-        table = ConnectionTable(self._recognition)
-        table.evicted = self.table.evicted
-        table.half_open_evicted = self.table.half_open_evicted
-        self.table = table
+        self.table = self.table.anew()
         if self.datagrams is not None:
             self.datagrams.restart()
 
@@ -323,6 +320,9 @@ class Pipeline(PacketSink):
             if what == ends.ANOTHER:
                 self._give_way(side)
                 side = None
+        own = key
+        if side is None and (vlan or self.table.tags):
+            side, key, vlan = vlans.elsewhere(self.table, key, vlan, seq, ack, flags, octets, missing)
         if side is None:
             if flags & SYN and not flags & ACK and not octets:
                 self.silent.end(key)
@@ -330,15 +330,16 @@ class Pipeline(PacketSink):
                 return NO_PAYLOAD
             if flags & RST:
                 attempts.note_reset(self.counters, self.table, key)
-            if not (
-                octets or missing or flags & SYN
-            ):  # only octets, or a handshake, make a connection worth remembering
+            # Only octets, or a handshake, make a connection worth remembering.
+            if not (octets or missing or flags & SYN):
                 if flags & (FIN | RST):
                     self.silent.end(key)
                 elif flags & ACK:
                     self.silent.take(key, seq, ack)
                 return NO_PAYLOAD
             side = self._open(key, vlan)
+            if key != own:
+                self.table.add(side, own)
             self.silent.begin(side)
             if flags & SYN and flags & ACK and side.tcp.initiator < 0:
                 side.tcp.initiator = 1 - side.index

@@ -208,6 +208,7 @@ class Rows:
             "last_frame": last,
             "ts_ns": device.first_ns,
             "end_ns": device.last_ns,
+            "vlans": vlan_ids(device.vlan),
         }
         return tuple([_device_cell(column, known, said) for column in DEVICES.stored])
 

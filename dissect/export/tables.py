@@ -260,6 +260,7 @@ DEVICES: Final = Table(
     "station: what it is and said of itself (docs/devices.md); rows come when everything was read",
     (
         Column("address", WORD, "", "IP address", "Device.address"),
+        Column("vlans", INTS, "", "VLAN ids of its network, the outer tag first", "Device.vlan"),
         Column("role", WORD, "", "what it is, as far as there is evidence", "Device.role"),
         Column("certainty", WORD, "", "how sure the role is", "Device.certainty"),
         Column("host_name", WORD, "", "name of the host, from the settings", "dissect.inventory.rows"),

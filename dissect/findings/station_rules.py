@@ -40,15 +40,13 @@ _ETHERNET: Final = "Ethernet"
 class StationWatch:
     """Reads facts, keeps them in ``book`` and judges them; what it returns is for the observer. One for a whole analysis.
 
+    Each network is judged for itself: machines that are alike use the same addresses in VLANs of their own.
     Without ``book`` it keeps one of its own; a given one is an observer's, which need not note the facts again (`Book.filled`).
     """
 
     def __init__(self, judge: Reporter, book: Book | None = None) -> None:
         self.book = Book() if book is None else book
         self.book.filled = True
-        #: What is compared with what, once a VLAN was seen: each network for itself, as machines that are alike use the same
-        #: addresses in VLANs of their own. Its stations have the names of `within`.
-        self._networks: Book | None = None
         self._judge = judge
         self._evidence = Evidence()
         self._macs: dict[bytes, str] = {}  # as text: each connection has two, most of them were there before
@@ -65,15 +63,14 @@ class StationWatch:
         if ends[0].address == ends[1].address:
             return found  # a machine that talks to itself has no card; who captured it may have given each side one
         vlan = int(tcp.vlan)
-        known = self._known(vlan)
         for side in range(2):
             if tcp.heard >> side & 1 and (mac := tcp.mac(side)):
                 host = ends[side].host
                 text = self._mac_text(mac)
                 # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
-                if wanted or not known.again(within(host, vlan), MAC_KEY, text, _ETHERNET, frame, time_ns):
-                    found.append(Fact(host, "", MAC, text, _ETHERNET, number, [frame], time_ns))
+                if wanted or not self.book.again(host, vlan, MAC_KEY, text, _ETHERNET, frame, time_ns):
+                    found.append(Fact(host, "", MAC, text, _ETHERNET, number, [frame], time_ns, vlan))
         return self._noted(found, vlan) if found else found
 
     def _mac_text(self, mac: bytes) -> str:
@@ -106,32 +103,12 @@ class StationWatch:
         found = [Fact(host, module, key, value, where, number, frames, time_ns) for key, value, where in told]
         return self._noted(found, int(connection.tcp.vlan))
 
-    def _known(self, vlan: int) -> Book:
-        """Return the book to compare with: `book` until a VLAN is seen; what it has then is of the network without a number."""
-        if self._networks is None:
-            if not vlan:
-                return self.book
-            self._networks = Book()
-            for station in self.book.stations.values():
-                for place, stretches in station.facts.items():
-                    last = stretches[-1]
-                    if place[1] in LASTING:
-                        self._networks.again(
-                            station.host, place, last.value, last.source, last.last_frame, last.last_ns
-                        )
-        return self._networks
-
     def _noted(self, found: list[Fact], vlan: int) -> list[Fact]:
-        known = self._known(vlan)
         for fact in found:
-            where = within(fact.host, vlan)
-            known.note(fact, where)
-            if known is not self.book:
-                before, fresh = fact.before, fact.fresh
-                self.book.note(fact)
-                fact.before, fact.fresh = before, fresh
+            fact.vlan = vlan
+            self.book.note(fact)
             if fact.before and fact.key in LASTING:
-                self._contradicts(fact, where)
+                self._contradicts(fact, within(fact.host, vlan))
         return found
 
     def _contradicts(self, fact: Fact, where: str) -> None:

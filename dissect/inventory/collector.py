@@ -33,6 +33,7 @@ from dissect.s7plus.items import READS, WRITES
 from dissect.s7plus.tables import V3
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import MAC, Book, Fact
+from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items
 from dissect.transactions.operation import (
@@ -124,7 +125,10 @@ class Inventory(Observer):
         self.facts_not_kept = 0
         self._book = Book()
         self._found: dict[str, Device] = {}
-        self._talks: dict[tuple[str, str], Talk] = {}
+        self._talks: dict[tuple[str, str], Talk] = {}  # by the names of their ends
+        self._joined: dict[
+            tuple[str, int], int
+        ] = {}  # stations in a VLAN that are those of the same address in another one
         self._open: dict[int, Traffic] = {}
         self._targets = 0
         self._code = 0
@@ -137,22 +141,22 @@ class Inventory(Observer):
         self.pipeline = pipeline
         self.files = files
         self.facts_not_kept = self._book.not_kept
-        for address, device in self._found.items():
-            if device.sent_to is not None and not any(key == MAC for _, key in self._facts_of(address)):
+        self._join()
+        for name, device in self._found.items():
+            if device.sent_to is not None and not any(key == MAC for _, key in self._facts_of(name)):
                 self._book.note(device.sent_to)
-            station = self._book.stations.get(address)
+            station = self._book.stations.get(name)
             if station is not None:
                 device.station = station
                 self.facts_not_kept += station.not_kept
             judge_server(device)
         self.devices = sorted(self._found.values(), key=lambda device: device.sort_key)
-        order = {device.address: place for place, device in enumerate(self.devices)}
-        self.talks = sorted(
-            self._talks.values(), key=lambda talk: (order.get(talk.client, 0), order.get(talk.server, 0))
-        )
+        order = {device.name: place for place, device in enumerate(self.devices)}
+        self.talks = sorted(self._talks.values(), key=lambda talk: [order.get(name, 0) for name in talk.ends])
         for talk in self.talks:
-            self._found[talk.client].asks.append(talk)
-            self._found[talk.server].asked_by.append(talk)
+            client, server = talk.ends
+            self._found[client].asks.append(talk)
+            self._found[server].asked_by.append(talk)
 
     @property
     def finding_counts(self) -> dict[str, int]:
@@ -164,21 +168,16 @@ class Inventory(Observer):
     def merge(self, later: Inventory) -> None:
         """Take what ``later`` found in packets behind these, neither of them taken yet; it is used up."""
         self._book.merge(later._book)
-        for address, theirs in later._found.items():
-            device = self._device(address)
+        for theirs in later._found.values():
+            device = self._device(theirs.address, theirs.vlan)
             if device is not None:
                 device.merge(theirs)
                 for block in theirs.code:
                     self._keep_code(device, block)
         for talk in later._talks.values():
-            if talk.client not in self._found or talk.server not in self._found:
-                self.devices_not_listed += talk.connections
-                continue
-            known = self._talk(talk.client, talk.server)
-            if known is not None:
-                known.merge(talk)
-            else:
-                self.talks_not_listed += talk.connections
+            self._add_talk(talk)
+        for (address, vlan), other in later._joined.items():
+            self._same(address, vlan, other)
         self.devices_not_listed += later.devices_not_listed
         self.talks_not_listed += later.talks_not_listed
         self.requests_not_looked_at += later.requests_not_looked_at
@@ -187,8 +186,49 @@ class Inventory(Observer):
         elif later.part is not None:
             self.part.merge(later.part)
 
-    def _facts_of(self, address: str) -> Iterable[tuple[str, str]]:
-        station = self._book.stations.get(address)
+    def _add_talk(self, talk: Talk) -> None:
+        """Take a talk of which it is not known whether its ends talked before."""
+        if not all(name in self._found for name in talk.ends):
+            self.devices_not_listed += talk.connections
+            return
+        known = self._talk(talk.client, talk.server, talk.vlan)
+        if known is not None:
+            known.merge(talk)
+        else:
+            self.talks_not_listed += talk.connections
+
+    def _same(self, address: str, one: int, other: int) -> None:
+        """A connection of a station was seen in two VLANs: there it is the same station, known by the lower number."""
+        low, high = sorted((self._root(address, one), self._root(address, other)))
+        if low != high and len(self._joined) < MAX_DEVICES:
+            self._joined[address, high] = low
+
+    def _root(self, address: str, vlan: int) -> int:
+        while (found := self._joined.get((address, vlan))) is not None:
+            vlan = found
+        return vlan
+
+    def _join(self) -> None:
+        """Make one card of those that are of one station, seen in several VLANs."""
+        if not self._joined:
+            return
+        found, talks, stations = self._found, self._talks, self._book.stations
+        self._found, self._talks = {}, {}
+        for theirs in found.values():
+            device = self._device(theirs.address, self._root(theirs.address, theirs.vlan))
+            if device is not None:
+                device.merge(theirs)
+                device.code += theirs.code
+        for talk in talks.values():
+            talk.vlan = self._root(talk.server, talk.vlan)
+            self._add_talk(talk)
+        self._book.stations = {}
+        for station in stations.values():
+            station.vlan = self._root(station.host, station.vlan)
+            self._book.take(station)
+
+    def _facts_of(self, name: str) -> Iterable[tuple[str, str]]:
+        station = self._book.stations.get(name)
         return station.facts if station is not None else ()
 
     # ---- observer ---------------------------------------------------------------------------------------------------
@@ -257,7 +297,8 @@ class Inventory(Observer):
             return
         if operation.result == NOT_CAPTURED and not operation.content:
             return  # it may have been refused
-        device = self._device(str(operation.connection.tcp.ends[1 - operation.asked_by].host))
+        tcp = operation.connection.tcp
+        device = self._device(str(tcp.ends[1 - operation.asked_by].host), int(tcp.vlan))
         if device is not None and operation.content and operation.kind in TRANSFERS:
             self._take_code(device, operation)
         if device is None:
@@ -290,18 +331,22 @@ class Inventory(Observer):
             traffic = self._begin(connection, keep=False)
         self._targets -= len(traffic.targets)
         client_side = int(connection.client_side)
-        client, server = (self._device(str(end.host)) for end in (connection.client, connection.server))
+        tcp = connection.tcp
+        vlan = int(tcp.vlan)
+        client, server = (self._device(str(end.host), vlan) for end in (connection.client, connection.server))
         if client is None or server is None:
             self.devices_not_listed += 1
             return
-        tcp = connection.tcp
+        for other in tcp.also:
+            for device in (client, server):
+                self._same(device.address, vlan, other)
         for device, side in ((client, client_side), (server, 1 - client_side)):
             mac = tcp.mac(side)
             if mac:
                 place = (int(connection.number), [int(tcp.first_frame)], int(tcp.first_ns))
-                device.addressed(Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place))
+                device.addressed(Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place, vlan))
             device.seen((int(tcp.first_frame), int(tcp.first_ns)), (int(tcp.last_frame), int(tcp.last_ns)))
-        talk = self._talk(client.address, server.address)
+        talk = self._talk(client.address, server.address, vlan)
         if talk is None:
             self.talks_not_listed += 1
         else:
@@ -313,24 +358,27 @@ class Inventory(Observer):
     # ---- parts ------------------------------------------------------------------------------------------------------
 
     def _begin(self, connection: Connection, keep: bool = True) -> Traffic:
-        found = [self._device(str(end.host)) for end in connection.tcp.ends]
+        tcp = connection.tcp
+        found = [self._device(str(end.host), int(tcp.vlan)) for end in tcp.ends]
         traffic = Traffic([device.latencies if device is not None else None for device in found])
         if keep:
             self._open[int(connection.number)] = traffic
         return traffic
 
-    def _device(self, address: str) -> Device | None:
-        device = self._found.get(address)
+    def _device(self, address: str, vlan: int) -> Device | None:
+        name = within(address, vlan)
+        device = self._found.get(name)
         if device is None:
             if len(self._found) >= MAX_DEVICES:
                 return None
-            device = self._found[address] = Device(address)
+            device = self._found[name] = Device(address, vlan)
         return device
 
-    def _talk(self, client: str, server: str) -> Talk | None:
-        talk = self._talks.get((client, server))
+    def _talk(self, client: str, server: str, vlan: int) -> Talk | None:
+        ends = within(client, vlan), within(server, vlan)
+        talk = self._talks.get(ends)
         if talk is None and len(self._talks) < MAX_TALKS:
-            talk = self._talks[client, server] = Talk(client, server)
+            talk = self._talks[ends] = Talk(client, server, vlan)
         return talk
 
     def _target(self, transaction: Transaction) -> Target:
@@ -356,7 +404,7 @@ class Inventory(Observer):
         for (asked_by, _), target in traffic.targets.items():
             whose: Talk | None = talk
             if asked_by != client_side:
-                whose = self._talk(talk.server, talk.client)
+                whose = self._talk(talk.server, talk.client, talk.vlan)
             if whose is None or not target.places:
                 continue
             if target.writes:
@@ -456,6 +504,6 @@ def _negotiated(connection: Connection, client: Device, server: Device) -> None:
 
 
 def talks_between(talks: Sequence[Talk], clients: Sequence[str], servers: Sequence[str]) -> list[list[int]]:
-    """Return how many transactions each of ``clients`` had with each of ``servers``: a row a client."""
-    known = {(talk.client, talk.server): talk.transactions for talk in talks}
+    """Return how many transactions each of ``clients`` had with each of ``servers``, by their names: a row a client."""
+    known = {talk.ends: talk.transactions for talk in talks}
     return [[known.get((client, server), 0) for server in servers] for client in clients]

@@ -11,6 +11,7 @@ from dissect.inventory.vendors import vendor
 from dissect.report.words import Places
 from dissect.stations import facts
 from dissect.stations.facts import Stretch
+from dissect.tcp.link import vlan_ids
 from dissect.wire.text import Clock, encodable
 
 DEVICES_SCHEMA: Final = "s7dissect.devices/1"
@@ -50,6 +51,7 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
     asked = device.asked
     return {
         "address": device.address,
+        "vlan": vlan_ids(device.vlan),
         "role": device.role,
         "certainty": device.certainty or None,
         "evidence": [
@@ -113,6 +115,7 @@ def talk_as_dict(talk: Talk, places: Places) -> dict[str, object]:
     return {
         "client": talk.client,
         "server": talk.server,
+        "vlan": vlan_ids(talk.vlan),
         "connections": talk.connections,
         "protocols": [text for text in talk.protocols.texts if text],
         "transactions": talk.transactions,

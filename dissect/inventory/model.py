@@ -11,6 +11,7 @@ from dissect.program.carved import CarvedBlock
 from dissect.report.latencies import Latencies
 from dissect.stations import facts
 from dissect.stations.facts import Fact, Station, Stretch
+from dissect.tcp.link import within
 
 # Roles.
 CPU: Final = "CPU"
@@ -248,17 +249,19 @@ class Asked:
 class Talk:
     """What a client and a server had to do with each other, over all their connections.
 
-    ``back`` are those of the requests that the server sent, such as the ones by which it fetches a download.
+    ``client`` and ``server`` are their addresses, ``vlan`` the VLAN key of both. ``back`` are those of the requests that
+    the server sent, such as the ones by which it fetches a download.
     """
 
     __slots__ = (
         "answered", "areas", "back", "client", "connections", "errors", "first_frame", "first_ns", "last_frame", "last_ns",
-        "missed", "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "writes",
+        "missed", "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "vlan", "writes",
     )  # fmt: skip
 
-    def __init__(self, client: str, server: str) -> None:
+    def __init__(self, client: str, server: str, vlan: int = 0) -> None:
         self.client = client
         self.server = server
+        self.vlan = vlan
         self.connections = 0
         self.protocols = Names()
         self.transactions = 0
@@ -276,6 +279,11 @@ class Talk:
         self.first_ns = 0
         self.last_frame = 0
         self.last_ns = 0
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """The names of the client and of the server (`Device.name`)."""
+        return within(self.client, self.vlan), within(self.server, self.vlan)
 
     def area(self, name: str) -> Area | None:
         """Return an area by its name, made where there is room."""
@@ -313,16 +321,17 @@ class Talk:
 
 
 class Device:
-    """One station.
+    """One station: an address in the network ``vlan``, a VLAN key (`link.find_ip`).
 
     ``station`` holds its facts, each with source, packets and times; ``reasons`` why it has its role; ``latencies`` the answer
     times of what it was asked, in nanoseconds. ``asked_by`` are the talks in which it is the server, ``asks`` those in which
     it is the client. ``sessions`` are what it said of itself as a client of S7comm-plus. Texts are from the wire, not escaped.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, vlan: int = 0) -> None:
         self.address = address
-        self.station = Station(address)
+        self.vlan = vlan
+        self.station = Station(address, vlan)
         self.reasons: dict[tuple[str, str], Reason] = {}
         self.latencies = Latencies()
         self.asked_by: list[Talk] = []
@@ -345,10 +354,15 @@ class Device:
         return f"Device({self.address!r}, {self.role!r}, {self.get(facts.ORDER_NUMBER)!r})"
 
     @property
-    def sort_key(self) -> tuple[int, int, int]:
+    def name(self) -> str:
+        """What tells it from the others: its address, and its VLAN where that has a number."""
+        return within(self.address, self.vlan)
+
+    @property
+    def sort_key(self) -> tuple[int, int, int, int]:
         """The CPUs come first, and within a role the addresses by their number."""
         address = ip_address(self.address)
-        return ROLES.index(self.role), address.version, int(address)
+        return ROLES.index(self.role), address.version, int(address), self.vlan
 
     @property
     def role(self) -> str:

@@ -9,6 +9,7 @@ from dissect.inventory.model import Device
 from dissect.inventory.vendors import vendor
 from dissect.report.words import Places
 from dissect.stations import facts
+from dissect.tcp.link import vlan_text
 from dissect.wire.text import Clock, cell
 
 #: The columns; with several files ``first_file`` and ``last_file`` stand behind them.
@@ -17,7 +18,7 @@ COLUMNS: Final = (
     "station_name", "module_name", "module_type", "plant", "location", "operating_mode", "protection_level", "max_connections",
     "max_pdu_length", "pdu_lengths", "parallel_jobs", "modules", "clock_offset_ns", "blocks", "connections", "transactions",
     "answered", "unanswered", "with_errors", "median_ns", "p95_ns", "asked_by", "asks", "first_frame", "first_time",
-    "last_frame", "last_time",
+    "last_frame", "last_time", "vlan",
 )  # fmt: skip
 FILE_COLUMNS: Final = ("first_file", "last_file")
 _SAID: Final = frozenset((
@@ -61,6 +62,7 @@ def device_row(device: Device, places: Places) -> dict[str, str]:
         "first_time": clock.iso(device.first_ns),
         "last_frame": str(places.number(device.last_frame)),
         "last_time": clock.iso(device.last_ns),
+        "vlan": vlan_text(device.vlan),
     }
     if places.several:
         row |= {"first_file": places.locate(device.first_frame)[0], "last_file": places.locate(device.last_frame)[0]}

@@ -33,6 +33,7 @@ from dissect.report.text import table
 from dissect.report.words import PROTOCOLS, Places
 from dissect.stations import facts
 from dissect.stations.facts import KEYS, Stretch
+from dissect.tcp.link import within
 from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, duration_text, printable, shortened
 
@@ -107,7 +108,10 @@ def card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int]
         device.role + _HOW_SURE.get(device.certainty, ""),
         *[device.get(key) for key in (facts.ORDER_NUMBER, facts.FIRMWARE)],
     ]
-    yield Line(f"{_host(device.address, places)}  {'  '.join([printable(text) for text in what if text])}", HEADING)
+    yield Line(
+        f"{within(_host(device.address, places), device.vlan)}  {'  '.join([printable(text) for text in what if text])}",
+        HEADING,
+    )
     for title, said in _card(device, places, clock, shared or {}):
         yield Line(f"  {title:<12}{said}", PLAIN, _HANG)
 
@@ -326,16 +330,18 @@ def matrix(inventory: Inventory, places: Places) -> Iterator[Line]:
         return
     busy: dict[str, int] = {}
     for talk in talks:
-        busy[talk.server] = busy.get(talk.server, 0) + talk.transactions + 1
-    order = {device.address: place for place, device in enumerate(inventory.devices)}
+        server = talk.ends[1]
+        busy[server] = busy.get(server, 0) + talk.transactions + 1
+    order = {device.name: place for place, device in enumerate(inventory.devices)}
+    shown = {device.name: within(places.name(device.address), device.vlan) for device in inventory.devices}
     servers = sorted(sorted(busy, key=lambda server: (-busy[server], order[server]))[:_COLUMNS], key=order.__getitem__)
-    everybody = sorted({talk.client for talk in talks}, key=order.__getitem__)
+    everybody = sorted({talk.ends[0] for talk in talks}, key=order.__getitem__)
     clients = everybody[:_ROWS]
     yield Line("")
     yield Line("Who talks to whom (transactions; clients in rows, servers in columns)", HEADING)
-    rows = [["", *[places.name(server) for server in servers]]]
+    rows = [["", *[shown[server] for server in servers]]]
     for client, counts in zip(clients, talks_between(talks, clients, servers), strict=True):
-        rows.append([places.name(client), *[str(count) if count else "." for count in counts]])
+        rows.append([shown[client], *[str(count) if count else "." for count in counts]])
     yield from table(rows, frozenset(range(1, len(servers) + 1)))
     for left, kind in ((len(everybody) - len(clients), "client"), (len(busy) - len(servers), "server")):
         if left > 0:

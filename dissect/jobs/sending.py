@@ -31,7 +31,8 @@ from dissect.jobs.numbers import Offsets
 from dissect.report.kept import Findings
 from dissect.s7.parameters import UserdataHead
 from dissect.stations.facts import Fact, Stretch
-from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.transaction import Transaction

@@ -20,6 +20,7 @@ from dissect.report.styled import Line
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.stations.facts import Fact
+from dissect.tcp.link import vlan_ids
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
@@ -95,6 +96,7 @@ class JsonLines:
 def _stated(fact: Fact) -> dict[str, object]:
     return {
         "address": fact.host,
+        "vlan": vlan_ids(fact.vlan),
         "module": fact.module or None,
         "kind": encodable(fact.key),
         "value": encodable(fact.value),

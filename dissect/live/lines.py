@@ -14,6 +14,7 @@ from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places, named
 from dissect.report.writers.text import scd_line, transaction_line
 from dissect.stations.facts import KEYS, Fact
+from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import NO_FAILURES, Operation
 from dissect.transactions.transaction import Transaction
@@ -100,7 +101,7 @@ class PlainLines:
         return f"{who}{name}  {endings.phrase(connection, self._places)}{refused}  ({', '.join(counts)})"
 
     def _device(self, fact: Fact) -> str:
-        name = shortened(f"{fact.host} {fact.module}".rstrip(), _DETAIL)
+        name = shortened(f"{within(fact.host, fact.vlan)} {fact.module}".rstrip(), _DETAIL)
         kind = KEYS.get(fact.key, fact.key)
         before = f", before {shortened(fact.before, _DETAIL)}" if fact.before else ""
         place = self._places.phrase(fact.frames)

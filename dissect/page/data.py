@@ -17,6 +17,7 @@ from dissect.page.rows import OUTCOME_NAMES, host_filter
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
 from dissect.report.operations import NAMES as KINDS
+from dissect.tcp.link import within
 from dissect.wire.text import printable, shortened
 
 #: Bins of time that a plot is drawn of.
@@ -366,7 +367,8 @@ class Data:
                 {
                     "key": f"d{number}",
                     "cells": [
-                        self._of.rows.host(device.address), *said, int(told["connections"]), int(told["transactions"]),
+                        within(self._of.rows.host(device.address), device.vlan), *said,
+                        int(told["connections"]), int(told["transactions"]),
                         int(told["median_ns"]) if told["median_ns"] else None, device.first_ns,
                     ],
                     "show": self._of.rows.command(f"devices -Y 'host == {device.address}'"),

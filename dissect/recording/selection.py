@@ -8,7 +8,7 @@ adds what a message needs to be understood on its own: how its connection began,
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
 from mypy_extensions import i64
@@ -24,10 +24,11 @@ from dissect.recording.subscriptions import Asked, SubscriptionBook
 from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.tcp import ip, link
-from dissect.tcp.stream import FIN, RST, SYN, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import FIN, RST, SYN
 from dissect.tcp.tunnel import Inner
 from dissect.transactions.connection import Connection
-from dissect.transactions.table import Side, reverse_key
+from dissect.transactions.table import Side, keys_of, reverse_key
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.octets import u16, u32
 
@@ -159,6 +160,7 @@ class Selection(Observer):
         self._unanswered: list[tuple[Connection, int]] = []  # those of unanswered ones, and the packet of the request
         self._around_frames: set[int] = set()
         self._around_spans: list[TimedSpan] = []
+        self._same = SameKeys()
 
     # ---- observer ---------------------------------------------------------------------------------------------------
 
@@ -166,6 +168,10 @@ class Selection(Observer):
         """Remember a connection that is wanted."""
         if connection.number in self._wanted.connections:
             self._connections[int(connection.number)] = connection
+
+    def connection_closed(self, connection: Connection) -> None:
+        """Remember in which VLANs packets of a connection are, where these are several."""
+        self._same.note(connection.tcp)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Take note where a TPKT stands in its stream."""
@@ -274,7 +280,9 @@ class Selection(Observer):
                 for frame in sorted(set(finding.frames)):
                     comments.setdefault(int(frame), []).append(text)
         stretches = [_stretch(connection) for connection in self._connections.values()]
-        choice = Choice(self._wanted.everything, frozenset(frames), stretches, self._spans, (from_ns, to_ns), comments)
+        times = (from_ns, to_ns)
+        same = self._same.found
+        choice = Choice(self._wanted.everything, frozenset(frames), stretches, self._spans, times, comments, same)
         marked = [_stretch(connection, frame) for connection, frame in self._unanswered]
         if self._context is not None:
             for number in self._around:
@@ -289,15 +297,25 @@ def _stretch(connection: Connection, first: int = 0) -> Stretch:
     """Return where the packets of a connection are, from packet ``first`` on."""
     tcp = connection.tcp
     protocol = ip.UDP if connection.udp else ip.TCP
-    return Stretch(key_of(tcp), protocol, max(int(tcp.first_frame), first), int(tcp.last_frame))
+    return Stretch(keys_of(tcp)[0], protocol, max(int(tcp.first_frame), first), int(tcp.last_frame))
 
 
-def key_of(tcp: TcpConnection) -> bytes:
-    """Return the key of the packets that side 0 of a connection sends."""
-    first, second = tcp.ends
-    tag = int(tcp.vlan).to_bytes(8, "big") if tcp.vlan else b""
-    ports = first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
-    return first.address + second.address + ports + tag
+class SameKeys:
+    """Keys of packets in several VLANs that are of one connection: ``found`` gives one of them for each other one."""
+
+    def __init__(self) -> None:
+        self.found: dict[bytes, bytes] = {}
+
+    def note(self, tcp: TcpConnection) -> None:
+        """Take a connection that is over."""
+        if not tcp.also or len(self.found) >= MAX_CONNECTIONS:
+            return
+        first, *others = keys_of(tcp)
+        for key in others:
+            for own, other in ((first, key), (reverse_key(first), reverse_key(key))):
+                known = self.found.get(own, own)
+                if self.found.get(other, other) != known:
+                    self.found[other] = known
 
 
 class Choice:
@@ -314,7 +332,9 @@ class Choice:
         spans: Sequence[TimedSpan],
         times: tuple[int, int],
         comments: dict[int, list[str]],
+        same: Mapping[bytes, bytes],
     ) -> None:
+        self._same = same
         self.comments = comments
         self.context = 0
         self._narrow: Callable[[int, int, bytes, int, int, int], bool] | None = None
@@ -327,7 +347,7 @@ class Choice:
         self._spans: dict[bytes, list[TimedSpan]] = {}
         self._hosts: dict[bytes, list[Stretch]] = {}  # addresses alone, for IP fragments, which have no ports
         for stretch in stretches:
-            for key in (stretch.key, reverse_key(stretch.key)):
+            for key in self._keys(stretch):
                 self._stretches.setdefault(key, []).append(stretch)
                 self._hosts.setdefault(_addresses(key), []).append(stretch)
         self._span_hosts: dict[bytes, list[TimedSpan]] = {}
@@ -336,7 +356,7 @@ class Choice:
         self._begin = min([one.from_ns for one in spans], default=1)
         self._end = max([one.to_ns for one in spans], default=0)
         for timed in spans:
-            self._spans.setdefault(timed.span.key, []).append(timed)
+            self._spans.setdefault(same.get(timed.span.key, timed.span.key), []).append(timed)
             self._span_hosts.setdefault(_addresses(timed.span.key), []).append(timed)
 
     def narrow(self, test: Callable[[int, int, bytes, int, int, int], bool]) -> None:
@@ -345,14 +365,19 @@ class Choice:
 
     def surround(self, frames: frozenset[int], marked: Sequence[Stretch], spans: Sequence[TimedSpan]) -> None:
         """Take these packets along, and those which open or close the TCP connections ``marked``."""
-        self._around = Choice(False, frames, (), spans, (self._from_ns, self._to_ns), {})
+        self._around = Choice(False, frames, (), spans, (self._from_ns, self._to_ns), {}, self._same)
         self._around.mark(marked)
 
     def mark(self, stretches: Sequence[Stretch]) -> None:
         """Want what opens and closes these TCP connections."""
         for stretch in stretches:
-            for key in (stretch.key, reverse_key(stretch.key)):
+            for key in self._keys(stretch):
                 self._marked.setdefault(key, []).append(stretch)
+
+    def _keys(self, stretch: Stretch) -> tuple[bytes, bytes]:
+        """Return the keys of both directions by which a stretch is looked up."""
+        there, back = stretch.key, reverse_key(stretch.key)
+        return self._same.get(there, there), self._same.get(back, back)
 
     def takes(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
         """Return whether packet ``frame`` is wanted. Never raises."""
@@ -380,6 +405,7 @@ class Choice:
             return self._takes_fragment(frame, time_ns, packet)
         if not key:
             return False
+        key = self._same.get(key, key)
         protocol = packet.protocol
         if any(one.first <= frame <= one.last and one.protocol == protocol for one in self._stretches.get(key, ())):
             return True

@@ -12,6 +12,7 @@ from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import completeness, table
 from dissect.report.words import Places, named
 from dissect.stations import facts
+from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, printable, shortened
 
@@ -105,9 +106,13 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
 
 def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
     found: dict[str, Plc] = {}
+    shown: dict[str, str] = {}
     for connection in analysis.connections:
         if connection.pdus:
-            plc = found.setdefault(str(connection.server.host), Plc())
+            host, vlan = str(connection.server.host), connection.tcp.vlan
+            name = within(host, vlan)
+            shown[name] = within(places.name(host), vlan)
+            plc = found.setdefault(name, Plc())
             plc.connections += 1
             plc.pdus += int(connection.pdus)
             plc.answered += int(connection.answered)
@@ -131,7 +136,7 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
         numbers = [plc.connections, plc.pdus, plc.answered, plc.errors, plc.missed]
         if some_open:
             numbers.append(plc.still_open)
-        rows.append([places.name(host), *told, *[str(number) if number else "." for number in numbers]])
+        rows.append([shown[host], *told, *[str(number) if number else "." for number in numbers]])
     yield from table(rows, frozenset(range(4, 10)))
     if len(order) > _PLCS:
         yield Line(f"  and {len(order) - _PLCS} more; `s7dissect devices` lists them", DIM)

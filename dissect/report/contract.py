@@ -171,6 +171,7 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "client_known": connection.client_known,
         "transport": "udp" if connection.udp else "tcp",
         "vlan": vlan_ids(tcp.vlan),
+        **({"also_vlans": [vlan_ids(vlan) for vlan in tcp.also]} if tcp.also else {}),
         "protocol": connection.protocol or None,
         "identified_by": connection.identified_by or None,
         "tls": tls_as_dict(connection),

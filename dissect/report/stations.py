@@ -6,6 +6,7 @@ from typing import Final
 
 from dissect.stations import facts
 from dissect.stations.facts import Book, Station
+from dissect.tcp.link import vlan_ids
 from dissect.wire.text import encodable
 
 #: What is told of each, in this order; docs/devices.md says what they are.
@@ -27,13 +28,13 @@ def stations_that_state(book: Book) -> list[Station]:
     return sorted(book.stating(_TOLD), key=_host)
 
 
-def _host(station: Station) -> str:
-    return station.host
+def _host(station: Station) -> tuple[str, int]:
+    return station.host, station.vlan
 
 
 def station_as_dict(station: Station) -> dict[str, object]:
     """Return what a station stated last, null for what it did not."""
-    told: dict[str, object] = {"address": station.host}
+    told: dict[str, object] = {"address": station.host, "vlan": vlan_ids(station.vlan)}
     for key in TOLD:
         told[key] = encodable(station.latest(key)) or None
     return told

@@ -20,7 +20,7 @@ from dissect.report.tls import tls_lines
 from dissect.report.words import PROTOCOLS, Places, named
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import KEYS
-from dissect.tcp.link import vlan_text
+from dissect.tcp.link import vlan_text, within
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS
@@ -256,6 +256,9 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
     """Yield what is known of a connection, which may still be open."""
     arrow = "→" if connection.client_known else "↔"
     vlan = f", VLAN {vlan_text(connection.tcp.vlan)}" if connection.tcp.vlan else ""
+    also = [f"in VLAN {vlan_text(other)}" if other else "without a VLAN" for other in connection.tcp.also]
+    if also:
+        vlan += f", also {' and '.join(also)}"
     protocol = "" if connection.protocol == "s7comm" else f", {named(connection) or 'no data'}"
     over = " UDP" if connection.udp else ""
     yield Line(
@@ -326,7 +329,10 @@ def _devices(analysis: Analysis, places: Places) -> Iterator[Line]:
     yield Line("Devices", HEADING)
     keys = [key for key in TOLD if any([station.latest(key) for station in found[:_DEVICES]])]
     rows = [
-        [places.name(station.host), *[shortened(station.latest(key), _CELL) or "." for key in keys]]
+        [
+            within(places.name(station.host), station.vlan),
+            *[shortened(station.latest(key), _CELL) or "." for key in keys],
+        ]
         for station in found[:_DEVICES]
     ]
     yield from table([["address", *[KEYS[key] for key in keys]], *rows], frozenset())

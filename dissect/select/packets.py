@@ -14,14 +14,14 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.findings.reporter import Finding
-from dissect.recording.selection import AGAIN_NS, Choice, TimedSpan, key_of, packet_key
+from dissect.recording.selection import AGAIN_NS, Choice, SameKeys, TimedSpan, packet_key
 from dissect.recording.spans import SpanBook
 from dissect.select.sieve import Numbers
 from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
 from dissect.select.where import Where
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.table import Side, endpoints, reverse_key
+from dissect.transactions.table import Side, endpoints, keys_of, reverse_key
 from dissect.transactions.transaction import Transaction
 
 #: Kinds of things that an expression about packets may ask for.
@@ -73,6 +73,7 @@ class PacketSelection(Observer):
         self._carrying = Numbers()
         self._frames: set[int] = set()
         self._spans: list[TimedSpan] = []
+        self._same = SameKeys()
 
     def connection_opened(self, connection: Connection) -> None:
         """Remember a connection, for findings."""
@@ -82,9 +83,10 @@ class PacketSelection(Observer):
         """Remember what packets of a connection are asked for."""
         self._where.context.closed(connection)
         line = _Line(connection)
-        key = key_of(connection.tcp)
-        for one in {key, reverse_key(key)}:
-            self._lines.setdefault(one, []).append(line)
+        self._same.note(connection.tcp)
+        for key in keys_of(connection.tcp):
+            for one in {key, reverse_key(key)}:
+                self._lines.setdefault(one, []).append(line)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Take note where a TPKT stands in its stream."""
@@ -133,7 +135,7 @@ class PacketSelection(Observer):
 
     def test(self) -> PacketTest:
         """Return what tells of a packet whether it is selected. Never raises."""
-        carried = Choice(False, frozenset(self._frames), (), self._spans, _EVER, {})
+        carried = Choice(False, frozenset(self._frames), (), self._spans, _EVER, {}, self._same.found)
         itself = self._where.predicate(PACKET)
 
         def takes(frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:

@@ -11,6 +11,7 @@ from typing import Final
 from mypy_extensions import mypyc_attr
 
 from dissect.s7plus import session
+from dissect.tcp.link import within
 
 # Keys of facts. They are the names that JSON and CSV have (docs/devices.md).
 ORDER_NUMBER: Final = session.ORDER_NUMBER
@@ -74,13 +75,25 @@ MAX_VALUE: Final = 120
 class Fact:
     """Something that a station said of itself, or was seen with, in the packets ``frames``.
 
-    ``host`` is its address, ``module`` the rack and slot that were asked ("rack 0 slot 2"), empty where none were. ``key`` is
-    one of `KEYS`, ``value`` a text from the wire that is not escaped, ``source`` what said so ("SZL 0x0011"). ``before`` is the
-    value that it had until now, empty for none, and ``fresh`` says that it is a different one. ``connection`` is the number of
-    one.
+    ``host`` is its address, ``vlan`` the VLAN key of its network (`link.find_ip`), ``module`` the rack and
+    slot that were asked ("rack 0 slot 2"), empty where none were. ``key`` is one of `KEYS`, ``value`` a text from the wire that
+    is not escaped, ``source`` what said so ("SZL 0x0011"). ``before`` is the value that it had until now, empty for none, and
+    ``fresh`` says that it is a different one. ``connection`` is the number of one.
     """
 
-    __slots__ = ("before", "connection", "frames", "fresh", "host", "key", "module", "source", "time_ns", "value")
+    __slots__ = (
+        "before",
+        "connection",
+        "frames",
+        "fresh",
+        "host",
+        "key",
+        "module",
+        "source",
+        "time_ns",
+        "value",
+        "vlan",
+    )
 
     def __init__(
         self,
@@ -92,8 +105,10 @@ class Fact:
         connection: int,
         frames: list[int],
         time_ns: int,
+        vlan: int = 0,
     ) -> None:
         self.host = host
+        self.vlan = vlan
         self.module = module
         self.key = key
         self.value = value[:MAX_VALUE]
@@ -140,16 +155,17 @@ class Stretch:
 
 
 class Station:
-    """What is known of one address.
+    """What is known of one address, in one network: the same in another VLAN is another station.
 
     ``facts`` are the values of each kind, one after another, by module and key; ``blocks`` the blocks that were named.
     ``not_kept`` counts facts that had no room.
     """
 
-    __slots__ = ("blocks", "facts", "host", "not_kept")
+    __slots__ = ("blocks", "facts", "host", "not_kept", "vlan")
 
-    def __init__(self, host: str) -> None:
+    def __init__(self, host: str, vlan: int = 0) -> None:
         self.host = host
+        self.vlan = vlan
         self.facts: dict[tuple[str, str], list[Stretch]] = {}
         self.blocks: dict[str, Stretch] = {}
         self.not_kept = 0
@@ -263,7 +279,7 @@ def _known(value: str, stretches: list[Stretch]) -> str:
 
 
 class Book:
-    """Stations by address. ``not_kept`` counts facts about stations there was no room for.
+    """Stations by address and VLAN, as `within` names them. ``not_kept`` counts facts about stations there was no room for.
 
     ``filled`` says that an engine notes all facts in it, so that its owner, who is told of them, need not.
     """
@@ -273,26 +289,29 @@ class Book:
         self.stations: dict[str, Station] = {}
         self.not_kept = 0
 
-    def note(self, fact: Fact, name: str = "") -> None:
-        """Take a fact (`Station.note`) of the station ``name``, which is its address unless that is given."""
-        station = self._of(name or fact.host)
+    def note(self, fact: Fact) -> None:
+        """Take a fact (`Station.note`)."""
+        station = self._of(fact.host, fact.vlan)
         if station is not None:
             station.note(fact)
 
-    def again(self, host: str, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int) -> bool:
+    def again(
+        self, host: str, vlan: int, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int
+    ) -> bool:
         """Take a value of ``host`` without a fact (`Station.again`), if it need not be noted as one."""
-        station = self._of(host)
+        station = self._of(host, vlan)
         return station is None or station.again(key, value, source, frame, time_ns)
 
-    def _of(self, host: str) -> Station | None:
+    def _of(self, host: str, vlan: int) -> Station | None:
         """Return the station with this address, None where there is no room for another one, which is counted."""
-        station = self.stations.get(host)
+        name = within(host, vlan) if vlan else host
+        station = self.stations.get(name)
         if station is None:
             if len(self.stations) >= MAX_STATIONS:
                 self.not_kept += 1
                 return None
-            station = Station(host)
-            self.stations[host] = station
+            station = Station(host, vlan)
+            self.stations[name] = station
         return station
 
     def stating(self, keys: frozenset[str]) -> list[Station]:
@@ -308,15 +327,20 @@ class Book:
     def merge(self, later: Book) -> None:
         """Take what was noted in packets behind those of this one; ``later`` is used up."""
         self.not_kept += later.not_kept
-        for host, theirs in later.stations.items():
-            station = self.stations.get(host)
-            if station is not None:
-                station.merge(theirs)
-            elif len(self.stations) < MAX_STATIONS:
-                self.stations[host] = theirs
-            else:
-                facts = [stretch for stretches in theirs.facts.values() for stretch in stretches]
-                self.not_kept += theirs.not_kept + sum([one.count for one in (*facts, *theirs.blocks.values())])
+        for theirs in later.stations.values():
+            self.take(theirs)
+
+    def take(self, theirs: Station) -> None:
+        """Take what was noted of a station in packets behind those of this one; it is used up."""
+        name = within(theirs.host, theirs.vlan)
+        station = self.stations.get(name)
+        if station is not None:
+            station.merge(theirs)
+        elif len(self.stations) < MAX_STATIONS:
+            self.stations[name] = theirs
+        else:
+            facts = [stretch for stretches in theirs.facts.values() for stretch in stretches]
+            self.not_kept += theirs.not_kept + sum([one.count for one in (*facts, *theirs.blocks.values())])
 
 
 def agree(key: str, one: str, other: str) -> bool:

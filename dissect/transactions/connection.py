@@ -23,7 +23,8 @@ from dissect.s7.tables import (
     UPLOAD,
     WRITE_VAR,
 )
-from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.ending import Ending
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.operation import Activation, OpenOperations

@@ -19,7 +19,8 @@ from dissect.iso.cotp import Assembler
 from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
-from dissect.tcp.stream import MASK, Endpoint, HalfStream, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import MASK, Endpoint, HalfStream
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
@@ -197,6 +198,10 @@ MAX_LINGERING: Final = 2048
 #: One whose end is in doubt (`dissect.tcp.doubt`) is kept so long, for what its sides send then: they may poll slowly.
 DOUBT_NS: Final = 10_000_000_000
 
+#: VLAN tags that are known of a capture, and how many more keys one direction of a connection may have in other VLANs.
+MAX_TAGS: Final = 64
+MAX_ALSO: Final = 4
+
 _PORTS: Final = 4
 _VLAN: Final = 8
 #: Octets of a key of IPv4.
@@ -222,6 +227,7 @@ class Side:
 
     __slots__ = (
         "addresses",
+        "also",
         "assembler",
         "begun_tpkt",
         "begun_tsdu",
@@ -257,6 +263,7 @@ class Side:
     def __init__(self, index: i64, key: bytes, tcp: TcpConnection, connection: Connection, protocol: Protocol) -> None:
         self.index: i64 = index
         self.key: bytes = key
+        self.also: list[bytes] | None = None  # keys by which it is found besides: its packets in other VLANs
         self.tcp: TcpConnection = tcp
         self.connection: Connection = connection
         self.protocol: Protocol = protocol  # takes its octets; that of its peer is the same
@@ -392,6 +399,21 @@ def reverse_key(key: bytes) -> bytes:
     )
 
 
+def base_and_tag(key: bytes) -> tuple[bytes, bytes]:
+    """Return the addresses and ports of a key, and its VLAN, which is empty for an untagged packet."""
+    size: i64 = len(key)
+    if size == _KEY4 + _VLAN or size == 32 + _PORTS + _VLAN:
+        return key[: size - _VLAN], key[size - _VLAN :]
+    return key, b""
+
+
+def keys_of(tcp: TcpConnection) -> list[bytes]:
+    """Return the keys of the packets that side 0 of a connection sends: that of its VLAN, then those of the other ones."""
+    first, second = tcp.ends
+    base = first.address + second.address + first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
+    return [base + (int(vlan).to_bytes(_VLAN, "big") if vlan else b"") for vlan in (tcp.vlan, *tcp.also)]
+
+
 def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
     """Return (sender, receiver) of the packets that carry ``key``."""
     size = 4 if len(key) in (8 + _PORTS, 8 + _PORTS + _VLAN) else 16
@@ -400,7 +422,7 @@ def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
 
 
 class ConnectionTable:
-    """Open connections by the key of either direction.
+    """Open connections by the key of either direction, and by those that it has in other VLANs besides (`add`).
 
     A new connection begins with the protocol ``first``. ``evicted`` and ``half_open_evicted`` count what had to leave because
     the table was full.
@@ -409,6 +431,8 @@ class ConnectionTable:
     def __init__(self, first: Protocol | None = None) -> None:
         self._first: Protocol = first if first is not None else Protocol()
         self.sides: dict[bytes, Side] = {}
+        self.tags: dict[bytes, None] = {}  # VLANs of keys, once there is one
+        self._more: i64 = 0  # of the keys in `sides` those that are another one of their side
         # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
         self._half_open: OrderedDict[bytes, Attempt] = OrderedDict()
         self._lingering: deque[Side] = deque()
@@ -418,6 +442,13 @@ class ConnectionTable:
         self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
+
+    def anew(self) -> ConnectionTable:
+        """Return an empty table that goes on with the counts of this one."""
+        table = ConnectionTable(self._first)
+        table.evicted = self.evicted
+        table.half_open_evicted = self.half_open_evicted
+        return table
 
     def find(self, buf: bytes, at: i64) -> Side | None:
         """Return the side that `sides` has for the IPv4 addresses and ports at ``at``, as they stand in a key.
@@ -449,6 +480,34 @@ class ConnectionTable:
         before = self.sides.get(key)
         if before is not None:
             self._leave_place(before)
+            if before.key != key:
+                self._more -= 1
+
+    def note_tag(self, tag: bytes) -> None:
+        """A packet has this VLAN, or none; of too many VLANs the one that was seen first is forgotten."""
+        tags = self.tags
+        if not tags:
+            tags[b""] = None  # of packets that came before the first VLAN nobody has asked
+        if tag not in tags:
+            if len(tags) > MAX_TAGS:
+                del tags[list(tags)[1]]
+            tags[tag] = None
+
+    def add(self, side: Side, key: bytes) -> None:
+        """Packets of ``side`` have been captured in another VLAN as well: there it is found by ``key``, that nobody has."""
+        base, tag = base_and_tag(key)
+        for sender, own in ((side, key), (side.peer, reverse_key(base) + tag)):
+            attempt = self.attempt(own)
+            if sender is not None and attempt is not None and sender.stream.start_seq == (attempt.seq + 1) & MASK:
+                self._take_syn(own)  # it is the SYN of this connection
+                side.tcp.packets += 1
+        if side.also is None:
+            side.also = []
+        if len(side.also) < MAX_ALSO:
+            side.also.append(key)
+            self.sides[key] = side
+            self._more += 1
+            side.tcp.note_vlan(int.from_bytes(tag, "big"))
 
     def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64, link: bytes = b"") -> Attempt | None:
         """Remember a connection attempt until the other side answers or data follows; ``link`` as `TcpConnection.note_link`.
@@ -469,6 +528,10 @@ class ConnectionTable:
     def unanswered(self) -> list[tuple[bytes, Attempt]]:
         """Return the attempts that were repeated and are still without an answer, with their keys; each once."""
         return [(key, attempt) for key, attempt in self._half_open.items() if attempt.give_up(1)]
+
+    def attempt(self, key: bytes) -> Attempt | None:
+        """Return the connection attempt with this key."""
+        return self._half_open.get(key)
 
     def _take_syn(self, key: bytes) -> Attempt | None:
         """Forget a connection attempt and return it, None where there was none; `pop` takes three times as long."""
@@ -533,6 +596,11 @@ class ConnectionTable:
         self._leave_place(end)
         if self.sides.get(end.key) is end:
             del self.sides[end.key]
+        if end.also is not None:
+            for key in end.also:
+                if self.sides.get(key) is end:
+                    del self.sides[key]
+                    self._more -= 1
 
     @property
     def lingering(self) -> bool:
@@ -558,9 +626,10 @@ class ConnectionTable:
 
     def overflow(self) -> list[Side]:
         """Return one side of each connection that has to leave because too many are open; call it before each `open`."""
-        if len(self.sides) <= 2 * (MAX_CONNECTIONS - RESERVE):
+        held: i64 = len(self.sides) - self._more
+        if held <= 2 * (MAX_CONNECTIONS - RESERVE):
             return []
-        over: i64 = len(self.sides) - 2 * MAX_CONNECTIONS
+        over: i64 = held - 2 * MAX_CONNECTIONS
         idle = self._idle
         if idle.running_out:
             idle.begin(list(self.sides.values()))
@@ -579,4 +648,4 @@ class ConnectionTable:
 
     def all_open(self) -> list[Side]:
         """Return side 0 of every connection in the table, in the order they were opened."""
-        return [side for side in self.sides.values() if side.index == 0]
+        return [side for key, side in self.sides.items() if side.index == 0 and side.key == key]

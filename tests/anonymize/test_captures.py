@@ -22,7 +22,8 @@ from dissect.tcp import ip, link
 from dissect.transactions.table import Side
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
 from tests.cases import each
-from tests.report.support import OWN, ROOT
+from tests.properties.packets import Flow, captured
+from tests.report.support import OWN, ROOT, begun, read, saved
 from tests.source.craft import drain
 from tests.tshark import join
 
@@ -187,3 +188,12 @@ def _wireshark(path: Path) -> str:
         ["tshark", "-r", str(path), *checks, "-T", "fields", *wanted], capture_output=True, text=True, check=True
     )
     return ran.stdout
+
+
+def test_a_connection_in_two_vlans(tmp_path: Path) -> None:
+    flows = Flow(vlans=(10,)), Flow(vlans=(20,))
+    sent = [segment._replace(flow=flows[segment.side]) for segment in read(read(begun(), 1), 2).close().segments]
+    source, out = saved(tmp_path / "in.pcapng", captured(sent)), tmp_path / "out.pcapng"
+    account = anonymized(source, out)
+    assert account.written == len(sent)
+    assert told(out) == told(source)

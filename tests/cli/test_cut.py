@@ -18,7 +18,7 @@ from dissect.transactions.transaction import Transaction
 from tests.cli.support import Ran, run, simple
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Talk
+from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Talk, captured
 from tests.report.support import WORD, begun, read, saved
 from tests.source.craft import Frame, Pcapng, drain
 
@@ -424,3 +424,19 @@ def test_an_output_that_cannot_be_made_is_called_by_its_name(
         out = tmp_path / "none" / "x.pcapng"
         ran = run(capfdbinary, command, simple(tmp_path / "a.pcapng"), "-o", out)
         assert (ran.code, ran.out, ran.err) == (2, "", f"s7dissect: {out}: No such file or directory\n")
+
+
+@pytest.mark.parametrize("vlans", [((10,), (20,)), ((), (10,)), ((20,), ())])
+def test_a_connection_in_two_vlans(
+    tmp_path: Path, capfdbinary: Capfd, vlans: tuple[tuple[int, ...], tuple[int, ...]]
+) -> None:
+    """Each direction has a tag of its own: what is chosen by connection, transaction or expression has both."""
+    sent = read(read(begun(), 1), 2).close().segments
+    tagged = [segment._replace(flow=Flow(vlans=vlans[segment.side])) for segment in sent]
+    path, out = saved(tmp_path / "in.pcapng", captured(tagged)), tmp_path / "out.pcapng"
+    cut(capfdbinary, path, "-o", out, "--connection", "1")
+    assert len(frames(out)) == len(sent)
+    cut(capfdbinary, path, "-o", out, "--transaction", "3", "--force")
+    assert len(frames(out)) == 2
+    cut(capfdbinary, path, "-o", out, "-Y", "connection == 1", "--force")
+    assert len(frames(out)) == len(sent)

@@ -38,6 +38,7 @@ def test_an_event_for_programs(capfdbinary: Capture) -> None:
     assert {line["event"] for line in told} == {"device"}
     assert told[0]["device"] == {
         "address": "127.0.0.1",
+        "vlan": [],
         "module": "rack 0 slot 2",
         "kind": "order_number",
         "value": "6ES7 315-2EH14-0AB0",

@@ -22,7 +22,8 @@ from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.live.reader import Drops
-from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction

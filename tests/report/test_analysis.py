@@ -12,7 +12,8 @@ from dissect.report.analysis import MAX_CONNECTIONS, MAX_FAILED, MAX_SLOWEST, An
 from dissect.session import Run
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import Book, Fact
-from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.findings.events import start_upload

@@ -21,7 +21,7 @@ from dissect.wire.malformed import LIMITS, REASONS
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import Flow, cut_to
+from tests.properties.packets import Flow, captured, cut_to
 from tests.report.schemas import NAMES, ROOT, complaints, load, parts, quick_validator, strict, table, validator
 from tests.report.support import OWN, WORD, Kept, analysed, begun, observed, of_files, read
 
@@ -187,6 +187,13 @@ def test_the_contract_holds_on_shared_captures(corpus: Path) -> None:
 
 
 # ---- what the keys say ----------------------------------------------------------------------------------------------
+
+
+def test_the_other_vlans_of_a_connection() -> None:
+    flows = Flow(vlans=(10,)), Flow(vlans=(5, 20))
+    sent = [segment._replace(flow=flows[segment.side]) for segment in read(begun(), 1).segments]
+    (connection,) = told_of(analysed(captured(sent)))["connections"]
+    assert (connection["vlan"], connection["also_vlans"]) == ([10], [[5, 20]])
 
 
 def test_a_connection_from_beginning_to_end() -> None:

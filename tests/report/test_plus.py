@@ -24,7 +24,8 @@ from dissect.report.writers.text import plus_line, transaction_line
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
-from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import Side
 from dissect.wire.text import Clock

@@ -172,6 +172,14 @@ def test_vlan_and_ipv6() -> None:
     assert told[0] == "1  [fe80::1]:49152 → [fe80::2]:102, VLAN 100.7"
 
 
+def test_a_connection_in_several_vlans() -> None:
+    sent = read(begun(), 1).segments
+    for vlans, said in (((20,), "VLAN 10, also in VLAN 20"), ((), "VLAN 10, also without a VLAN")):
+        flows = Flow(vlans=(10,)), Flow(vlans=vlans)
+        told = connection_of(captured([segment._replace(flow=flows[segment.side]) for segment in sent]))
+        assert told[0] == f"1  10.0.0.1:49152 → 10.0.0.2:102, {said}"
+
+
 def test_less_than_asked_is_granted() -> None:
     talk = begun()
     talk.segments = talk.segments[:5]

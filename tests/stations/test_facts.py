@@ -27,7 +27,7 @@ def test_a_value_again_without_a_fact_is_kept_like_one_that_is_noted() -> None:
     short, whole = Book(), Book()
     changes = 0
     for frame, value in enumerate(("a", "a", "b", "b", "a"), 1):
-        if not short.again("10.0.0.2", facts.MAC_KEY, value, "SZL 0x0011", frame, frame * 1000):
+        if not short.again("10.0.0.2", 0, facts.MAC_KEY, value, "SZL 0x0011", frame, frame * 1000):
             changes += 1
             said(short, facts.MAC, value, frame)
         said(whole, facts.MAC, value, frame)
@@ -44,10 +44,10 @@ def test_a_value_without_a_fact_has_the_same_bounds() -> None:
     book = Book()
     for number in range(facts.MAX_KEYS):
         said(book, f"{facts.BLOCKS} {number}", "1")
-    assert book.again("10.0.0.2", facts.MAC_KEY, "m", "Ethernet", 1, 1)
+    assert book.again("10.0.0.2", 0, facts.MAC_KEY, "m", "Ethernet", 1, 1)
     assert (len(book.stations["10.0.0.2"].facts), book.stations["10.0.0.2"].not_kept) == (facts.MAX_KEYS, 1)
     for number in range(facts.MAX_STATIONS):
-        assert book.again(f"10.1.{number >> 8}.{number & 0xFF}", facts.MAC_KEY, "m", "Ethernet", 1, 1)
+        assert book.again(f"10.1.{number >> 8}.{number & 0xFF}", 0, facts.MAC_KEY, "m", "Ethernet", 1, 1)
     assert (len(book.stations), book.not_kept) == (facts.MAX_STATIONS, 1)
 
 

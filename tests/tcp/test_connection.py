@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.tcp.stream import MASK, Endpoint, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import MASK, Endpoint
 from tests.cases import each
 
 CLIENT = Endpoint(bytes((10, 0, 0, 1)), 49152)

@@ -5,7 +5,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.s7.parameters import Parameters
-from dissect.tcp.stream import Endpoint, TcpConnection
+from dissect.tcp.connection import TcpConnection
+from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.open_requests import (
     MAX_ORPHANS,
