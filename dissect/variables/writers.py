@@ -12,7 +12,7 @@ from dissect.report.item_json import value_text
 from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.report.writers.csv import plain_cell, quoted
+from dissect.report.writers.csv import json_cell, quoted
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow, Variable
 from dissect.wire.text import Clock, cell, json_text, shortened
@@ -438,6 +438,4 @@ def value_cell(variable: Variable, value: object, data: bytes | None) -> str:
         return ""
     if variable.bytes_only and data is not None and isinstance(value, list):
         return data.hex(" ")
-    if isinstance(value, (bool, int, float, str, list)):
-        return plain_cell(value)
-    return cell(json.dumps(value, ensure_ascii=False, default=str))
+    return json_cell(value)
