@@ -37,7 +37,7 @@ from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import Naming
-from dissect.transactions.transaction import PUSH, Transaction
+from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import encodable
 
@@ -53,6 +53,9 @@ _NO_ITEM: Final[Row] = (None,) * len(ASKED)
 _CODES: Final[list[Row]] = [(code, RETURN_CODES.name(code), code != SUCCESS) for code in range(256)]
 _NO_CODE: Final[Row] = (None, None, False)
 _NO_CODE_AT: Final = 256
+#: An item without a code of its own, of an answer that refuses the whole request.
+_WHOLE: Final[Row] = (None, None, True)
+_WHOLE_AT: Final = 257
 #: Transport sizes of elements of two bytes.
 _SHORT: Final = frozenset((WORD, INT))
 #: For any count of items that a request may have: their numbers, and their return codes when all is well.
@@ -91,7 +94,7 @@ class ItemColumns:
         self._names: list[str | None] = []
         self.asked: Shared = Shared([_NO_ITEM])
         self.asked_at: array[int] = array("i")
-        self.codes: Shared = Shared([*_CODES, _NO_CODE])
+        self.codes: Shared = Shared([*_CODES, _NO_CODE, _WHOLE])
         self.codes_at: array[int] = array("i")
         self.values: list[float | None] = []
         self.texts: list[str | None] = []
@@ -145,11 +148,12 @@ class ItemColumns:
             return 0
         self._begin(transaction, count)
         naming = transaction.connection.naming
+        no_code = _WHOLE_AT if transaction.outcome == ANSWERED and transaction.error_code else _NO_CODE_AT
         for result in results:
             item = result.item
             data = result.data
             self.asked_at.append(self._asked(item) if item is not None else 0)
-            self.codes_at.append(self._code(result))
+            self.codes_at.append(self._code(result, no_code))
             self.data.append(data)
             if naming is not None:
                 self._named(naming, result)
@@ -219,11 +223,11 @@ class ItemColumns:
             found = known[item] = self.asked.at(_asked(item))
         return found
 
-    def _code(self, result: ItemResult) -> int:
-        """Return where the columns of a return code are kept."""
+    def _code(self, result: ItemResult, no_code: int) -> int:
+        """Return where the columns of a return code are kept; ``no_code`` where there is none."""
         code: i64 = result.return_code
         if code < 0 or code >= _NO_CODE_AT:
-            return _NO_CODE_AT
+            return no_code
         if result.unchanged:
             told = _CODES[code]
             return self.codes.at((told[0], told[1], False))

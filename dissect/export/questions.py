@@ -51,7 +51,7 @@ ORDER BY overlapping DESC, client_host, server_host, what""",
         """
 SELECT ts, client_host, server_host, coalesce(name, address) AS written, number, text
 FROM items
-WHERE operation = 'write' AND hour(ts) NOT BETWEEN 6 AND 21
+WHERE operation = 'write' AND NOT refused AND hour(ts) NOT BETWEEN 6 AND 21
 ORDER BY ts_ns, transaction, item""",
     ),
     Question(
@@ -61,7 +61,7 @@ ORDER BY ts_ns, transaction, item""",
         """
 SELECT server_host, address, count(DISTINCT client_host) AS writers, list(DISTINCT client_host ORDER BY client_host) AS hosts,
        count(*) AS writes
-FROM items WHERE operation = 'write'
+FROM items WHERE operation = 'write' AND NOT refused
 GROUP BY server_host, address HAVING writers > 1
 ORDER BY writes DESC, server_host, address""",
     ),
@@ -70,17 +70,20 @@ ORDER BY writes DESC, server_host, address""",
         "Which items does a PLC refuse, why, and to whom?",
         "An address that is always refused does not exist in the program that runs there.",
         """
-SELECT server_host, client_host, address, return_name, count(*) AS times, min(ts) AS first_time, max(ts) AS last_time
-FROM items WHERE refused
-GROUP BY ALL ORDER BY times DESC, server_host, client_host, address""",
+SELECT i.server_host, i.client_host, i.address, coalesce(i.return_name, t.errors[1]) AS return_name, count(*) AS times,
+       min(i.ts) AS first_time, max(i.ts) AS last_time
+FROM items i JOIN transactions t USING (transaction)
+WHERE i.refused
+GROUP BY ALL ORDER BY times DESC, i.server_host, i.client_host, i.address""",
     ),
     Question(
         "unanswered",
         "Which connections leave requests without an answer?",
-        "The share is that of all requests of the connection.",
+        "The share is that of all requests of the connection. Those whose answer was not due yet at the end are not meant.",
         """
-SELECT connection, client_host, server_host, count(*) FILTER (outcome = 'unanswered') AS unanswered,
-       round(100.0 * count(*) FILTER (outcome = 'unanswered') / count(*), 1) AS percent, max(reason) AS reason
+SELECT connection, client_host, server_host, count(*) FILTER (outcome = 'unanswered' AND failed) AS unanswered,
+       round(100.0 * count(*) FILTER (outcome = 'unanswered' AND failed) / count(*), 1) AS percent,
+       max(reason) FILTER (outcome = 'unanswered' AND failed) AS reason
 FROM transactions WHERE outcome IN ('answered', 'unanswered')
 GROUP BY ALL HAVING unanswered > 0
 ORDER BY unanswered DESC, connection""",
@@ -107,7 +110,7 @@ ORDER BY period_ms, client_host, server_host, address""",
         """
 SELECT server_host, coalesce(name, address) AS what, count(*) AS seen, count(DISTINCT number) AS different,
        min(number) AS lowest, max(number) AS highest, arg_max(number, ts_ns) AS latest
-FROM items WHERE number IS NOT NULL
+FROM items WHERE number IS NOT NULL AND NOT refused
 GROUP BY server_host, what HAVING different > 1
 ORDER BY different DESC, server_host, what""",
     ),

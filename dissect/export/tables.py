@@ -172,7 +172,7 @@ ITEMS: Final = Table(
         Column("count", INT, "", "elements", "Item.count"),
         Column("return_code", INT, "", "return code, null without an answer", "ItemResult.return_code"),
         Column("return_name", WORD, "", "its name", "dissect.s7.tables.RETURN_CODES"),
-        Column("refused", BOOL, "", "the answer refuses this item", "ItemResult.refused"),
+        Column("refused", BOOL, "", "the answer refuses this item, or the whole request", "ItemResult.refused"),
         Column("number", REAL, "", "value: a number or truth value; of a single tag in its unit", "ItemResult.value"),
         Column("text", TEXT, "", "value where it is text, several numbers as JSON", "ItemResult.value"),
         Column("data", BYTES, "", "the bytes read or written", "ItemResult.data"),

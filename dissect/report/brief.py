@@ -121,6 +121,10 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
             plc.still_open += int(connection.still_open)
     if not found:
         return
+    for connection in analysis.connections:
+        silent = found.get(str(connection.server.host)) if not connection.pdus else None
+        if silent is not None:  # refused, or given up: a connection to this PLC all the same
+            silent.connections += 1
     yield Line("PLCs", HEADING)
     stations = analysis.stations.stations
     some_open = any([plc.still_open for plc in found.values()])

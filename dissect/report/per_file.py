@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.engine.observer import Observer
-from dissect.findings.catalogue import SEVERITIES
-from dissect.findings.reporter import Finding
+from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+from dissect.findings.reporter import Finding, Reporter
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import table
 from dissect.source.packet import SourceFile
@@ -33,12 +33,19 @@ class FileCounts:
 
 
 class PerFile(Observer):
-    """Counts by file. ``files`` are those of the run, and may still grow; all findings are counted of which details came."""
+    """Counts by file. ``files`` are those of the run, and may still grow.
+
+    ``reporter`` is that of the run. Findings beyond its bounds of details are counted for the file that was being read; without
+    it, as in a selection, only those are counted of which details came.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.files: Sequence[SourceFile] = []
+        self.reporter: Reporter | None = None
         self._counts: dict[int, FileCounts] = {}
+        self._counted: dict[str, int] = {}
+        self._total = 0
 
     def of(self, index: int) -> FileCounts:
         """Return what was counted for the file of this index."""
@@ -47,8 +54,24 @@ class PerFile(Observer):
     def _at(self, frame: int) -> FileCounts:
         return self.of(max(0, bisect_right(self.files, frame, key=lambda file: int(file.first_frame)) - 1))
 
+    def _count_others(self, counts: FileCounts) -> None:
+        """Count for the file that is being read the findings of which no details come."""
+        reporter = self.reporter
+        if reporter is None or sum(reporter.counts.values()) == self._total:
+            return
+        coming = [finding.slug for finding in reporter.fresh]
+        for slug, count in reporter.counts.items():
+            others = count - self._counted.get(slug, 0) - coming.count(slug)
+            counts.findings[CATALOGUE[slug].severity] += others
+            self._count(slug, others)
+
+    def _count(self, slug: str, count: int) -> None:
+        self._counted[slug] = self._counted.get(slug, 0) + count
+        self._total += count
+
     def transaction(self, transaction: Transaction) -> None:
         """Count a transaction."""
+        self._count_others(self._at(max(transaction.request_frame, transaction.response_frame)))
         counts = self._at(transaction.request_frame or transaction.response_frame)
         counts.transactions += 1
         if transaction.has_errors:
@@ -62,11 +85,13 @@ class PerFile(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Count a finding; one that names no packet is about the latest file."""
+        self._count(finding.slug, 1)
         counts = self._at(finding.frames[0]) if finding.frames else self.of(max(0, len(self.files) - 1))
         counts.findings[finding.severity] += 1
 
     def lines(self) -> Iterator[Line]:
         """Yield the rows, and the sum where there are several."""
+        self._count_others(self.of(max(0, len(self.files) - 1)))
         total = FileCounts()
         rows = [["file", "packets", "connections", "transactions", "errors", "no answer", *SEVERITIES, ""]]
         packets = 0

@@ -81,10 +81,10 @@ class Poll:
     """How often the same variables were read, and the operation that this is, None at first.
 
     ``asked`` is what is asked for, empty where that is known by a digest; ``read`` what `dissect.s7plus.refusals.glimpse` says
-    of such a request.
+    of such a request. ``numbers`` are those of the transactions before the operation began.
     """
 
-    __slots__ = ("asked", "count", "frame", "operation", "read", "time_ns")
+    __slots__ = ("asked", "count", "frame", "numbers", "operation", "read", "time_ns")
 
     def __init__(self, transaction: Transaction, asked: bytes, read: i64) -> None:
         self.asked = asked
@@ -92,6 +92,7 @@ class Poll:
         self.count: i64 = 1
         self.frame: i64 = transaction.request_frame
         self.time_ns: i64 = transaction.request_ns
+        self.numbers: list[int] = [int(transaction.number)]
         self.operation: Operation | None = None
 
 
@@ -306,7 +307,11 @@ class PlusOperations:
             operation.begin_ns = poll.time_ns
             operation.first_frame = poll.frame
             operation.parts = poll.count
+            operation.transactions[:0] = poll.numbers
+            poll.numbers = []
             poll.operation = operation
+        else:
+            poll.numbers.append(int(transaction.number))
 
     def end(self, connection: Connection) -> None:
         """A connection is over: what is open there is closed by the book."""

@@ -13,7 +13,7 @@ from dissect.report.item_json import value_text
 from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.report.writers.csv import plain_cell, quoted
+from dissect.report.writers.csv import json_cell, plain_cell, quoted
 from dissect.s7plus.ids import member_name
 from dissect.s7plus.value_showing import meant
 from dissect.transactions.connection import Connection
@@ -463,6 +463,4 @@ def value_cell(variable: Variable, value: object, data: bytes | None) -> str:
         return ""
     if variable.bytes_only and data is not None and isinstance(value, list):
         return data.hex(" ")
-    if isinstance(value, (bool, int, float, str, list)):
-        return plain_cell(value)
-    return cell(json.dumps(value, ensure_ascii=False, default=str))
+    return json_cell(value)

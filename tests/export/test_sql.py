@@ -43,7 +43,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for ref in range(1, 4):
                 talk.send(1, dt(messages.read_answer(ref, [_WORD], [b"\x00\x07"])))
         talk.send(0, dt(messages.write_job(9, [_WORD], [bytes((0, number))])))
-        talk.send(1, dt(messages.write_answer(9, [0xFF])))
+        talk.send(1, dt(messages.write_answer(9, [0xFF]))).close()
         packets += talk.packets()
     return saved(tmp_path_factory.mktemp("plant") / "plant.pcapng", packets)
 
@@ -52,6 +52,28 @@ def ask(capfdbinary: Capture, query: str, *files: Path) -> list[dict[str, Any]]:
     ran = run(capfdbinary, "sql", "-T", "jsonl", query, *files)
     assert ran.code == 0, ran.err
     return [json.loads(line) for line in ran.out.splitlines()]
+
+
+def test_what_was_refused_as_a_whole_is_refused_and_not_written(capfdbinary: Capture, tmp_path: Path) -> None:
+    """An answer with an error in its header has no return code for the items; it says why in the place of one."""
+    talk = begun()
+    for ref, content, code in ((1, 7, 0), (2, 9, 0x8104), (3, 8, 0), (4, 9, -1), (5, 7, -2)):
+        talk.send(0, dt(messages.write_job(ref, [_WORD], [content.to_bytes(2, "big")])))
+        if code >= 0:
+            answer = messages.write_answer(ref, [0xFF])
+            refusal = b"\x32\x02\0\0" + ref.to_bytes(2, "big") + bytes(4) + code.to_bytes(2, "big")
+            talk.send(1, dt(refusal if code else answer))
+        elif code == -1:
+            talk.send(1, dt(messages.write_answer(ref, [0x05])))
+    path = saved(tmp_path / "refused.pcapng", talk.packets())
+    (whole, item) = sorted(ask(capfdbinary, "refused", path), key=lambda row: "header" not in row["return_name"])
+    assert (whole["return_name"], whole["times"]) == ("header: Service not implemented or frame error", 1)
+    assert (item["return_name"], item["times"]) == ("Invalid address", 1)
+    (changed,) = ask(capfdbinary, "changes", path)
+    assert (changed["highest"], changed["different"]) == (8.0, 2)
+    asked = "SELECT item, refused FROM items ORDER BY transaction"
+    assert [row["refused"] for row in ask(capfdbinary, asked, path)] == [False, True, False, True, False]
+    assert ask(capfdbinary, "unanswered", path) == []  # the answer to the last one was not due yet
 
 
 def test_every_question_finds_what_is_there(capfdbinary: Capture, plant: Path) -> None:

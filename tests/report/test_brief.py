@@ -10,7 +10,7 @@ import pytest
 
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.findings.reporter import MAX_DETAILED, Finding
 from dissect.report.analysis import Analysis
 from dissect.report.brief import MOST, brief_lines
 from dissect.report.per_file import PerFile
@@ -19,7 +19,8 @@ from dissect.session import Run
 from dissect.source.packet import SourceFile
 from tests.cli.support import run
 from tests.report.schemas import ROOT
-from tests.report.support import OWN, UNSAFE
+from tests.report.support import OWN, UNSAFE, WORD, begun, saved
+from tests.report.support import read as read_item
 from tests.stations.answers import components, identification, mode, szl
 from tests.transactions.talk import Talk, dbw, read
 
@@ -113,8 +114,15 @@ def test_what_is_still_open_is_not_without_answer(capfdbinary: Capture) -> None:
     assert len([line for line in brief if line.endswith(" 75 PDUs, 7 with errors, 11 still open")]) == 1
 
 
+def test_the_row_of_a_plc_counts_connections_without_messages(capfdbinary: Capture) -> None:
+    out = run(capfdbinary, "analyze", "--brief", CAPTURES / "refused-full.pcapng").out.splitlines()
+    assert "Connections: 2" in out
+    (row,) = [line.split() for line in out if line.startswith("  127.0.0.1 ")]
+    assert row == ["127.0.0.1", "2", "4", "2", ".", "."]
+
+
 def test_a_row_a_file_adds_up(capfdbinary: Capture) -> None:
-    files = OWN[:12]
+    files = [*OWN[:11], CAPTURES / "crafted" / "ip-headers.pcapng"]
     out = run(capfdbinary, "analyze", "--per-file", *files).out.splitlines()
     rows = [line.split() for line in out[1:-2]]
     assert len(rows) == len(files)
@@ -125,7 +133,28 @@ def test_a_row_a_file_adds_up(capfdbinary: Capture) -> None:
     assert total["transactions"] == told["transactions"]["total"]
     assert total["errors"] == told["transactions"]["with_errors"]
     assert total["connections"] == len(told["connections"])
-    assert total["error"] + total["warning"] + total["note"] == len(told["finding_details"])
+    found = sum(told["findings"].values())
+    assert total["error"] + total["warning"] + total["note"] == found > len(told["finding_details"])
+    out = run(capfdbinary, "analyze", "--per-file", "-Y", "connection == 1", *files).out.splitlines()
+    told = json.loads(run(capfdbinary, "analyze", "-Y", "connection == 1", *files, "-T", "json").out)
+    cells = [0 if cell == "." else int(cell) for cell in out[-2].split()[2:]]
+    assert sum(cells[-3:]) == len(told["finding_details"])  # of the others it is not known whether they are selected
+
+
+def test_findings_beyond_the_details_are_counted_where_they_are(tmp_path: Path) -> None:
+    """The first file has more of one kind than are detailed, the second one more of them."""
+    talk = begun()
+    for number in range(1, MAX_DETAILED + 6):
+        read_item(talk, number, WORD, 0x0A)
+    packets = list(talk.packets())
+    paths = [saved(tmp_path / "1.pcapng", packets[:-4]), saved(tmp_path / "2.pcapng", packets[-4:])]
+    rows = PerFile()
+    both = Run([str(path) for path in paths], rows)
+    rows.files, rows.reporter = both.files, both.pipeline.exchange.reporter
+    while both.step():
+        pass
+    assert len(list(rows.lines())) == 5
+    assert [rows.of(index).findings["warning"] for index in (0, 1)] == [MAX_DETAILED + 3, 2]
 
 
 def test_what_happens_in_a_file_is_counted_there() -> None:

@@ -20,6 +20,7 @@ from dissect.s7.singles import real
 from dissect.session import Run
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
+from tests.cli.support import run
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.report.support import ROOT, WORD, begun, observed, read, transactions
@@ -236,3 +237,26 @@ def test_lines_are_rfc_4180() -> None:
     assert table[0] == CSV_COLUMNS
     assert [row[0] for row in table[1:]] == ["2", "3"]
     assert collected.take() == []
+
+
+def test_items_of_s7comm_plus_have_rows_as_they_have_in_json(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+    """Whole values; what an error names is the number of the item; what creates a subscription says what it is about."""
+    path = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
+    told = [json.loads(line) for line in run(capfdbinary, "transactions", "-T", "jsonl", path).out.splitlines()]
+    made = list(csv.DictReader(io.StringIO(run(capfdbinary, "transactions", "-T", "csv", path).out)))
+    kinds = set()
+    for transaction in told:
+        mine = [row for row in made if row["number"] == str(transaction["number"])]
+        items = transaction["items"]
+        kinds.add((transaction["function"]["name"], len(items) > 1))
+        assert len(mine) == max(1, len(items))
+        for row, item in zip(mine, items, strict=False):
+            assert (row["item"], row["address"]) == (str(item["number"]), item["address"])
+            assert row["return_code"] == ("" if item["return_code"] is None else str(item["return_code"]))
+            assert row["octets"] == (item["data"] or "")
+            value = None if row["value"] == "" else row["value"]
+            assert (json.loads(value) if value and not isinstance(item["value"], str) else value) == item["value"]
+            refused = [error for error in transaction["errors"] if error["where"] == f"item {item['number']}"]
+            assert row["errors"] == "".join([f"{one['where']}: 0x{one['code']:02x} {one['name']}" for one in refused])
+            assert bool(row["subject"]) == (transaction["function"]["name"] == "CreateObject")
+    assert {("CreateObject", True), (None, True), ("GetMultiVariables", False)} <= kinds

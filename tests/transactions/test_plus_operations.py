@@ -225,6 +225,7 @@ def test_the_same_variables_read_three_times_are_polled() -> None:
     assert told_of(talk) == [("polling", "MW100, MW102", "running", 3, 0)]
     (operation,) = talk.operations
     assert (operation.first_frame, operation.last_frame) == (frames[0], frames[4] + 1)
+    assert operation.transactions == [1, 3, 5]  # also those from before it was known to be polling
 
 
 def test_polls_that_are_remembered_are_bounded() -> None:

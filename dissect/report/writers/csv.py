@@ -16,6 +16,8 @@ from dissect.report.writer import Writer
 from dissect.s7.items import Item, ItemResult
 from dissect.s7.tables import BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
 from dissect.s7.values import Value, decode_value, number_texts, spelled
+from dissect.s7plus.items import PlusItem
+from dissect.s7plus.tables import CREATE_OBJECT
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.naming import NamedValue
@@ -205,6 +207,8 @@ class CsvRows:
         naming = transaction.connection.naming
         errors = transaction.errors if transaction.has_errors else []
         whole = "; ".join([_error(error) for error in errors if not error.where.startswith(_ITEM)]) if errors else ""
+        if transaction.is_plus:
+            lines = self._plus_rows(transaction, own, errors, whole)
         for number, result in enumerate(transaction.results(), 1):
             said = _errors_of(errors, number, whole) if errors else ""
             known = naming.named(result) if naming is not None else []
@@ -303,6 +307,29 @@ class CsvRows:
             value = texts[0] if len(texts) == 1 else f'"[{", ".join(texts)}]"'
         return f"{label},,{code},{value},,,{hexadecimal(data)}"
 
+    def _plus_rows(self, transaction: Transaction, own: str, errors: list[TransactionError], whole: str) -> list[str]:
+        """Return the rows of the items of S7comm-plus; what creates a subscription is about more than its items."""
+        items = transaction.plus_items()
+        about = ""
+        if items and transaction.function == CREATE_OBJECT:
+            about = quoted(cell(facet_of(transaction).subject_whole(transaction)))
+        return [
+            f"{own},{item.number},{self._plus(item)},{_errors_of(errors, item.number, whole)},{about}" for item in items
+        ]
+
+    def _plus(self, item: PlusItem) -> str:
+        """Return the cells of an item of S7comm-plus, from its address to its octets."""
+        known = item.address is not None or item.found is not None
+        address = quoted(cell(item.label)) if known else ""
+        refused = item.return_code > 0
+        code = f"{item.return_code},{self._cell(item.codes.name(item.return_code))}" if refused else ","
+        if not item.return_code:
+            code = self._good
+        value = quoted(json_cell(item.json_value))
+        return (
+            f"{address},,{code},{value},{quoted(cell(item.note))},,{item.data.hex() if item.data is not None else ''}"
+        )
+
     def _named(self, result: ItemResult, known: NamedValue) -> str:
         """Return the cells of a tag in an item, or of octets without one, from its address to its octets."""
         return (
@@ -367,6 +394,13 @@ def plain_cell(value: Value) -> str:
             return f"[{', '.join([_number(element) for element in value])}]"
         return cell(_JSON.encode(value))
     return _number(value)
+
+
+def json_cell(value: object) -> str:
+    """Return the cell of what JSON has for a value, not in quotes: a structure as JSON."""
+    if value is None or isinstance(value, (str, list, bool, int, float)):
+        return plain_cell(value)
+    return cell(_JSON.encode(value))
 
 
 def _number(value: Value) -> str:
