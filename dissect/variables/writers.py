@@ -13,7 +13,7 @@ from dissect.report.item_json import value_text
 from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.report.writers.csv import json_cell, plain_cell, quoted
+from dissect.report.writers.csv import json_cell, quoted
 from dissect.s7plus.ids import member_name
 from dissect.s7plus.value_showing import meant
 from dissect.transactions.connection import Connection
