@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Any, Final
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect import scd
@@ -602,6 +602,7 @@ def test_any_datagrams(packets: list[tuple[bool, int, bytes]]) -> None:
 
 
 @given(st.lists(st.tuples(st.booleans(), OCTETS), max_size=6), st.booleans())
+@example([(False, b"\0")], False)
 def test_any_octets_of_a_stream(packets: list[tuple[bool, bytes]], hello: bool) -> None:
     talk = listening(plant.STREAM)
     if hello:
@@ -610,8 +611,10 @@ def test_any_octets_of_a_stream(packets: list[tuple[bool, bytes]], hello: bool) 
         talk.packet(int(side), octets)
     talk.close()
     end(talk)
-    octets_told = talk.pipeline.counters.octets
-    assert octets_told.delivered == sum(len(octets) for _, octets in packets)
+    counters = talk.pipeline.counters
+    probes = counters.packet_counts()["keep_alive"]  # where the beginning was not captured, a first zero octet alone is one
+    assert probes == 0 or not hello
+    assert counters.octets.delivered + probes == sum(len(octets) for _, octets in packets)
 
 
 @given(st.lists(st.tuples(st.booleans(), OCTETS), max_size=6))
