@@ -49,6 +49,17 @@ def test_an_interface_has_types_and_places() -> None:
     assert interface.declarations[2].initial.hex() == "0000803f"
 
 
+def test_code_that_was_masked_for_sharing_proves_nothing() -> None:
+    block = parse_block(ob1())
+    octets = bytearray(block.octets)
+    octets[36 : 36 + len(block.code)] = bytes(len(block.code))
+    masked = parse_block(bytes(octets))
+    assert slugs(masked) & {"no_end", "jump_list", "network_border"}
+    assert inconsistencies(masked) == []
+    octets[36] = 1
+    assert inconsistencies(parse_block(bytes(octets)))
+
+
 @each("octets", [ob1(), fc5(), fb7()])
 def test_a_block_is_assembled_to_the_same_octets(octets: bytes) -> None:
     assert assemble_block(block_source(parse_block(octets))) == octets
