@@ -612,7 +612,9 @@ def test_any_octets_of_a_stream(packets: list[tuple[bool, bytes]], hello: bool) 
     talk.close()
     end(talk)
     counters = talk.pipeline.counters
-    probes = counters.packet_counts()["keep_alive"]  # where the beginning was not captured, a first zero octet alone is one
+    probes = counters.packet_counts()[
+        "keep_alive"
+    ]  # where the beginning was not captured, a first zero octet alone is one
     assert probes == 0 or not hello
     assert counters.octets.delivered + probes == sum(len(octets) for _, octets in packets)
 
