@@ -93,7 +93,7 @@ def list_note(szl_id: int, index: int) -> str:
     if part == HEAD_ONLY:
         told += ", head only"
     else:
-        picked = _picked(szl_id & 0xFF, part, index)
+        picked = _picked(szl_id & 0xFF, part, index) if index or not module_class(szl_id) else ""
         if picked:
             return f"{told}, {picked}"
     return f"{told}, index {hex_number(index, 4)}" if index else told

@@ -122,7 +122,7 @@ EXAMPLES: Final = [
         38,
         True,
         "0300001d02f080320100000600000c0000040112088241000100017f01",
-        "S7 Job Read Var ref=0x0600 NCK C1 module 0x7f column 1 line 1",
+        "S7 Job Read Var ref=0x0600 NCK C1 module S column 1 line 1",
     ),
     Example(
         39,

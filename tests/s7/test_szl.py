@@ -83,6 +83,7 @@ def test_a_request() -> None:
         (0x0092, 0, "SZL 0x0092 rack and station status, central racks"),
         (0x0692, 2, "SZL 0x0692 rack and station status, DP master system 2"),
         (0x0694, 101, "SZL 0x0694 rack and station status (PROFIBUS DP and PROFINET), PROFINET IO system 101"),
+        (0x4292, 0, "SZL 0x4292 rack and station status (IM)"),
         (0x0D91, 0, "SZL 0x0d91 module status, rack 0"),
         (0x0D91, 0x0103, "SZL 0x0d91 module status, DP master system 1 station 3"),
         (0x0D91, 0x8803, "SZL 0x0d91 module status, PROFINET IO system 101 station 3"),
