@@ -19,7 +19,6 @@ from dissect.s7.szl_modules import (
     SUBMODULE_STATUS,
 )
 from dissect.s7.szl_records import (
-    BLANK,
     BLOCK_TYPE,
     CHARACTERISTIC,
     ETHERNET,
@@ -49,6 +48,8 @@ _OF_PLACE: Final = 0xD
 _IO_SYSTEMS: Final = 100
 _IO_SYSTEM: Final = 0x8000
 _OUTPUT: Final = 0x8000
+#: Versions of modules are small; blanks and what some servers write there are none.
+_LAST_VERSION: Final = 0xFF
 #: Logical address of a module that has none.
 _NO_ADDRESS: Final = 0x7FFF
 
@@ -228,7 +229,7 @@ def _identification(part: Part) -> str:
     major = version_text(version) if version > 0 else ""
     if major and release >= 0:
         told += f" {major}.{release >> 8}.{release & 0xFF}"
-    elif version > 0 and version != BLANK:
+    elif 0 < version <= _LAST_VERSION:
         told += f" version {version}"
     return f"{number}, {told}" if number else told
 

@@ -125,6 +125,8 @@ def test_the_joined_list_of_ids() -> None:
 def test_identification() -> None:
     module = struct.pack(">H20sHHH", 1, b"6ES7 315-2EH14-0AB0 ", 0xC0, 4, 1)
     firmware = struct.pack(">H20sHHH", 7, b" " * 20, 0xC0, 0x5603, 0x0206)
+    odd = struct.pack(">H20sHHH", 1, b"6ES7 315-2EH14-0AB0 ", 0xC0, 0x0300, 0x2020)
+    assert notes(szl(0x0011, odd)) == ["6ES7 315-2EH14-0AB0, module"]
     nothing = struct.pack(">H20sHHH", 0x81, b"Boot Loader", 0xC0, 0x2020, 0x2020)
     assert notes(szl(0x0011, module, firmware, nothing)) == [
         "6ES7 315-2EH14-0AB0, module version 4",
