@@ -61,7 +61,7 @@ _UNIT_DATA: Final = (
     "belongs to connectionless transport, which does not run over TCP; kept as bytes (`COTP_Unknown`) and reported"
 )
 #: Lists whose records are not known.
-_PLAIN_LISTS: Final = (0x16, 0x17, 0x18, 0x21, 0x23, 0x33, 0x81, 0x82, 0xB1, 0xB2, 0xB3, 0xB4)
+_PLAIN_LISTS: Final = (0x16, 0x17, 0x18, 0x21, 0x23, 0x33, 0x81, 0x82, 0xB4)
 
 
 #: Known differences (`dissect.oracle.known`) that most of a row is compared under, by section and how its rows begin.
@@ -74,7 +74,10 @@ DIFFERENCES: Final = {
     (USERDATA, "0x3f/"): "userdata-type-of-four-bits",
     ("Areas", "0x01 "): "address-of-a-record",
     **{(LISTS, f"0x{partial:02x}"): "records-as-octets" for partial in (0x00, 0x22, 0x24, 0x31, 0x32)},
-    **{(LISTS, f"0x{partial:02x}"): "records-without-names" for partial in (0x25, 0x37, 0x71, 0x75, 0x90, 0x95)},
+    **{
+        (LISTS, f"0x{partial:02x}"): "records-without-names"
+        for partial in (0x25, 0x37, 0x71, 0x75, 0x90, 0x95, 0xB1, 0xB2, 0xB3)
+    },
 }
 
 

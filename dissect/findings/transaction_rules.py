@@ -16,7 +16,8 @@ from dissect.s7.items import Item, odd_data_code
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import HEADER_SIZE, Parameters
-from dissect.s7.szl import SZL_HEAD, extract, shortage
+from dissect.s7.szl import SZL_HEAD, shortage
+from dissect.s7.szl_notes import extract
 from dissect.s7.szl_tables import HEAD_ONLY
 from dissect.s7.tables import (
     ACK_DATA,

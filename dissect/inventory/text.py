@@ -207,7 +207,12 @@ def _state(device: Device, places: Places, clock: Clock) -> Iterator[tuple[str, 
         )
 
 
-_TITLES: Final = {facts.OPERATING_MODE: "mode", facts.MODE_SWITCH: "switch", facts.PROTECTION: "protection"}
+_TITLES: Final = {
+    facts.OPERATING_MODE: "mode",
+    facts.MODE_SWITCH: "switch",
+    facts.PROTECTION: "protection",
+    facts.INTERFACE: "Ethernet",
+}
 
 
 def _held(stretch: Stretch, places: Places, clock: Clock) -> str:

@@ -241,6 +241,7 @@ SECTIONS: Final[dict[str, list[Row]]] = {
         Row("S7_SZLStations", szl_modules.STATIONS, "Rack and station status."),
         Row("S7_SZLManyStations", szl_modules.MANY_STATIONS, "Rack and station status, PROFIBUS DP and PROFINET."),
         Row("S7_SZLSubmoduleStatus", szl_modules.SUBMODULE_STATUS, "Module status, PROFINET IO and PROFIBUS DP."),
+        Row("S7_SZLModuleDiagnostics", szl_modules.MODULE_DIAGNOSTICS, "Diagnostic data of a module."),
     ],
     "Records of the communication lists": [
         Row("S7_SZLCapabilityGeneral", szl_communication.CAPABILITY_RECORDS[1], "Communication unit: general.", {"index": 1}),

@@ -78,9 +78,11 @@ def _carried(operation: Operation) -> str:
         parts = [words.count(operation.parts, "transaction")] if operation.parts != 1 else []
         if operation.pushes:
             parts.append(f"{pushes} of them")
-    times = operation.parts if operation.kind == POLLING else operation.pushes
-    if times > 1:
-        parts.append(f"one in {words.duration(operation.duration_ns // (times - 1))} on average")
+    each = operation.push_interval_ns
+    if operation.kind == POLLING and operation.parts > 1:
+        each = operation.duration_ns // int(operation.parts - 1)
+    if operation.pushes > 1 or (operation.kind == POLLING and operation.parts > 1):
+        parts.append(f"one in {words.duration(each)} on average")
     if operation.octets:
         announced = f" of {operation.announced}" if operation.announced not in {-1, operation.octets} else ""
         parts.append(f"{operation.octets}{announced} bytes")

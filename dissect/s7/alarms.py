@@ -27,8 +27,8 @@ from dissect.s7.alarm_layouts import (
     SCAN_HEAD,
     SYNTAXES,
 )
-from dissect.s7.data_parts import RETURN_CODE, take_data_items
-from dissect.s7.layouts import ITEM_HEAD
+from dissect.s7.data_parts import CONTENT, RETURN_CODE, take_data_items
+from dissect.s7.layouts import DATA_ITEM, ITEM_HEAD
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, UserdataHead
 from dissect.s7.tables import (
     ACKNOWLEDGE,
@@ -48,9 +48,11 @@ from dissect.s7.tables import (
     SUCCESS,
     UNLOCKED,
 )
+from dissect.s7.values import spelled
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 from dissect.wire.part import OCTETS, Cursor, Part
+from dissect.wire.text import hex_number
 
 #: Subfunctions that consist of message objects.
 ALARMS: Final = (
@@ -61,7 +63,8 @@ ALARMS: Final = (
 _TIMED: Final = frozenset((ALARM_8, NOTIFY, ACKNOWLEDGED, ALARM_SQ, ALARM_S, NOTIFY_8))
 #: Alarms with one signal, which comes or goes.
 _SINGLE: Final = frozenset((ALARM_SQ, ALARM_S))
-#: Syntaxes of objects, and where their fields begin.
+#: Octets of an associated value that a line shows.
+_SHOWN_OCTETS: Final = 8
 #: Alarm subscriptions about archives.
 _ARCHIVES: Final = frozenset((6, 7))
 _TYPE_ALARM_S: Final = 4
@@ -121,7 +124,7 @@ def _subscription(cursor: Cursor, request: bool) -> None:
                 return
             item.note = _archive(item)
     else:
-        _codes(cursor, count.number("item_count"))
+        count.note = _codes(cursor, count.number("item_count"))
         cursor.take_fill(count.number("item_count"))
 
 
@@ -129,13 +132,26 @@ def _archive(part: Part) -> str:
     return f"AR_ID 0x{part.number('ar_id'):08x}"
 
 
-def _codes(cursor: Cursor, count: int) -> None:
-    """Cut one return code for each object."""
+def _codes(cursor: Cursor, count: int) -> str:
+    """Cut one return code for each object, and return those that are not success, for a person."""
     taken = min(count, cursor.left)
-    for _ in range(taken):
-        cursor.take(RETURN_CODE)
+    refused: list[str] = []
+    for number in range(taken):
+        code = cursor.take(RETURN_CODE)
+        if code is not None and code.number("return_code") != SUCCESS:
+            refused.append(f"{number + 1}: {_code_text(code)}")
     if taken < count:
         cursor.tell("count_mismatch", "objects", count, taken)
+    if not refused:
+        return ""
+    return (
+        f"{len(refused)} of {count} refused, object {', '.join(refused)}" if count > 1 else f"refused: {refused[0][3:]}"
+    )
+
+
+def _code_text(part: Part) -> str:
+    """Return the return code of a part by its name, or its number."""
+    return part.text("return_code") or hex_number(part.number("return_code"), 2)
 
 
 def parse_alarm(cursor: Cursor, head: UserdataHead) -> None:
@@ -154,7 +170,7 @@ def parse_alarm(cursor: Cursor, head: UserdataHead) -> None:
     part.note = part.text("time")
     count = part.number("objects")
     if head.type == RESPONSE:
-        _codes(cursor, count)
+        part.note = _codes(cursor, count)
         return
     for _ in range(count):
         if not _object(cursor, head.subfunction):
@@ -186,8 +202,24 @@ def _object(cursor: Cursor, subfunction: int) -> bool:
         return False
     part.note = _object_note(part, subfunction)
     if part.find("event_state") is not None:
+        first = len(cursor.parts)
         take_data_items(cursor, part.number("values"), True)
+        part.note += _values(cursor.parts[first:])
     return True
+
+
+def _values(parts: list[Part]) -> str:
+    """Return the associated values of a message for a person: octets, with the text in them if they spell one."""
+    said = []
+    for part in parts:
+        if part.layout is CONTENT:
+            octets = part.octets("data")
+            text = spelled(octets)
+            more = " …" if len(octets) > _SHOWN_OCTETS else ""
+            said.append(f"'{text}'" if text else octets[:_SHOWN_OCTETS].hex(" ") + more)
+        elif part.layout is DATA_ITEM and part.number("return_code") != SUCCESS:
+            said.append(_code_text(part))
+    return f", with {', '.join(said)}" if said else ""
 
 
 def _object_note(part: Part, subfunction: int) -> str:
@@ -197,18 +229,23 @@ def _object_note(part: Part, subfunction: int) -> str:
         return part.text("alarm_type")
     event = f"event 0x{part.number('event_id'):08x}"
     if part.find("event_coming") is not None:
-        changes = [
-            f"{word} {signals_text(part.number(name))}"
-            for word, name in (("coming", "event_coming"), ("going", "event_going"))
-            if part.number(name)
-        ]
-        return f"{event}: {', '.join(changes)}" if changes else event
+        return _with_changes(part, event, ("event_coming", "event_going"))
     if part.find("event_state") is not None:
         state = part.number("event_state")
         if subfunction in _SINGLE:
             return f"{event}: {'coming' if state & 1 else 'going'} signal 1"
         return f"{event}: {signals_text(state)} on" if state else f"{event}: no signal on"
-    return event
+    return _with_changes(part, event, ("ack_coming", "ack_going"))
+
+
+def _with_changes(part: Part, event: str, masks: tuple[str, str]) -> str:
+    """Return an event with the signals that are said to come and to go."""
+    changes = [
+        f"{word} {signals_text(part.number(name))}"
+        for word, name in zip(("coming", "going"), masks, strict=True)
+        if part.number(name) > 0
+    ]
+    return f"{event}: {', '.join(changes)}" if changes else event
 
 
 def signals_text(mask: int) -> str:

@@ -189,7 +189,22 @@ def parse_info(cursor: Cursor, head: UserdataHead) -> None:
     elif head.type == RESPONSE:
         info = cursor.take(INFO)
         if info is not None:
-            info.note = f"block {header_text(info)}"
+            info.note = f"block {header_text(info)}{_about(info)}"
+
+
+def _about(info: Part) -> str:
+    """Return what block info says of a block: whether it is protected, its version, when its code was changed, size, author."""
+    said: list[str] = []
+    if info.number("security") > 0:
+        said.append(info.text("security") or f"protection {info.number('security')}")
+    if info.find("version") is not None:
+        said.append(f"version {info.text('version')}")
+    if info.text("code_time"):
+        said.append(f"changed {info.text('code_time')}")
+    if info.number("mc7_length") >= 0:
+        said.append(f"{info.number('mc7_length')} bytes MC7")
+    said += [f"{field} {info.text(field).strip()}" for field in ("author", "name") if info.text(field).strip()]
+    return "".join([f", {text}" for text in said])
 
 
 def header_text(part: Part) -> str:

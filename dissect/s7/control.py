@@ -122,12 +122,13 @@ def parse_service(cursor: Cursor, answer: bool) -> None:
         cursor.tell("length_beyond", "block_length", size, cursor.left)
         size = cursor.left
     name = _name_behind(cursor, size)
+    head.note = _service_note(name, size > 0)  # the name stands behind its arguments, but says what they are for
     block = Cursor(cursor.octets, cursor.at, cursor.at + size, "item", cursor.malformed)
     _parameter_block(block, name)
     block.finish()
     cursor.parts.extend(block.parts)
     cursor.at += size
-    _take_name(cursor, name, size > 0)
+    _take_name(cursor)
 
 
 def _name_behind(cursor: Cursor, size: int) -> str:
@@ -136,16 +137,20 @@ def _name_behind(cursor: Cursor, size: int) -> str:
     return printable(cursor.octets[at + 1 : min(at + 1 + cursor.octets[at], cursor.end)]) if at < cursor.end else ""
 
 
-def _take_name(cursor: Cursor, name: str, has_block: bool) -> None:
+def _service_note(name: str, has_block: bool) -> str:
+    """Return what a service is called and what it does."""
+    if name == PROGRAM:
+        return f"{name}: start the CPU" if has_block else f"{name}: start the CPU, warm restart"
+    row = PI_SERVICES.get(name)
+    return f"{name}: {row.meaning}" if row is not None else name
+
+
+def _take_name(cursor: Cursor) -> None:
     told = cursor.octets[cursor.at] if cursor.left else 0
     if told >= cursor.left:  # the length octet itself is one of those left
         cursor.tell("length_beyond", "name_length", told, max(cursor.left - 1, 0))
-    row = PI_SERVICES.get(name)
-    note = f"{name}: {row.meaning}" if row is not None else name
-    if name == PROGRAM:
-        note = f"{name}: start the CPU" if has_block else f"{name}: start the CPU, warm restart"
     if cursor.left:
-        cursor.take(PI_NAME, min(1 + told, cursor.left), note)
+        cursor.take(PI_NAME, min(1 + told, cursor.left))
 
 
 def _parameter_block(block: Cursor, name: str) -> None:

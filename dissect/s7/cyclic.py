@@ -10,6 +10,7 @@ from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.tables import CHANGE_DRIVEN_MODIFY, CYCLIC_TIME_BASES, CYCLIC_TRANSFER, SUCCESS
 from dissect.wire.layout import COUNTS_PARTS, COUNTS_REST, HOLDS_VALUE, REST, Field, Layout, plain
 from dissect.wire.part import Cursor
+from dissect.wire.text import hex_number
 
 #: Interval units in ms by time base.
 _BASES_MS: Final[dict[int, int]] = {0: 100, 1: 1000, 2: 10_000}
@@ -133,9 +134,13 @@ def parse_record(cursor: Cursor, head: UserdataHead) -> None:
     good = code.number("return_code") == SUCCESS
     if good:
         cursor.take(RECORD_TRANSPORT)
+    else:
+        code.note = f"refused: {code.text('return_code') or hex_number(code.number('return_code'), 2)}"
     if cursor.left > 0:
         status = cursor.octets[cursor.at]
-        cursor.take(RECORD_STATUS if status else RECORD_NO_STATUS, 1 + status)
+        told = cursor.take(RECORD_STATUS if status else RECORD_NO_STATUS, 1 + status)
+        if told is not None and told.octets("status").strip(b"\0"):
+            told.note = f"STATUS {told.octets('status').hex()}"
         if status == 0:
             cursor.take_fill(1)
     length = cursor.take(RECORD_LENGTH) if good else None

@@ -12,6 +12,7 @@ from mypy_extensions import i64
 from dissect.s7.alarm_layouts import QUERIES, QUERY_OTHER, QUERY_TYPE_AT
 from dissect.s7.alarm_layouts import SYNTAXES as ALARM_SYNTAXES
 from dissect.s7.layouts import ITEM_HEAD
+from dissect.s7.nck_tables import NCK_MODULES
 from dissect.s7.tables import (
     ALARM_QUERY_ITEM,
     NCK_AREAS,
@@ -60,7 +61,7 @@ NCK_ITEM: Final = Layout(
         ),
         Field("column", 2, "Column.", "s7comm.param.item.nck.column", decimal=True),
         Field("line", 2, "Line.", "s7comm.param.item.nck.line", decimal=True),
-        Field("module", 1, "Block of the area.", "s7comm.param.item.nck.module"),
+        Field("module", 1, "Block of the area.", "s7comm.param.item.nck.module", NCK_MODULES),
         Field("line_count", 1, "Lines.", "s7comm.param.item.nck.linecount", decimal=True),
     ],
 )
@@ -207,7 +208,7 @@ def _nck(octets: bytes) -> str:
     area = NCK_AREAS.name(octets[3] >> 5)
     lines = f" x{octets[9]}" if octets[9] != 1 else ""
     return (
-        f"{SYNTAX_IDS.name(octets[2])} {area}{octets[3] & 31} module 0x{octets[8]:02x}"
+        f"{SYNTAX_IDS.name(octets[2])} {area}{octets[3] & 31} module {NCK_MODULES.name(octets[8])}"
         f" column {u16(octets, 4)} line {u16(octets, 6)}{lines}"
     )
 

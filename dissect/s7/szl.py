@@ -9,33 +9,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.diagnostics import DIAGNOSTIC_EVENT, event_name, event_note
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
-from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION, STATUS_RECORDS
-from dissect.s7.szl_modules import DP_MASTER, DP_MASTER_EXTENDED, MANY_STATIONS, MODULE_STATUS, STATIONS
-from dissect.s7.szl_records import (
-    BLANK,
-    BLOCK_TYPE,
-    CHARACTERISTIC,
-    COMPONENT,
-    COMPONENT_RECORDS,
-    ETHERNET,
-    IDENTIFICATION,
-    LED,
-    MEMORY_AREA,
-    OPERATING_MODE,
-    RECORD,
-    RECORD_REST,
-    RECORDS,
-    SYSTEM_AREA,
-    SZL_ID,
-    version_text,
-)
-from dissect.s7.szl_tables import HEAD_ONLY, INDEXES, MODULE_CLASSES, SZL_IDS
+from dissect.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS
+from dissect.s7.szl_notes import extract, list_note, module_class, record_note
+from dissect.s7.szl_records import COMPONENT, COMPONENT_RECORDS, RECORD, RECORD_REST, RECORDS
+from dissect.s7.szl_tables import HEAD_ONLY, MODULE_CLASSES, SZL_IDS
 from dissect.wire.layout import Field, Layout
 from dissect.wire.octets import u16
 from dissect.wire.part import Cursor, Part
-from dissect.wire.text import hex_number
 
 _ID: Final = Field("szl_id", 2, "Which list, and which extract of it.", "s7comm.data.userdata.szl_id", SZL_IDS)
 _INDEX: Final = Field("szl_index", 2, "What to pick from the list, 0 nothing.", "s7comm.data.userdata.szl_index")
@@ -54,24 +35,13 @@ SZL_HEAD: Final = Layout(
     ],
 )
 
-#: Lists of small records that say something only together; their records have no note.
-_PLAIN: Final = (SZL_ID, CHARACTERISTIC, RECORD)
-
 _COMPONENTS: Final = 0x1C
 _CAPABILITY: Final = 0x31
 _COMMUNICATION: Final = 0x32
 #: Octets of every record of these lists.
 _INDEXED_SIZES: Final[dict[int, int]] = {_COMPONENTS: 34, _CAPABILITY: 40, _COMMUNICATION: 40}
-
-
-def module_class(szl_id: int) -> int:
-    """Return the kind of module that a list is of (`MODULE_CLASSES`)."""
-    return szl_id >> 12
-
-
-def extract(szl_id: int) -> int:
-    """Return which part of the partial list an id is for, 0xF for its head alone."""
-    return (szl_id >> 8) & 0xF
+#: Lists whose records go on behind what is known of them, each module as it likes.
+_LONGER: Final = frozenset((0xB2, 0xB3))
 
 
 def stated_size(head: bytes) -> int:
@@ -84,23 +54,6 @@ def stated_size(head: bytes) -> int:
 def shortage(szl_id: int, length: int, count: int, size: int) -> str:
     """Return in words that an SZL has fewer octets of records than its head states."""
     return f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
-
-
-def list_note(szl_id: int, index: int) -> str:
-    """Return what a list is for a person, for example ``SZL 0x0131 communication capability, index 1 general``."""
-    told = f"SZL {hex_number(szl_id, 4)}"
-    row = SZL_IDS.get(szl_id)
-    if row is not None:
-        told += f" {row.name}"
-    if module_class(szl_id):
-        told += f" ({MODULE_CLASSES.name(module_class(szl_id))})"
-    part = extract(szl_id)
-    if part == HEAD_ONLY:
-        told += ", head only"
-    table = INDEXES.get(szl_id & 0xFF)
-    if index and table is not None and part not in {0, HEAD_ONLY} and index in table:
-        return f"{told}, {table.name(index)}"
-    return f"{told}, index {hex_number(index, 4)}" if index else told
 
 
 def parse_szl(cursor: Cursor, head: UserdataHead) -> None:
@@ -158,6 +111,8 @@ def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
 def record_size(szl_id: int) -> int:
     """Return the octets that a record of a list has by its layout, 0 when it is not known or open."""
     partial = szl_id & 0xFF
+    if partial in _LONGER:
+        return 0
     size = _INDEXED_SIZES.get(partial)
     if size is not None:
         return size
@@ -186,10 +141,10 @@ def _take_list(cursor: Cursor, whole: bool) -> None:
                 cursor.tell("too_short", "SZL record", length, cursor.left)
             cursor.rest("first bytes of a record")
             return
-        _take_record(cursor, szl_id, length)
+        _take_record(cursor, szl_id, head.number("szl_index"), length)
 
 
-def _take_record(cursor: Cursor, szl_id: int, size: int) -> None:
+def _take_record(cursor: Cursor, szl_id: int, szl_index: int, size: int) -> None:
     """Cut one record of ``size`` octets, which are there: the fields that fit, and what stands behind those known."""
     layout = record_layout(szl_id, cursor.octets, cursor.at, cursor.at + size)
     end = cursor.at + size
@@ -199,83 +154,6 @@ def _take_record(cursor: Cursor, szl_id: int, size: int) -> None:
         part = Part(layout, cursor.octets, cursor.at, min(end, cursor.at + layout.size))
     cursor.parts.append(part)
     cursor.at = part.end
-    part.note = record_note(part)
+    part.note = record_note(part, szl_id, szl_index)
     if cursor.at < end:
         cursor.take(RECORD_REST, end - cursor.at)
-
-
-def record_note(part: Part) -> str:
-    """Return what a record says to a person in a few words; empty where it takes the whole record to say anything."""
-    layout = part.layout
-    if layout in _PLAIN:
-        return ""
-    if layout is DIAGNOSTIC_EVENT:
-        return event_note(part)
-    if layout is IDENTIFICATION:
-        return _identification(part)
-    if layout is LED:
-        return _led(part)
-    if layout is OPERATING_MODE:
-        return _operating_mode(part)
-    if layout is PROTECTION:
-        level = part.text("level") or str(part.number("level"))
-        return f"protection {part.number('level')} ({level}), switch {part.text('switch')}"
-    if layout is ETHERNET:
-        return f"{part.text('ip_address')}, {part.text('mac_address')}"
-    if layout is STATIONS or layout is MANY_STATIONS:
-        return f"stations {part.text('stations')}"
-    return _counted(part)
-
-
-def _counted(part: Part) -> str:
-    """Return the note of a record that has a number of something, or a text."""
-    layout = part.layout
-    if layout is MEMORY_AREA:
-        return f"{_name(part, 'index')} {part.number('memory_size')} bytes"
-    if layout is SYSTEM_AREA:
-        return f"{_name(part, 'index')} {part.number('quantity')}"
-    if layout is BLOCK_TYPE:
-        return f"{_name(part, 'index')}: at most {part.number('blocks')}"
-    if layout is MODULE_STATUS:
-        return f"module at {hex_number(max(0, part.number('place')), 4)}/{hex_number(max(0, part.number('slot')), 4)}"
-    if layout is DP_MASTER or layout is DP_MASTER_EXTENDED:
-        return f"DP master system {part.number('system_id')}"
-    text = part.text("text")
-    if text:
-        return f"{_name(part, 'index')} {text}"
-    return _name(part, "index") if part.find("index") is not None else ""
-
-
-def _name(part: Part, field: str) -> str:
-    """Return the meaning of a field, or its number."""
-    return part.text(field) or hex_number(max(0, part.number(field)), 4)
-
-
-def _identification(part: Part) -> str:
-    """Return the order number and the version, for example ``6ES7 315-2EH14-0AB0, basic firmware V3.2.6``."""
-    number = part.text("order_number")
-    version = part.number("version")
-    release = part.number("release")
-    told = _name(part, "index")
-    major = version_text(version) if version > 0 else ""
-    if major and release >= 0:
-        told += f" {major}.{release >> 8}.{release & 0xFF}"
-    elif release >= 0 and release != BLANK:
-        told += f" version {release}"
-    return f"{number}, {told}" if number else told
-
-
-def _led(part: Part) -> str:
-    """Return an LED and what it does, for example ``RUN on``."""
-    flashing = part.number("flashing")
-    state = _name(part, "state")
-    return f"{_name(part, 'led')} {state}" + (f", {_name(part, 'flashing')}" if flashing > 0 else "")
-
-
-def _operating_mode(part: Part) -> str:
-    """Return the mode and how it came about, for example ``RUN, before: STARTUP, event 0x4302 STARTUP to RUN``."""
-    event = part.number("event")
-    told = part.text("mode") or f"mode {part.number('mode')}"
-    if part.number("previous") > 0:
-        told += f", before: {_name(part, 'previous')}"
-    return f"{told}, event {hex_number(event, 4)} {event_name(event)}" if event > 0 else told

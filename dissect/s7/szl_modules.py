@@ -1,4 +1,4 @@
-"""Records of the lists of modules, racks, stations and bus masters (SZL 0x75 and 0x90 to 0x96).
+"""Records of the lists of modules, racks, stations and bus masters (SZL 0x75, 0x90 to 0x96 and 0xB1 to 0xB3).
 
 From the Siemens manual of system and standard functions; places compared with Wireshark where it knows them.
 """
@@ -8,16 +8,16 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7.szl_communication import flags, reserved
-from dissect.s7.szl_tables import ADDRESS_KINDS, MODULE_AREAS
+from dissect.s7.szl_tables import ADDRESS_KINDS, DIAGNOSED_MODULES, MODULE_AREAS
 from dissect.wire.layout import HOLDS_NUMBER, REST, Field, Layout
 
 _MANUAL: Final = "Siemens system status list"
 
 
 def bits_set(octets: bytes) -> str | None:
-    """Return the numbers of the bits that are set, lowest bit of the first octet first: racks or stations."""
+    """Return the numbers of the bits that are set, counted from 0; which rack or station is meant depends on the list."""
     numbers = [str(8 * at + bit) for at, octet in enumerate(octets) for bit in range(8) if octet >> bit & 1]
-    return ", ".join(numbers) or "none"
+    return f"bit{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}" if numbers else "none"
 
 
 SWITCHED_SLAVE: Final = Layout(
@@ -82,7 +82,11 @@ MODULE_STATUS: Final = Layout(
 STATIONS: Final = Layout(
     "rack and station status",
     _MANUAL,
-    [Field("stations", 16, "One bit for each rack or station.", means=bits_set, holds=HOLDS_NUMBER)],
+    [
+        Field(
+            "stations", 16, "One bit for each: bit 0 the central rack or station 1.", means=bits_set, holds=HOLDS_NUMBER
+        )
+    ],
 )
 MANY_STATIONS: Final = Layout(
     "rack and station status, PROFIBUS DP and PROFINET",
@@ -92,7 +96,7 @@ MANY_STATIONS: Final = Layout(
         Field(
             "stations",
             REST,
-            "Bit 0 group information, then one bit for each rack or station.",
+            "Bit 0 group information, bit 1 the central rack or station 1, and so on.",
             means=bits_set,
             holds=HOLDS_NUMBER,
         ),
@@ -126,5 +130,22 @@ SUBMODULE_STATUS: Final = Layout(
         Field("width", 2, "Width of the module.", f"{_SUBMODULE}.berbgbr.width", None, (0x0007, 0), True,
               decimal=True),
         reserved("reserved_last", 10, f"{_SUBMODULE}.reserve2"),
+    ],
+)  # fmt: skip
+
+#: Diagnostic data of a module: data record 0, with which data record 1 begins.
+MODULE_DIAGNOSTICS: Final = Layout(
+    "module diagnostics",
+    _MANUAL,
+    [
+        *flags("", "wrong_parameters parameters_missing front_connector_missing auxiliary_voltage_missing channel_fault"
+               " external_fault internal_fault module_fault"),
+        *flags("", "maintenance substitute_interrupt user_information channel_information - - - -"),
+        Field("module_class", 1, "Kind of module.", "", DIAGNOSED_MODULES, (0x0F, 0), True),
+        # The manual says the same of both bits of maintenance.
+        *flags("", "maintenance_too buffering_failed battery_exhausted internal_supply_failed watchdog stopped"
+               " communication_fault user_module_wrong"),
+        *flags("", "- hardware_interrupt_lost fuse_blown converter_fault ram_fault eprom_fault processor_failed"
+               " expansion_rack_failed"),
     ],
 )  # fmt: skip

@@ -16,6 +16,7 @@ from dissect.s7.szl_modules import (
     DP_MASTER,
     DP_MASTER_EXTENDED,
     MANY_STATIONS,
+    MODULE_DIAGNOSTICS,
     MODULE_STATUS,
     STATIONS,
     SUBMODULE_STATUS,
@@ -94,11 +95,6 @@ def version_text(value: int) -> str:
     return f"{letter}{value & 0xFF}" if letter in {"V", "A"} else ""
 
 
-def release_text(value: int) -> str:
-    """Return minor version and patch, for example ``2.7``; empty for blanks."""
-    return f"{value >> 8}.{value & 0xFF}" if value != BLANK else ""
-
-
 IDENTIFICATION: Final = Layout(
     "module identification",
     _SECTION,
@@ -117,9 +113,8 @@ IDENTIFICATION: Final = Layout(
         Field(
             "release",
             2,
-            "Ausbe: release; minor version and patch of firmware.",
+            "Ausbe: minor version and patch where the version has a letter; else not of the module.",
             "s7comm.szl.xy11.0001.ausbe",
-            says=release_text,
         ),
     ],
 )
@@ -346,4 +341,7 @@ RECORDS: Final[dict[int, Layout]] = {
     0x95: DP_MASTER_EXTENDED,
     0x96: SUBMODULE_STATUS,
     0xA0: DIAGNOSTIC_EVENT,
+    0xB1: MODULE_DIAGNOSTICS,
+    0xB2: MODULE_DIAGNOSTICS,  # and what the module has to say of its channels
+    0xB3: MODULE_DIAGNOSTICS,
 }

@@ -615,6 +615,34 @@ ADDRESS_KINDS: Final = CodeTable(
     "address kind", 2, [(0xB4, "input", ""), (0xB5, "output", ""), (0xFF, "external DP interface", "")]
 )
 
+#: Kind of a module that has diagnostic data (lists 0xB1 to 0xB3).
+DIAGNOSED_MODULES: Final = CodeTable(
+    "kind of module with diagnostics",
+    1,
+    [
+        (0x0, "CPU", ""),
+        (0x3, "DP standard slave", ""),
+        (0x4, "IM", "Interface module."),
+        (0x5, "analog module", ""),
+        (0x8, "FM", "Function module."),
+        (0xC, "CP", "Communication processor."),
+        (0xF, "digital module", ""),
+    ],
+)
+
+#: What a bit of a rack or station says, by extract of the lists 0x92 and 0x94. What those of batteries and of the 24 V supply
+#: say, no source at hand tells.
+STATION_STATES: Final = CodeTable(
+    "state of racks and stations",
+    1,
+    [
+        (0x0, "configured", ""),
+        (0x1, "configured and activated", ""),
+        (0x2, "available", "Activated and has not failed."),
+        (0x6, "faulty or deactivated", "At least one module is not ok, or the station is deactivated."),
+    ],
+)
+
 #: Where an IP address comes from (list 0x37).
 ADDRESS_SOURCES: Final = CodeTable(
     "origin of the IP address",

@@ -13,8 +13,9 @@ from dissect.s7.clock import CLOCK as CLOCK_LAYOUT
 from dissect.s7.clock import SETTING
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.szl import SZL_HEAD, extract, record_layout
+from dissect.s7.szl import SZL_HEAD, record_layout
 from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION
+from dissect.s7.szl_notes import extract
 from dissect.s7.szl_records import (
     BLANK,
     COMPONENT_RECORDS,

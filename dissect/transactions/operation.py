@@ -157,6 +157,7 @@ class Operation:
         "end_ns",
         "error_code",
         "first_frame",
+        "first_push_ns",
         "gap",
         "half_captured",
         "held",
@@ -164,6 +165,7 @@ class Operation:
         "kind",
         "lacking",
         "last_frame",
+        "last_push_ns",
         "number",
         "octets",
         "oddities",
@@ -191,6 +193,8 @@ class Operation:
         self.transactions: list[int] = []
         self.parts: i64 = 0
         self.pushes: i64 = 0
+        self.first_push_ns: i64 = 0
+        self.last_push_ns: i64 = 0
         self.octets: i64 = 0
         self.announced = -1
         self.complete = False  # the last piece came
@@ -248,11 +252,19 @@ class Operation:
         self.last_frame = max(self.last_frame, frame)
         self.end_ns = max(self.end_ns, time_ns)
 
-    def push(self, transaction: Transaction) -> None:
-        """Count a push of S7comm-plus as part of this operation."""
+    def push(self, transaction: Transaction, octets: int) -> None:
+        """Count a push with so many octets as part of this operation."""
         self.add(transaction)
+        if self.pushes == 0:
+            self.first_push_ns = transaction.response_ns
+        self.last_push_ns = transaction.response_ns
         self.pushes += 1
-        self.octets += transaction.response_size
+        self.octets += octets
+
+    @property
+    def push_interval_ns(self) -> int:
+        """Mean time from one push to the next, 0 where there are fewer than two; what stands around them does not count."""
+        return int(self.last_push_ns - self.first_push_ns) // int(self.pushes - 1) if self.pushes > 1 else 0
 
     def odd(self, name: str, detail: str, frame: int) -> None:
         """Note that something contradicts itself."""

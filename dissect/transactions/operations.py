@@ -324,7 +324,11 @@ class Operations(OperationBook):
         older = transaction.connection.operations.find(kind, key) if accepted else None
         if older is not None:
             self.close(older, DONE, "number reused")
-        operation = self.begin(kind, key, transaction, subject_of(transaction))
+        subject = subject_of(transaction)
+        if kind == TEST_JOB:
+            head = transaction.parameters.userdata
+            subject = f"{head.subfunction_name}: {subject}" if head is not None else subject
+        operation = self.begin(kind, key, transaction, subject)
         operation.octets = payload_size(transaction)
         if not accepted:
             self.settle(operation, transaction, DONE, REFUSED)
@@ -375,11 +379,11 @@ class Operations(OperationBook):
         """Something was sent unasked: find the subscription it belongs to."""
         operation = subscription_of(transaction)
         if operation is not None:
-            operation.add(transaction)
-            operation.pushes += 1
-            operation.octets += payload_size(transaction)
+            operation.push(transaction, payload_size(transaction))
         elif not transaction.connection.mid_stream and not transaction.connection.tcp.has_holes:
-            transaction.flags |= STRAY_PUSH
+            head = transaction.parameters.userdata
+            if head is None or not head.usend:  # a program sends on its own, nobody subscribes to that
+                transaction.flags |= STRAY_PUSH
 
 
 def _join(operation: Operation, transaction: Transaction) -> None:

@@ -220,7 +220,7 @@ class PlusOperations:
             here.pushing = operation
             here.notified = subscription
         if not operation.result:
-            operation.push(transaction)
+            operation.push(transaction, int(transaction.response_size))
 
     def _begin_before(self, subscription: int, transaction: Transaction) -> None:
         """Begin an operation with the first notification of a subscription that was made before the capture began."""

@@ -161,6 +161,13 @@ def test_a_push_with_an_error_refuses_nothing(talk: Talk) -> None:
     assert talk.transactions[0].has_errors
 
 
+def test_a_usend_needs_no_subscription(talk: Talk) -> None:
+    """A program sends on its own to the one that waits with URCV."""
+    block = bytes.fromhex("00011206130000000001")
+    talk.tell(userdata(0, block, bytes.fromhex("ff0000010009000201020000")[:10]))
+    assert talk.slugs() == []
+
+
 # ---- unanswered and orphans -----------------------------------------------------------------------------------------
 
 

@@ -15,7 +15,7 @@ _FACTS: Final = [
     for function, remark, said in [
         ("CPU functions: read SZL", r"SZL (0x[0-9a-f]{4}).*?(?:, index (0x[0-9a-f]{4}))?", "SZL {0} index {1}"),
         ("Request|Download|Start|PI service|block functions", r"(?:block )?([A-Z]\w+ [0-9]+, (?:active|passive).*)", "{0}"),
-        ("block functions: get", r"block \w+ ([0-9]+)", "block {0}"),
+        ("block functions: get", r"block \w+ ([0-9]+), .*", "block {0}"),
         ("PI service|PLC stop", r"(_?[A-Z][A-Z_0-9]+)(?:: .*)?", "service {0}"),
         ("Request download", r"([0-9]+ bytes, [0-9]+ of them MC7 code)", "{0}"),
         ("Start upload|Download block|Upload|PBC.*BSEND", r"([0-9]+ bytes)", "{0}"),

@@ -102,10 +102,10 @@ def facts(pdu: Pdu) -> Iterator[str]:
     if "s7comm.data.userdata.szl_id" in data:
         szl = number(data, "s7comm.data.userdata.szl_id"), number(data, "s7comm.data.userdata.szl_index")
         yield f"SZL 0x{szl[0]:04x} index 0x{szl[1]:04x}"
-    for block in [parameters, inner(parameters, "s7comm.param.pistart.parameterblock")]:
-        yield from _files(block)
     if "s7comm.param.pistart.servicename" in parameters:
         yield f"service {parameters['s7comm.param.pistart.servicename']}"
+    for block in [parameters, inner(parameters, "s7comm.param.pistart.parameterblock")]:
+        yield from _files(block)
     if "s7comm.data.blockcontrol.loadmem_len" in parameters:
         code = parameters["s7comm.data.blockcontrol.mc7code_len"]
         yield f"{int(parameters['s7comm.data.blockcontrol.loadmem_len'])} bytes, {int(code)} of them MC7 code"

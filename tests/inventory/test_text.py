@@ -20,6 +20,8 @@ from tests.report.support import ROOT, UNSAFE
 from tests.stations.answers import components, identification, mode, szl
 from tests.transactions.talk import Talk, ack_data, dbw, item, read, words, write, written
 
+#: Answer of list 0x37: one Ethernet interface.
+ETHERNET = bytes.fromhex("0037 0000 0030 0001 07ff c0a80001 ffffff00 c0a80001 001b1b000001 01 00") + bytes(26)
 EVIL = "\x1b[31mred\u202e=cmd()"
 
 
@@ -49,6 +51,7 @@ def test_a_card() -> None:
         szl(talk, 2, components("S C-1", "Station", plant="Hall 3"))
         for number, code in enumerate((8, 8, 4), 3):
             szl(talk, number, mode(code))
+        szl(talk, 6, ETHERNET)
 
     lines = shown(inventory_of(online), {"10.0.0.2": "Press"})
     assert lines[0] == "Press (10.0.0.2)  CPU  6ES7 315-2EH14-0AB0  V3.2.6"
@@ -60,8 +63,9 @@ def test_a_card() -> None:
     )
     assert lines[3] == "  names       rack 0 slot 2: station Station, plant Hall 3 (packet 11)"
     assert lines[4] == "  mode        RUN (12:26:40.013000, packet 13, 2 times) → STOP (12:26:40.017000, packet 17)"
+    assert lines[5] == "  Ethernet    192.168.0.1 00:1b:1b:00:00:01 (12:26:40.019000, packet 19)"
     assert "  asked by    10.0.0.1: 1 connection (S7comm)" in lines
-    assert lines[-2:] == ["            Press", "  10.0.0.1      6"]
+    assert lines[-2:] == ["            Press", "  10.0.0.1      7"]
 
 
 def test_what_is_read_and_what_is_written_are_told_apart() -> None:

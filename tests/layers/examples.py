@@ -122,7 +122,7 @@ EXAMPLES: Final = [
         38,
         True,
         "0300001d02f080320100000600000c0000040112088241000100017f01",
-        "S7 Job Read Var ref=0x0600 NCK C1 module 0x7f column 1 line 1",
+        "S7 Job Read Var ref=0x0600 NCK C1 module S column 1 line 1",
     ),
     Example(
         39,
@@ -207,7 +207,7 @@ EXAMPLES: Final = [
         58,
         True,
         "0300002b02f080320100000e00001a000028000000000000fd000a01003041303030303150055f494e5345",
-        "S7 Job PI service ref=0x0e00 block DB 1, passive, _INSE: link in (activate) blocks loaded to the passive file system",
+        "S7 Job PI service ref=0x0e00 _INSE: link in (activate) blocks loaded to the passive file system, block DB 1, passive",
     ),
     Example(59, False, "0300001402f080320300000e0000010000000028", "S7 Ack_Data PI service ref=0x0e00"),
     Example(
@@ -220,7 +220,7 @@ EXAMPLES: Final = [
         61,
         True,
         "0300002b02f080320100000f00001a000028000000000000fd000a01003041303030303141055f44454c45",
-        "S7 Job PI service ref=0x0f00 block DB 1, active, _DELE: delete blocks",
+        "S7 Job PI service ref=0x0f00 _DELE: delete blocks, block DB 1, active",
     ),
     Example(
         62,
@@ -232,7 +232,7 @@ EXAMPLES: Final = [
         63,
         True,
         "0300002702f0803201000011000016000028000000000000fd0002432009505f50524f4752414d",
-        'S7 Job PI service ref=0x1100 "C ", cold restart, P_PROGRAM: start the CPU',
+        'S7 Job PI service ref=0x1100 P_PROGRAM: start the CPU, "C ", cold restart',
     ),
     Example(
         64,

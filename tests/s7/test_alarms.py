@@ -51,15 +51,15 @@ EXAMPLES = [
     (
         RESPONSE, 2, "020007 03 ff ff 0a 00",
         ["message service", "alarm subscription", "archives", "return code", "return code", "return code", "fill"],
-        ["AR_SEND initiate"],
+        ["AR_SEND initiate", "1 of 3 refused, object 3: Object does not exist"],
     ),
     (
         PUSH, 0x05, TIME + "4001" + MESSAGE + VALUE, ["alarm", "message", "data item", "content"],
-        [TOLD, "event 0x000000c2: signal 1 on"],
+        [TOLD, "event 0x000000c2: signal 1 on, with 00 2a"],
     ),
     (
         PUSH, 0x12, TIME + "4001" + MESSAGE + VALUE, ["alarm", "message", "data item", "content"],
-        [TOLD, "event 0x000000c2: coming signal 1"],
+        [TOLD, "event 0x000000c2: coming signal 1, with 00 2a"],
     ),
     (
         PUSH, 0x11, TIME + "4001 120a16 00 000000c2 00 00 00 00", ["alarm", "message"],
@@ -72,17 +72,35 @@ EXAMPLES = [
     (
         PUSH, 0x06, TIME + "4002" + NOTIFICATION + MESSAGE + VALUE,
         ["alarm", "notification", "message", "data item", "content"],
-        [TOLD, "event 0x000000c3: coming signal 3, going signal 2", "event 0x000000c2: signal 1 on"],
+        [TOLD, "event 0x000000c3: coming signal 3, going signal 2", "event 0x000000c2: signal 1 on, with 00 2a"],
     ),
     (
         PUSH, 0x09, "0001" + TIME + "0002 4001" + MESSAGE + VALUE, ["alarm", "message", "data item", "content"],
-        [TOLD, "event 0x000000c2: signal 1 on"],
+        [TOLD, "event 0x000000c2: signal 1 on, with 00 2a"],
     ),
-    (REQUEST, 0x0B, "0901" + ACK, ["message objects", "acknowledgement"], ["event 0x60000001"]),
-    (RESPONSE, 0x0B, "0902ff0a", ["message objects", "return code", "return code"], []),
-    (PUSH, 0x0C, TIME + "0901" + ACK, ["alarm", "acknowledgement"], [TOLD, "event 0x60000001"]),
+    (
+        REQUEST, 0x0B, "0901" + ACK, ["message objects", "acknowledgement"],
+        ["event 0x60000001: coming signal 1, going signal 1"],
+    ),
+    (
+        RESPONSE, 0x0B, "0902ff0a", ["message objects", "return code", "return code"],
+        ["1 of 2 refused, object 2: Object does not exist"],
+    ),
+    (
+        PUSH, 0x0C, TIME + "0901" + ACK, ["alarm", "acknowledgement"],
+        [TOLD, "event 0x60000001: coming signal 1, going signal 1"],
+    ),
     (REQUEST, 0x07, "0901" + LOCK, ["message objects", "alarm to lock or unlock"], ["event 0x60000001"]),
     (RESPONSE, 0x08, "0901ff", ["message objects", "return code"], []),
+    (RESPONSE, 0x08, "0901ee", ["message objects", "return code"], ["refused: 0xee"]),
+    (
+        PUSH, 0x12, TIME + "4001 120a16 03 000000c2 01 00 00 00 ff09000654414e4b2031 0a000000 ff090009010203040506070809",
+        ["alarm", "message", "data item", "content", "data item", "data item", "content"],
+        [
+            TOLD,
+            "event 0x000000c2: coming signal 1, with 'TANK 1', Object does not exist, 01 02 03 04 05 06 07 08 …",
+        ],
+    ),
     (PUSH, 0x0D, "0901" + LOCK, ["message objects", "alarm to lock or unlock"], ["event 0x60000001"]),
     (PUSH, 0x0E, "0901" + LOCK, ["message objects", "alarm to lock or unlock"], ["event 0x60000001"]),
     (REQUEST, 0x13, "0001 12081a00 01 34 00000004", ["message objects", "alarm query"], ["ALARM_S"]),

@@ -27,7 +27,13 @@ EXAMPLES = [
     (REQUEST, 2, "3041", [TYPE_WANTED], ["DB"]),
     (RESPONSE, 2, "00012205 00072205", [LISTED_BLOCK, LISTED_BLOCK], ["1 (DB)", "7 (DB)"]),
     (REQUEST, 3, "3041 3030303031 41", [BLOCK_WANTED], ["block DB 1, active"]),
-    (RESPONSE, 3, INFO_ANSWER, [INFO], ["block DB 1"]),
+    (
+        RESPONSE,
+        3,
+        INFO_ANSWER,
+        [INFO],
+        ["block DB 1, version 0.1, changed 2015-11-06 10:21:53.945, 88 bytes MC7, author AUTHOR, name HEADER"],
+    ),
 ]
 
 
@@ -41,6 +47,16 @@ def test_examples(kind: int, subfunction: int, payload: str, layouts: list[objec
     stands_cuts(octets)
     more = trailing(octets)
     assert has_surplus(more) or more.malformed[0].reason == "too_short"
+
+
+def test_a_protected_block_is_said_to_be_so() -> None:
+    protected = INFO_ANSWER.replace("000000d8 00000000", "000000d8 00000003")
+    (info,) = payload_parts(body(userdata(RESPONSE, 3, 3, protected)))
+    assert info.note.startswith("block DB 1, know-how protection, version 0.1, ")
+    (info,) = payload_parts(
+        body(userdata(RESPONSE, 3, 3, INFO_ANSWER.replace("000000d8 00000000", "000000d8 00000007")))
+    )
+    assert info.note.startswith("block DB 1, protection 7, version 0.1, ")
 
 
 def test_block_info() -> None:

@@ -36,7 +36,7 @@ EXAMPLES: list[tuple[str, Rows, list[str]]] = [
             ("block_type", "DB"), ("block_number", "1"), ("file_system", "passive"),
             ("name_length", 5), ("service", "_INSE"),
         ],
-        ["block DB 1, passive", "_INSE: link in (activate) blocks loaded to the passive file system"],
+        ["_INSE: link in (activate) blocks loaded to the passive file system", "block DB 1, passive"],
     ),
     (
         service("_DELE", "0200 3041303030303141 3043303030313241"),
@@ -46,7 +46,7 @@ EXAMPLES: list[tuple[str, Rows, list[str]]] = [
             ("block_type", "FC"), ("block_number", "12"), ("file_system", "active"),
             ("name_length", 5), ("service", "_DELE"),
         ],
-        ["block DB 1, active", "block FC 12, active", "_DELE: delete blocks"],
+        ["_DELE: delete blocks", "block DB 1, active", "block FC 12, active"],
     ),
     (
         service("P_PROGRAM"),
@@ -56,12 +56,12 @@ EXAMPLES: list[tuple[str, Rows, list[str]]] = [
     (
         service("P_PROGRAM", "4320"),
         [*HEAD, ("block_length", 2), ("argument", "C"), ("name_length", 9), ("service", "P_PROGRAM")],
-        ['"C ", cold restart', "P_PROGRAM: start the CPU"],
+        ["P_PROGRAM: start the CPU", '"C ", cold restart'],
     ),
     (
         service("_MODU", "4550"),
         [*HEAD, ("block_length", 2), ("argument", "EP"), ("name_length", 5), ("service", "_MODU")],
-        ['"EP"', "_MODU: copy RAM to ROM"],
+        ["_MODU: copy RAM to ROM", '"EP"'],
     ),
     (
         service("_GARB"),
@@ -78,7 +78,7 @@ EXAMPLES: list[tuple[str, Rows, list[str]]] = [
             ("string_length", 3), ("text", "WIN"),
             ("name_length", 9), ("service", "_N_F_OPER"),
         ],
-        ["address P01", "file /_N_FILE_MPF", "window WIN", "_N_F_OPER: open a file read-only"],
+        ["_N_F_OPER: open a file read-only", "address P01", "file /_N_FILE_MPF", "window WIN"],
     ),
     (
         "29 0000000000 09 505f50524f4752414d",
@@ -123,9 +123,9 @@ def test_a_password_is_not_read_out() -> None:
 
 def test_strings_without_names_of_their_own() -> None:
     found = body(job(service("_N_TSEARC", strings("P01", "5"))))
-    assert found.notes[:2] == ["address P01", "argument 5"]
+    assert found.notes == ["_N_TSEARC: complex tool search", "address P01", "argument 5"]
     found = body(job(service("_N_UNKNOWN", strings("P01", "12"))))
-    assert found.notes == ["argument P01", "argument 12", "_N_UNKNOWN"]
+    assert found.notes == ["_N_UNKNOWN", "argument P01", "argument 12"]
     assert found.parameters[-2].layout is PI_FILL
 
 
@@ -150,7 +150,7 @@ def test_blocks_nobody_counted_are_told() -> None:
 
 def test_a_service_nobody_knows_keeps_its_argument() -> None:
     found = body(job(service("_XYZ_", "414243")))
-    assert (found.malformed, found.notes) == ([], ['"ABC"', "_XYZ_"])
+    assert (found.malformed, found.notes) == ([], ["_XYZ_", '"ABC"'])
     assert found.find(PI_ARGUMENT) is not None
 
 

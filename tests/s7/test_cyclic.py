@@ -45,7 +45,10 @@ EXAMPLES = [
         ],
         ["3 bytes"],
     ),
-    (RESPONSE, 8, "00010a02c0a0", 0, ["data record", "return code", "data record status"], []),
+    (
+        RESPONSE, 8, "00010a02c0a0", 0, ["data record", "return code", "data record status"],
+        ["refused: Object does not exist", "STATUS c0a0"],
+    ),
 ]  # fmt: skip
 
 

@@ -28,9 +28,9 @@ from tests.s7.userdata_pdus import body
 EXAMPLES = [
     ("b0 02 02 0044 0160 01 0048 0030", [DB_READ_ITEM, DB_AREA, DB_AREA], "DB68.DBB352 x2+DB72.DBB48"),
     ("b0 00", [DB_READ_ITEM], "DBREAD"),
-    ("82 41 0001 0001 7f 01", [NCK_ITEM], "NCK C1 module 0x7f column 1 line 1"),
-    ("83 02 0003 0004 10 05", [NCK_ITEM], "NCK_M N2 module 0x10 column 3 line 4 x5"),
-    ("84 ff 0003 0004 10 00", [NCK_ITEM], "NCK_I M31 module 0x10 column 3 line 4 x0"),
+    ("82 41 0001 0001 7f 01", [NCK_ITEM], "NCK C1 module S column 1 line 1"),
+    ("83 02 0003 0004 10 05", [NCK_ITEM], "NCK_M N2 module Y column 3 line 4 x5"),
+    ("84 ff 0003 0004 10 00", [NCK_ITEM], "NCK_I M31 module Y column 3 line 4 x0"),
     ("a2 01 0002 0003 0011 0007", [DRIVE_ITEM], "DRIVEESANY p17[7]"),
     ("b2 ff 8a0e 0001 11223344 40000009", [SYMBOL_IN_DB, SYMBOL_STEP], "SYM DB1 LID 9"),
     (
@@ -40,6 +40,7 @@ EXAMPLES = [
     ),
     ("b2 ff 1234 0052 11223344", [SYMBOL_ELSEWHERE], "SYM 0x1234:0x0052"),
     ("13 cc 00000001", [PBC_ID], "R_ID 0x00000001"),
+    ("82 41 0001 0001 80 01", [NCK_ITEM], "NCK C1 module 0x80 column 1 line 1"),
 ]
 ALARMS = [
     ("15 00 60000001", "ALARM_LOCKFREE event 0x60000001"),
@@ -84,7 +85,7 @@ def test_fields() -> None:
     ]  # fmt: skip
     assert said(job("0401" + item(EXAMPLES[0][0])))[5:] == rows
     assert said(job("0401" + item(EXAMPLES[2][0])))[5:] == [
-        ("nck_area", "C"), ("nck_unit", 1), ("column", 1), ("line", 1), ("module", 0x7F), ("line_count", 1),
+        ("nck_area", "C"), ("nck_unit", 1), ("column", 1), ("line", 1), ("module", "S"), ("line_count", 1),
     ]  # fmt: skip
     assert said(job("0401" + item(EXAMPLES[5][0])))[5:] == [
         ("unknown_1", 1), ("unknown_2", 2), ("unknown_3", 3), ("parameter", 17), ("parameter_index", 7),

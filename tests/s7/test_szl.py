@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from dissect.s7.bodies import parse_body, parse_joined
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE
-from dissect.s7.szl import SZL_HEAD, SZL_REQUEST, list_note
+from dissect.s7.szl import SZL_HEAD, SZL_REQUEST
 from dissect.s7.szl_communication import PROTECTION
-from dissect.s7.szl_modules import MODULE_STATUS
+from dissect.s7.szl_modules import MODULE_DIAGNOSTICS, MODULE_STATUS
+from dissect.s7.szl_notes import list_note
 from dissect.s7.szl_records import (
     COMPONENT_RECORDS,
     IDENTIFICATION,
@@ -77,9 +78,23 @@ def test_a_request() -> None:
         (0x0011, 0, "SZL 0x0011 module identification"),
         (0x0011, 1, "SZL 0x0011 module identification, index 0x0001"),
         (0x0232, 4, "SZL 0x0232 communication status, protection"),
-        (0x0222, 0x50, "SZL 0x0222 interrupt status, index 0x0050"),
+        (0x0222, 0x50, "SZL 0x0222 interrupt status, OB 80"),
+        (0x0022, 0x50, "SZL 0x0022 interrupt status, index 0x0050"),
+        (0x0092, 0, "SZL 0x0092 rack and station status, central racks"),
+        (0x0692, 2, "SZL 0x0692 rack and station status, DP master system 2"),
+        (0x0694, 101, "SZL 0x0694 rack and station status (PROFIBUS DP and PROFINET), PROFINET IO system 101"),
+        (0x4292, 0, "SZL 0x4292 rack and station status (IM)"),
+        (0x0D91, 0, "SZL 0x0d91 module status, rack 0"),
+        (0x0D91, 0x0103, "SZL 0x0d91 module status, DP master system 1 station 3"),
+        (0x0D91, 0x8803, "SZL 0x0d91 module status, PROFINET IO system 101 station 3"),
+        (0x0C91, 0x8100, "SZL 0x0c91 module status, output address 256"),
+        (0x0991, 0x0200, "SZL 0x0991 module status, DP master system 2"),
+        (0x0190, 1, "SZL 0x0190 DP master system information, DP master system 1"),
+        (0x01A0, 10, "SZL 0x01a0 diagnostic buffer of the CPU, newest 10"),
+        (0x00B1, 256, "SZL 0x00b1 module diagnostics, data record 0, input address 256"),
+        (0x00B2, 0x0104, "SZL 0x00b2 module diagnostics, data record 1, by rack and slot, rack 1 slot 4"),
         (0x0F1C, 0, "SZL 0x0f1c component identification, head only"),
-        (0x4C91, 5, "SZL 0x4c91 module status (IM), index 0x0005"),
+        (0x4C91, 5, "SZL 0x4c91 module status (IM), input address 5"),
         (0x7777, 0, "SZL 0x7777 (0x7)"),
     ],
 )
@@ -108,11 +123,13 @@ def test_the_joined_list_of_ids() -> None:
 
 
 def test_identification() -> None:
-    module = struct.pack(">H20sHHH", 1, b"6ES7 315-2EH14-0AB0 ", 0xC0, 0, 1)
+    module = struct.pack(">H20sHHH", 1, b"6ES7 315-2EH14-0AB0 ", 0xC0, 4, 1)
     firmware = struct.pack(">H20sHHH", 7, b" " * 20, 0xC0, 0x5603, 0x0206)
+    odd = struct.pack(">H20sHHH", 1, b"6ES7 315-2EH14-0AB0 ", 0xC0, 0x0300, 0x2020)
+    assert notes(szl(0x0011, odd)) == ["6ES7 315-2EH14-0AB0, module"]
     nothing = struct.pack(">H20sHHH", 0x81, b"Boot Loader", 0xC0, 0x2020, 0x2020)
     assert notes(szl(0x0011, module, firmware, nothing)) == [
-        "6ES7 315-2EH14-0AB0, module version 1",
+        "6ES7 315-2EH14-0AB0, module version 4",
         "basic firmware V3.2.6",
         "Boot Loader, firmware extension",
     ]
@@ -138,14 +155,64 @@ def test_notes_of_records() -> None:
     assert notes(szl(0x0013, struct.pack(">HHI", 1, 1, 196608) + bytes(28))) == ["work memory 196608 bytes"]
     assert notes(szl(0x0014, struct.pack(">4H", 4, 1, 256, 0))) == ["timers 256"]
     assert notes(szl(0x0015, struct.pack(">3HI", 0x0A00, 16001, 64, 65536))) == ["DB: at most 16001"]
-    assert notes(szl(0x0D91, struct.pack(">8H", 0, 0x0200, 0, 0, 0, 0, 2, 0x11))) == ["module at 0x0000/0x0200"]
     assert notes(szl(0x0090, bytes((1,)) + bytes(13))) == ["DP master system 1"]
-    assert notes(szl(0x0092, b"\x05" + bytes(14) + b"\x80")) == ["stations 0, 2, 127"]
-    assert notes(szl(0x0294, b"\0\0\0\0")) == ["stations none"]
+    capability = struct.pack(">HHH", 1, 240, 16) + bytes(34)
+    assert notes(szl(0x0131, capability, index=1)) == ["PDU length 240, at most 16 connections"]
+    status = struct.pack(">10H", 1, 1, 1, 2, 3, 8, 4, 6, 5, 20) + bytes(20)
+    assert notes(szl(0x0132, status, index=1)) == [
+        "open connections: 2 of programming devices, 3 of operator stations, 4 configured, 5 others"
+    ]
+    clock = struct.pack(">H", 8) + bytes(20) + bytes.fromhex("2311142215306213") + bytes(10)
+    assert notes(szl(0x0132, clock, index=8)) == ["time of day DT#2023-11-14-22:15:30.621"]
+    assert notes(szl(0x0132, struct.pack(">H", 8) + bytes(38), index=8)) == ["time system"]
+    assert notes(szl(0x0090, bytes((100,)) + bytes(13))) == ["PROFINET IO system 100"]
     ethernet = bytes.fromhex("07ff c0a80001 ffffff00 c0a80001 001b1b000001 01 00") + bytes(26)
     assert notes(szl(0x0037, ethernet)) == ["192.168.0.1, 00:1b:1b:00:00:01"]
     assert notes(szl(0x0012, b"\x01\x04")) == [""]
     assert notes(szl(0x0018, b"\x01\x04")) == [""]
+
+
+def test_racks_and_stations() -> None:
+    """Bit 0 is the central rack or station 1; list 0x94 has a bit of the whole system in front of them."""
+    octets = b"\x05" + bytes(14) + b"\x80"
+    assert notes(szl(0x0092, octets)) == ["configured: racks 0, 2, 127"]
+    assert notes(szl(0x0292, octets, index=1)) == ["available: stations 1, 3, 128"]
+    assert notes(szl(0x0692, b"\x04" + bytes(15), index=1)) == ["faulty or deactivated: station 3"]
+    assert notes(szl(0x0392, b"\x01" + bytes(15))) == ["rack 0"]
+    assert notes(szl(0x0294, b"\0\0\0\0")) == ["available: none"]
+    assert notes(szl(0x0294, b"\0\0\x03\0")) == ["available: rack 0"]
+    assert notes(szl(0x0694, b"\0\x64\x09\x01", index=0x64)) == ["faulty or deactivated: stations 3, 8"]
+
+
+def test_modules() -> None:
+    def module(place: int, slot: int, address: int, state: int) -> list[str]:
+        return notes(szl(0x0D91, struct.pack(">8H", place, slot, address, 0, 0, 0, state, 0x11)))
+
+    assert module(0, 0x0200, 2047, 0xFF82) == ["rack 0 slot 2 (address 2047): ok"]
+    assert module(3, 0x0401, 0x7FFF, 0xB400) == ["rack 3 slot 4 interface module 1: no module"]
+    assert module(0x0107, 0x0400, 256, 0xB403) == ["DP master system 1 station 7 slot 4 (input address 256): faulty"]
+    assert module(0x8807, 3, 8, 0xB514) == [
+        "PROFINET IO system 101 station 7 slot 3 (output address 8): not available, station faulty"
+    ]
+    submodule = struct.pack(">HHIHHHH", 256, 100, 0, 7, 3, 1, 0) + bytes(18)
+    assert notes(szl(0x0C96, submodule + struct.pack(">HH", 0x0102, 0x21) + bytes(10))) == [
+        "PROFINET IO system 100 station 7 slot 3 subslot 1: maintenance required"
+    ]
+    central = struct.pack(">HHIHHHH", 256, 0, 0, 1, 4, 0, 0) + bytes(18)
+    assert notes(szl(0x0C96, central + struct.pack(">HH", 2, 0x21) + bytes(10))) == ["rack 1 slot 4: ok"]
+
+
+def test_diagnostic_data_of_a_module() -> None:
+    (_, record), told = cut(szl(0x00B1, bytes.fromhex("0d150020"), index=256))
+    assert told == []
+    assert record.layout is MODULE_DIAGNOSTICS
+    assert record.text("module_class") == "analog module"
+    assert record.note == "analog module: channel fault, external fault, fuse blown"
+    assert notes(szl(0x00B1, bytes.fromhex("00858010"))) == ["analog module: converter fault, maintenance required"]
+    (_, record, rest), told = cut(szl(0x00B2, bytes.fromhex("001f0000 7008"), index=4))
+    assert told == []
+    assert record.note == "digital module: no fault"
+    assert rest.layout is RECORD_REST
 
 
 def test_fields_of_flags() -> None:

@@ -95,6 +95,7 @@ def test_sizes_of_records() -> None:
     assert sizes == {
         0x00: 2, 0x11: 28, 0x12: 2, 0x13: 36, 0x14: 8, 0x15: 10, 0x19: 4, 0x22: 28, 0x24: 20, 0x25: 4, 0x37: 48, 0x71: 16,
         0x74: 4, 0x75: 16, 0x90: 14, 0x91: 16, 0x92: 16, 0x94: 0, 0x95: 40, 0x96: 48, 0xA0: 20, 0x1C: 34, 0x31: 40, 0x32: 40,
+        0xB1: 4, 0xB2: 0, 0xB3: 0,
     }  # fmt: skip
     assert {layout.size for layout in COMPONENT_RECORDS.values()} == {34}
     assert {layout.size for layout in (*CAPABILITY_RECORDS.values(), *STATUS_RECORDS.values())} == {40}

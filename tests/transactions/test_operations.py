@@ -223,6 +223,25 @@ def test_a_cyclic_subscription_with_its_pushes_and_its_end(talk: Talk) -> None:
     assert told.subject == "every 1 s, DB10.DBW4"
 
 
+def test_the_interval_of_pushes_is_theirs(talk: Talk) -> None:
+    """How long it takes until the first push, and from the last one to the end of the subscription, is no interval."""
+    subscribe(talk, 5)
+    for _ in range(3):
+        talk.wait(500 * MS)
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5), after_ns=0)
+    talk.wait(60_000 * MS)
+    talk.ask(events.asks(2, 2, 4, bytes((5, 5))))
+    talk.tell(events.tells(2, 2, 4))
+    assert only(talk).push_interval_ns == 500 * MS
+
+
+def test_one_push_has_no_interval(talk: Talk) -> None:
+    subscribe(talk, 5)
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.close()
+    assert only(talk).push_interval_ns == 0
+
+
 def test_two_subscriptions_are_told_apart(talk: Talk) -> None:
     subscribe(talk, 5, 1)
     subscribe(talk, 6, 2)
@@ -291,7 +310,7 @@ def test_a_test_job_that_is_enabled_pushes_and_is_deleted(talk: Talk) -> None:
     talk.tell(events.tells(3, 1, 0x0F, sequence=6))
     told = only(talk)
     assert (told.kind, told.result, told.parts, told.pushes) == ("test_job", "done", 4, 1)
-    assert told.subject == "MW0"
+    assert told.subject == "variable status: MW0"
 
 
 def test_a_job_with_the_number_of_another_ends_it(talk: Talk) -> None:
