@@ -158,6 +158,7 @@ BUSIEST: Final = (
     "dissect/transactions/good_items.py",
     "dissect/transactions/open_requests.py",
     "dissect/transactions/pairing.py",
+    "dissect/transactions/side.py",
     "dissect/transactions/table.py",
     "dissect/transactions/transaction.py",
     "dissect/report/item_json.py",

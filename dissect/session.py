@@ -26,7 +26,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:

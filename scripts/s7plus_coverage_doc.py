@@ -21,7 +21,7 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS, NOTIFICATION, NOTIFIED, OPCODES, REQUEST, RESPONSE, RESPONSE2, TAGS, V3
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, VALUE_TYPES
 from dissect.session import Run
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.wire.codes import CodeTable
 from dissect.wire.part import Part
 

@@ -512,7 +512,7 @@ from mypy_extensions import i64
 from dissect.tally.framing import MARK, NAME, whole_messages
 from dissect.transactions.connection import FOLLOWED
 from dissect.transactions.protocol import Kept, Protocol
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 
 class Tally(Protocol):

@@ -8,7 +8,7 @@ from typing import Final
 
 import pytest
 
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.bindings import plant
 from tests.bindings.test_streams import a_side
 from tests.bindings.test_streams import cut as cut_messages

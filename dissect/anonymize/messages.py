@@ -25,7 +25,7 @@ from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS, WRITE_VAR
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, V3
 from dissect.transactions.pairing import key_of
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 

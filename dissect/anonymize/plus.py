@@ -28,7 +28,7 @@ from dissect.s7plus.tables import (
     V3,
 )
 from dissect.transactions.pairing import PLUS_KEY
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.wire.layout import Layout
 from dissect.wire.part import Part
 from dissect.wire.varint import VLQ, build_varint

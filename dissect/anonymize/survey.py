@@ -26,7 +26,8 @@ from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog, ScdMessage
-from dissect.transactions.table import Side, keys_of, reverse_key
+from dissect.transactions.side import Side
+from dissect.transactions.table import keys_of, reverse_key
 from dissect.wire.octets import u16
 
 if TYPE_CHECKING:

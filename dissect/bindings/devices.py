@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dissect.scd.model import Pdo
     from dissect.scd.types import Value
     from dissect.tcp.stream import Endpoint
-    from dissect.transactions.table import Side
+    from dissect.transactions.side import Side
 
 #: Devices remembered; when there are more, the one heard of longest ago is forgotten.
 MAX_DEVICES: Final = 4096

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from dissect.scd.messages import Message
     from dissect.scd.model import Pdo
     from dissect.transactions.connection import Connection
-    from dissect.transactions.table import Side
+    from dissect.transactions.side import Side
     from dissect.transactions.transaction import Transaction
 
 #: `Connection.bound` once it is known that no binding is for its TSAPs.

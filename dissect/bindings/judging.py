@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.scd.model import Pdo
     from dissect.scd.types import Value
     from dissect.transactions.payloads import ScdMessage
-    from dissect.transactions.table import Side
+    from dissect.transactions.side import Side
     from dissect.transactions.transaction import Transaction
 
 #: A counter of PDOs is an octet.

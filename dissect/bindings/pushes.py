@@ -12,7 +12,7 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.transactions.payloads import ScdMessage, ScdParameters
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,7 +9,7 @@ from dissect.transactions.payloads import Backlog
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
     from dissect.scd.envelope import Envelope
-    from dissect.transactions.table import Side
+    from dissect.transactions.side import Side
 
 #: Places of a stream that may be the begin of a message whose end is not there yet, while its begin is searched for.
 MAX_PENDING: Final = 64

@@ -12,7 +12,7 @@ from mypy_extensions import i64
 
 from dissect.tcp.stream import MASK
 from dissect.transactions.connection import ISO_TSAP_PORT
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 #: Ports they are counted on, beside 102.
 MAX_PORTS: Final = 1024

@@ -30,7 +30,7 @@ from dissect.tls.handshake import chosen_version
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED
 from dissect.wire.octets import u16
 

@@ -13,7 +13,8 @@ from dissect.tcp.ip import TCP, FragmentStore
 from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, OctetAccount
 from dissect.transactions.connection import ISO_TSAP_PORT
-from dissect.transactions.table import Side, endpoints
+from dissect.transactions.side import Side
+from dissect.transactions.table import endpoints
 from dissect.wire.octets import Tally
 from dissect.wire.text import duration_text
 

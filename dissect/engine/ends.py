@@ -17,7 +17,8 @@ from dissect.engine.counters import Counters
 from dissect.tcp.doubt import HOLDS, REFUTED
 from dissect.tcp.stream import ACK, MASK, RST, SYN, WINDOW
 from dissect.transactions.connection import FOREIGN, LEFT_OUT
-from dissect.transactions.table import ConnectionTable, Rival, Side
+from dissect.transactions.side import Rival, Side
+from dissect.transactions.table import ConnectionTable
 from dissect.wire.text import count
 
 # What a SYN or RST means to the connection that it comes on (`judge`).

@@ -33,8 +33,8 @@ from dissect.transactions.operation import DONE, DOWNLOAD, TRANSFERS, Operation
 from dissect.transactions.operations import Operations
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.payloads import SCD, ScdParameters
+from dissect.transactions.side import Side
 from dissect.transactions.subscriptions import follow
-from dissect.transactions.table import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 
 if TYPE_CHECKING:

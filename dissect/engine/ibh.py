@@ -21,7 +21,7 @@ from dissect.iso.upper import is_sound
 from dissect.transactions.accounts import OctetAccount
 from dissect.transactions.connection import FOLLOWED
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 
 class IbhNetLink(Protocol):

@@ -46,8 +46,8 @@ from dissect.s7.parameters import PROTOCOL_ID
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
+from dissect.transactions.side import Place, Side
 from dissect.transactions.stray import Stray
-from dissect.transactions.table import Place, Side
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 

@@ -8,7 +8,7 @@ from dissect.engine.exchange import Exchange, PayloadDecoder
 from dissect.transactions.connection import FOLLOWED
 from dissect.transactions.payloads import Backlog
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 
 class PayloadStream(Protocol):

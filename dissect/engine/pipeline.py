@@ -50,7 +50,8 @@ from dissect.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import ConnectionTable, Side
+from dissect.transactions.side import Side
+from dissect.transactions.table import ConnectionTable
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
 

@@ -28,7 +28,7 @@ from dissect.s7plus.tables import (
 )
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.wire.octets import Tally
 
 #: Functions by which a client may begin to count anew.

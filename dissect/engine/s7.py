@@ -27,7 +27,7 @@ from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.results import BAD_DATA
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.wire.octets import Tally, u16
 
 

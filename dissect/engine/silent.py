@@ -18,7 +18,8 @@ from dissect.engine.counters import Counters
 from dissect.tcp.stream import MASK, Endpoint
 from dissect.transactions.connection import ISO_TSAP_PORT, PROBING
 from dissect.transactions.probes import Probes
-from dissect.transactions.table import Side, endpoints, reverse_key
+from dissect.transactions.side import Side
+from dissect.transactions.table import endpoints, reverse_key
 from dissect.wire.octets import u16
 from dissect.wire.text import count
 

@@ -24,7 +24,8 @@ from dissect.findings.reporter import Reporter
 from dissect.transactions.naming import subject
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.results import wants_answer
-from dissect.transactions.table import MAX_CONNECTIONS, Side
+from dissect.transactions.side import Side
+from dissect.transactions.table import MAX_CONNECTIONS
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
 

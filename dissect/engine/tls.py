@@ -18,7 +18,7 @@ from dissect.s7plus.stream import FrameStream
 from dissect.tls.key_log import KeyLog, KeyRing
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 if TYPE_CHECKING:
     from dissect.tls.session import TlsSession, Waiting

@@ -15,7 +15,8 @@ from dissect.tcp.segment import Segment
 from dissect.transactions import accounts
 from dissect.transactions.connection import LEFT_OUT
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import ConnectionTable, Side, endpoints
+from dissect.transactions.side import Side
+from dissect.transactions.table import ConnectionTable, endpoints
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_EVICTED
 
 

@@ -13,7 +13,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.tcp.stream import ACK, MASK, RST, SYN, WINDOW, HalfStream
-from dissect.transactions.table import ConnectionTable, Side, base_and_tag, reverse_key
+from dissect.transactions.side import Side
+from dissect.transactions.table import ConnectionTable, base_and_tag, reverse_key
 
 #: Octets of a copy that are compared; fewer may be alike by chance.
 _COMPARED: Final = 8

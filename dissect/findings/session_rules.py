@@ -16,7 +16,7 @@ from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.open_requests import GIVEN_UP_NS
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.codes import CodeTable
 from dissect.wire.text import duration_text

@@ -58,7 +58,7 @@ from dissect.transactions.results import (
     WRITE_SIZE,
     TransactionError,
 )
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,

@@ -15,8 +15,8 @@ from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.transactions.connection import NO_LIMIT, Connection
 from dissect.transactions.ending import DISCONNECT
+from dissect.transactions.side import Side
 from dissect.transactions.stray import Stray
-from dissect.transactions.table import Side
 from dissect.wire.text import count
 
 # What was looked at or told of a connection (`Connection.told`); each for side 0, and shifted by one for side 1.

@@ -28,7 +28,7 @@ from dissect.transactions.transaction import Transaction as Seen
 if TYPE_CHECKING:
     from dissect.iso.tsap import Tsap
     from dissect.select import Where
-    from dissect.transactions.table import Side
+    from dissect.transactions.side import Side
 
 #: Octets of a golden; a larger one is refused.
 MAX_SIZE: Final = 1 << 30

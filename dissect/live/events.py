@@ -13,7 +13,7 @@ from dissect.stations.facts import BLOCK, MAC, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
 #: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself.

@@ -28,7 +28,7 @@ from dissect.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.wire.layout import Layout
 
 #: Why a PDU is not compared.

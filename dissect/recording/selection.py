@@ -28,7 +28,8 @@ from dissect.tcp.connection import TcpConnection
 from dissect.tcp.stream import FIN, RST, SYN
 from dissect.tcp.tunnel import Inner
 from dissect.transactions.connection import Connection
-from dissect.transactions.table import Side, keys_of, reverse_key
+from dissect.transactions.side import Side
+from dissect.transactions.table import keys_of, reverse_key
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.octets import u16, u32
 

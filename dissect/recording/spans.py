@@ -10,7 +10,7 @@ from collections import OrderedDict
 from typing import Final
 
 from dissect.tcp.stream import MASK, HalfStream
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 #: PDUs whose range is remembered until their transaction is told, and directions that are followed.
 MAX_SPANS: Final = 65_536

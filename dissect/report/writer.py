@@ -24,7 +24,7 @@ from dissect.report.words import Places, carried, message_name
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 from dissect.wire.text import Clock
 

@@ -13,7 +13,7 @@ from dissect.select.things import MESSAGE, OPERATION, TRANSACTION, Context, Mess
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable
 

@@ -21,7 +21,8 @@ from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
 from dissect.select.where import Where
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.table import Side, endpoints, keys_of, reverse_key
+from dissect.transactions.side import Side
+from dissect.transactions.table import endpoints, keys_of, reverse_key
 from dissect.transactions.transaction import Transaction
 
 #: Kinds of things that an expression about packets may ask for.

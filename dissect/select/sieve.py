@@ -24,7 +24,7 @@ from dissect.stations.facts import MAC, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
 #: Numbers are remembered a bit each, in pages, of which the oldest go: 16 million in 2 MiB.

@@ -11,7 +11,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.transactions.open_requests import OpenRequests
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 #: Connections looked at, and given up, with one packet.
 LOOK_AT_ONCE: Final = 64

@@ -46,7 +46,7 @@ from dissect.transactions.transaction import (
 from dissect.wire.build import COMPILED
 
 if TYPE_CHECKING:
-    from dissect.transactions.table import Side
+    from dissect.transactions.side import Side
 
 #: Requests open at once per connection and side; the granted AmQ is 8 or less in practice.
 MAX_OPEN: Final = 4096

@@ -14,7 +14,7 @@ from mypy_extensions import i64
 
 if TYPE_CHECKING:
     from dissect.transactions.accounts import OctetAccount
-    from dissect.transactions.table import Side
+    from dissect.transactions.side import Side
 
 
 class Kept:

@@ -19,7 +19,7 @@ from dissect.s7.message import parse_pdu
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.tcp import ip, link
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
 from tests.cases import each
 from tests.properties.packets import Flow, captured

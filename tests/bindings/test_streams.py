@@ -15,7 +15,7 @@ from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.bindings import plant
 
 MESSAGES = Binding("x", "tcp", "messages", port=5601)

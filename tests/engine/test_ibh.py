@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dissect.ibh.tables import IBH_NETLINK, KINDS
 from dissect.transactions.connection import FOLLOWED, FOREIGN, ISO
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.cases import each
 from tests.ibh.packets import ACK, ASK, CLAIM, CLAIMED, DISCONNECT, RECEIPT, TELL, long, short
 from tests.transactions.talk import ACK as ACK_FLAG

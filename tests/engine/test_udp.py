@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.exchange import PayloadDecoder
-from dissect.transactions.table import MAX_CONNECTIONS, ConnectionTable, Side
+from dissect.transactions.side import Side
+from dissect.transactions.table import MAX_CONNECTIONS, ConnectionTable
 from tests.bindings import plant
 from tests.transactions.talk import CLIENT, MS, SERVER, Talk
 

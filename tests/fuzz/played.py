@@ -15,7 +15,7 @@ from dissect.playback.server.player import Stage
 from dissect.playback.server.request_log import RequestLog
 from dissect.playback.server.session import ClientSession
 from dissect.s7.tables import READ
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt
 

@@ -12,7 +12,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.scd.dump import dump_json
 from dissect.source.files import find_reader
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.fuzz import files, frames, inputs, pdus, scripts, streams
 from tests.fuzz.blocks import block_seeds
 from tests.fuzz.containers import Packets

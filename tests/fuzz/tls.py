@@ -18,7 +18,7 @@ from dissect.tls.handshake import MAX_MESSAGE
 from dissect.tls.key_log import KeyLog, KeyRing
 from dissect.tls.records import HEADER, MAX_BODY
 from dissect.tls.session import MAX_WAITING, TlsSession
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.fuzz.checks import check_line
 from tests.tls.sealing import ALERT, FINISHED, HANDSHAKE, KEY_UPDATE, Pair
 

@@ -12,7 +12,7 @@ from mypy_extensions import i64
 from dissect.engine.observer import Observer
 from dissect.recording import spans
 from dissect.recording.spans import Span, SpanBook
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Talk

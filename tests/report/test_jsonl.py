@@ -21,7 +21,7 @@ from dissect.s7.message import parse_pdu
 from dissect.s7.tables import SUCCESS
 from dissect.s7.values import Value, decode_value
 from dissect.session import Run
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from tests.cases import each
 from tests.properties import messages

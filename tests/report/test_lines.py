@@ -15,7 +15,7 @@ from dissect.s7.message import parse_pdu
 from dissect.session import Run
 from dissect.source.packet import SourceFile
 from dissect.transactions.results import went_wrong
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.properties import messages

@@ -27,7 +27,7 @@ from dissect.session import Run
 from dissect.tcp.connection import TcpConnection
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.wire.text import Clock
 from tests.properties.messages import dt
 from tests.properties.packets import Talk

@@ -26,7 +26,7 @@ from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, GET_LINK, GET_VARIABLE
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, REAL, UDINT, WSTRING
 from dissect.s7plus.values import Value, build_value
 from dissect.session import Run
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from tests.properties.messages import dt
 from tests.report.support import OWN, begun, observed

@@ -13,7 +13,7 @@ from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, REQUEST, RESPONSE
 from dissect.session import Run
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 #: PDUs of each capture, and pairs of integrity ids in it.
 CAPTURES: Final = {

@@ -15,7 +15,7 @@ from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"

@@ -10,7 +10,7 @@ import pytest
 from dissect.engine.options import MEMORY
 from dissect.engine.pipeline import LOOK_OCTETS, Options
 from dissect.transactions.memory_limit import LEAVE_AT_ONCE, LOOK_AT_ONCE, Room, held_octets
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from tests.engine.test_pipeline import answered, asked, ready
 from tests.properties.books import Result, check_books
 from tests.properties.messages import connect, dt

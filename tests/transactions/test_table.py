@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.transactions.side import Side
 from dissect.transactions.table import (
     LINGER_NS,
     LOOK_AT_ONCE,
@@ -10,7 +11,6 @@ from dissect.transactions.table import (
     MAX_LINGERING,
     RESERVE,
     ConnectionTable,
-    Side,
     endpoints,
     reverse_key,
 )

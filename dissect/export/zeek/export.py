@@ -21,7 +21,7 @@ from dissect.s7plus.message import parse_plus
 from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import LONG_ANSWER, Operation
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
 #: Connections of which uids, devices and open answers are remembered.

@@ -48,7 +48,7 @@ from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import FUNCTION_MISMATCH
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import Times, write_decimal

@@ -32,7 +32,7 @@ from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import went_wrong
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.text import Clock, decimal, hex_number, shortened

@@ -22,7 +22,7 @@ from dissect.session import Run
 from dissect.testing.talk import Ask, Talk, done, items, read, refused, setup, szl, words, write
 from dissect.testing.talk import data as answered
 from dissect.transactions.ending import RESET
-from dissect.transactions.table import Side
+from dissect.transactions.side import Side
 
 PATIENCE_S: Final = 60.0
 CONNECT: Final = bytes.fromhex("0300001611e00000000100c0010ac1020100c2020102")
