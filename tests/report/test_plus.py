@@ -163,8 +163,12 @@ def test_transactions(found: Everything) -> None:
         "GetMultiVariables  NO ANSWER (capture ends)",
     ]
     keys = ("pdu_ref", "rosctr", "function", "function_name", "outcome", "errors")
-    assert [[row[key] for key in keys] for row in found.cells if "plus" in row["function_name"]][1:4] == [
-        ["6", "", "1356", "S7comm-plus GetMultiVariables", "answered", "return value: 0xfff4 Object not found"],
+    refused = ["6", "", "1356", "S7comm-plus GetMultiVariables", "answered", "return value: 0xfff4 Object not found"]
+    assert [[row[key] for key in keys] for row in found.cells if "plus" in row["function_name"]][:6] == [
+        ["5", "", "1356", "S7comm-plus GetMultiVariables", "answered", ""],  # a row for each item
+        ["5", "", "1356", "S7comm-plus GetMultiVariables", "answered", "item 2: 0xfff4 Object not found"],
+        refused,
+        refused,
         ["7", "", "1266", "S7comm-plus SetVariable", "unsolicited", ""],
         ["", "", "", "S7comm-plus notification", "unsolicited", ""],
     ]
