@@ -255,6 +255,10 @@ class Operation:
     def push(self, transaction: Transaction, octets: int) -> None:
         """Count a push with so many octets as part of this operation."""
         self.add(transaction)
+        self.count_push(transaction, octets)
+
+    def count_push(self, transaction: Transaction, octets: int) -> None:
+        """A part of this operation is a push with so many octets."""
         if self.pushes == 0:
             self.first_push_ns = transaction.response_ns
         self.last_push_ns = transaction.response_ns

@@ -233,8 +233,7 @@ class PlusOperations:
         kind = kinds.MESSAGES if alarms else kinds.CYCLIC
         operation = self._book.begin(kind, str(subscription), transaction, subject)
         operation.asked_by = int(connection.client_side)
-        operation.pushes = 1
-        operation.octets = transaction.response_size
+        operation.count_push(transaction, int(transaction.response_size))
         self._remember(subscription, transaction, operation)
 
     def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:

@@ -135,6 +135,7 @@ def test_a_subscription_from_before_the_capture() -> None:
     ]
     assert {one.connection.tcp.ends[one.asked_by].port for one in talk.operations} == {50000}
     assert talk.operations[0].duration_ns == 2 * MS
+    assert [one.push_interval_ns for one in talk.operations] == [MS, 0]
 
 
 def test_subscriptions_from_before_the_capture_are_bounded() -> None:
