@@ -196,7 +196,7 @@ def _about(info: Part) -> str:
     """Return what block info says of a block: whether it is protected, its version, when its code was changed, size, author."""
     said: list[str] = []
     if info.number("security") > 0:
-        said.append(info.text("security") or f"protection 0x{info.number('security'):08x}")
+        said.append(info.text("security") or f"protection 0x{info.number('security'):x}")
     if info.find("version") is not None:
         said.append(f"version {info.text('version')}")
     if info.text("code_time"):

@@ -29,8 +29,8 @@ UNFINISHED_HOLD: Final = 10
 #: Identical requests that may wait under one reference, and how long after the one before them they may come.
 MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
-#: Requests of a side that may wait behind others of their reference: those of a client whose packets all come first. Each answer
-#: looks at them all.
+#: Requests of a side that may wait behind others of their reference: those of a client whose packets all come first. Each
+#: answer looks at them all.
 MAX_BEHIND: Final = 256
 #: Clients wait two seconds at least before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000

@@ -56,7 +56,7 @@ def test_a_protected_block_is_said_to_be_so() -> None:
     (info,) = payload_parts(
         body(userdata(RESPONSE, 3, 3, INFO_ANSWER.replace("000000d8 00000000", "000000d8 00000007")))
     )
-    assert info.note.startswith("block DB 1, protection 7, version 0.1, ")
+    assert info.note.startswith("block DB 1, protection 0x7, version 0.1, ")
 
 
 def test_block_info() -> None:
