@@ -238,7 +238,7 @@ EXAMPLES: Final = [
         64,
         True,
         "0300002302f0803201000012000012000028000000000000fd00024550055f4d4f4455",
-        'S7 Job PI service ref=0x1200 "EP", _MODU: copy RAM to ROM',
+        'S7 Job PI service ref=0x1200 _MODU: copy RAM to ROM, "EP"',
     ),
     Example(
         65,
@@ -323,7 +323,8 @@ EXAMPLES: Final = [
         79,
         False,
         "0300006f02f080320700001b00000c0052000112081283030000000000ff09004e0100004a220070700101050a0001000000d80000000002395d992d7003a1638321a70038000000000058415554484f52202046414d494c5920204845414445522020010063cc0000000000000000",
-        "S7 Userdata response block functions: get block info ref=0x1b00 block DB 1",
+        "S7 Userdata response block functions: get block info ref=0x1b00 block DB 1, version 0.1, "
+        "changed 2015-11-06 10:21:53.945, 88 bytes MC7, author A… (98 characters)",
     ),
     Example(
         80,
@@ -395,7 +396,7 @@ EXAMPLES: Final = [
         91,
         False,
         "0300003902f080320700000000000800200001120411040500ff09001c23111422153062134001120a1601000000c201000000ff040010002a",
-        "S7 Userdata push CPU functions: ALARM_8 indication ref=0x0000 DT#2023-11-14-22:15:30.621, event 0x000000c2: signal 1 on",
+        "S7 Userdata push CPU functions: ALARM_8 indication ref=0x0000 DT#2023-11-14-22:15:30.621, event 0x000000c2: signal 1 on, with 00 2a",
     ),
     Example(
         92,
