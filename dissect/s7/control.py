@@ -122,13 +122,14 @@ def parse_service(cursor: Cursor, answer: bool) -> None:
         cursor.tell("length_beyond", "block_length", size, cursor.left)
         size = cursor.left
     name = _name_behind(cursor, size)
-    head.note = _service_note(name, size > 0)  # the name stands behind its arguments, but says what they are for
+    known = _service_note(name, size > 0)
+    head.note = known  # the name stands behind its arguments, but says what they are for
     block = Cursor(cursor.octets, cursor.at, cursor.at + size, "item", cursor.malformed)
     _parameter_block(block, name)
     block.finish()
     cursor.parts.extend(block.parts)
     cursor.at += size
-    _take_name(cursor)
+    _take_name(cursor, "" if known else name)
 
 
 def _name_behind(cursor: Cursor, size: int) -> str:
@@ -138,19 +139,20 @@ def _name_behind(cursor: Cursor, size: int) -> str:
 
 
 def _service_note(name: str, has_block: bool) -> str:
-    """Return what a service is called and what it does."""
+    """Return what a service is called and what it does; empty for one that is not known."""
     if name == PROGRAM:
         return f"{name}: start the CPU" if has_block else f"{name}: start the CPU, warm restart"
     row = PI_SERVICES.get(name)
-    return f"{name}: {row.meaning}" if row is not None else name
+    return f"{name}: {row.meaning}" if row is not None else ""
 
 
-def _take_name(cursor: Cursor) -> None:
+def _take_name(cursor: Cursor, note: str) -> None:
+    """Take the name, with ``note`` where the service is not known: a length that lies may make a password of it."""
     told = cursor.octets[cursor.at] if cursor.left else 0
     if told >= cursor.left:  # the length octet itself is one of those left
         cursor.tell("length_beyond", "name_length", told, max(cursor.left - 1, 0))
     if cursor.left:
-        cursor.take(PI_NAME, min(1 + told, cursor.left))
+        cursor.take(PI_NAME, min(1 + told, cursor.left), note)
 
 
 def _parameter_block(block: Cursor, name: str) -> None:
