@@ -125,7 +125,7 @@ def test_strings_without_names_of_their_own() -> None:
     found = body(job(service("_N_TSEARC", strings("P01", "5"))))
     assert found.notes == ["_N_TSEARC: complex tool search", "address P01", "argument 5"]
     found = body(job(service("_N_UNKNOWN", strings("P01", "12"))))
-    assert found.notes == ["_N_UNKNOWN", "argument P01", "argument 12"]
+    assert found.notes == ["argument P01", "argument 12", "_N_UNKNOWN"]
     assert found.parameters[-2].layout is PI_FILL
 
 
@@ -150,7 +150,7 @@ def test_blocks_nobody_counted_are_told() -> None:
 
 def test_a_service_nobody_knows_keeps_its_argument() -> None:
     found = body(job(service("_XYZ_", "414243")))
-    assert (found.malformed, found.notes) == ([], ["_XYZ_", '"ABC"'])
+    assert (found.malformed, found.notes) == ([], ['"ABC"', "_XYZ_"])
     assert found.find(PI_ARGUMENT) is not None
 
 
