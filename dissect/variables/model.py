@@ -28,7 +28,7 @@ class Variable:
 
     ``plc`` is the end of the connection that holds it, in the network ``vlan`` (`vlan_ids`). ``address`` is where it begins
     ("DB10.DBD4", "0x6041:0"), ``type`` what is there ("REAL", "10 x BYTE"), ``tag`` its name, empty where nobody knows one.
-    ``data`` and ``value`` are the latest, once it was ``seen``. ``refused_reads``, ``refused_writes`` and ``unconfirmed`` count
+    ``data``, ``value`` and ``text`` are the latest, once it was ``seen``. ``refused_reads``, ``refused_writes`` and ``unconfirmed`` count
     what gave no value: the PLC refused, or nobody saw whether it took a write. Texts are as in the file or on the wire.
     """
 
@@ -44,6 +44,7 @@ class Variable:
         "seen",
         "statistics",
         "tag",
+        "text",
         "type",
         "unconfirmed",
         "unit",
@@ -62,6 +63,7 @@ class Variable:
         self.bytes_only: bool = False  # octets without a meaning, which a person reads in hexadecimal
         self.data: bytes | None = None
         self.value: object = None
+        self.text: str = ""
         self.seen: bool = False
         self.refused_reads: i64 = 0
         self.refused_writes: i64 = 0
@@ -85,7 +87,8 @@ class ValueRow:
     write the request. ``side`` of ``link`` is the client: who read, wrote or subscribed. ``how`` is one of `HOWS`, ``writes``
     says whether the client gave the value. ``value`` is as `dissect.s7.values.Value`, of S7comm-plus what JSON can hold, in the
     unit of the tag; None where octets have none: then ``data`` has them (None for values without octets of their own).
-    ``previous`` is the value before it, whoever read or wrote that, and ``before`` its octets. ``first``: there was none.
+    ``previous`` is the value before it, whoever read or wrote that, ``before`` its octets, ``previous_text`` its name.
+    ``first``: there was none.
     ``changed``: it was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen
     before. ``text`` is what an SCD dictionary or S7comm-plus calls the value, ``remark`` what is odd about it.
     """
@@ -100,6 +103,7 @@ class ValueRow:
         "link",
         "pieced",
         "previous",
+        "previous_text",
         "remark",
         "side",
         "text",
@@ -120,6 +124,7 @@ class ValueRow:
         self.value: object = None
         self.data: bytes | None = None
         self.previous: object = None
+        self.previous_text: str = ""
         self.before: bytes | None = None
         self.first: bool = False
         self.changed: bool = True

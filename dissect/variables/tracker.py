@@ -201,26 +201,28 @@ class Tracker:
         row.changed = changed
         row.previous = variable.value
         row.before = variable.data
+        row.previous_text = variable.text
         return row
 
     def finish(self, row: ValueRow) -> None:
         """Remember the value of a row, and keep or add up the row."""
         variable = row.variable
         if variable.next_ns >= 0 and row.changed:
-            self._keep(variable, row.data, row.value)
+            self._keep(variable, row.data, row.value, row.text)
         statistics = variable.statistics
         if statistics is not None:
             statistics.add(row)
         elif not self._sums:
             self.rows.append(row)
 
-    def _keep(self, variable: Variable, data: bytes | None, value: object) -> None:
+    def _keep(self, variable: Variable, data: bytes | None, value: object, text: str = "") -> None:
         """Remember the latest value of a variable."""
         if data is not None:
             before = variable.data
             self.kept += len(data) - (len(before) if before is not None else 0)
         variable.data = data
         variable.value = value
+        variable.text = text
         variable.seen = True
 
 

@@ -293,7 +293,7 @@ def line_end(row: ValueRow, what: str) -> str:
     variable = row.variable
     was = ""
     if row.changed and not row.first:
-        was = f"  was {shown(variable, row.previous, row.before)}"
+        was = f"  was {shown(variable, row.previous, row.before, row.previous_text)}"
     # What SCD says of a value that is there has no data with it, and stays out.
     odd = row.remark and (row.value is None or row.data is not None)
     remark = f"  [{shortened(row.remark, _NAME)}]" if odd else ""
