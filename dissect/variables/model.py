@@ -28,8 +28,9 @@ class Variable:
 
     ``plc`` is the end of the connection that holds it, in the network ``vlan`` (`vlan_ids`). ``address`` is where it begins
     ("DB10.DBD4", "0x6041:0"), ``type`` what is there ("REAL", "10 x BYTE"), ``tag`` its name, empty where nobody knows one.
-    ``data``, ``value`` and ``text`` are the latest, once it was ``seen``. ``refused_reads``, ``refused_writes`` and ``unconfirmed`` count
-    what gave no value: the PLC refused, or nobody saw whether it took a write. Texts are as in the file or on the wire.
+    ``data``, ``value`` and ``text`` are the latest, once it was ``seen``. ``refused_reads``, ``refused_writes`` and
+    ``unconfirmed`` count what gave no value: the PLC refused, or nobody saw whether it took a write. Texts are as in the file
+    or on the wire.
     """
 
     __slots__ = (
