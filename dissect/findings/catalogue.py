@@ -232,7 +232,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     # Transactions.
     ("transaction.refused", WARNING, FUNCTION, "A request was refused as a whole.",
      "See the error code: the device does not know the service, protects it, or cannot perform it in its present state.", ""),
-    ("transaction.item_error", WARNING, FUNCTION, "An item of a read or write was refused.",
+    ("transaction.item_error", WARNING, FUNCTION, "An item of a read, write or subscription was refused.",
      "Check the address: the block may be missing or too short, protected against access, or of a different type.", ""),
     ("transaction.unanswered", WARNING, FUNCTION, "A request got no answer.",
      "The detail gives the reason. If the connection was closed, check which side closed it; if not, check the device's load.",

@@ -24,7 +24,7 @@ from tests.transactions.talk import CONFIRM, CONNECT, ack_data, dbw, dt, granted
 from tests.transactions.talk import read as read_job
 
 Capture = pytest.CaptureFixture[bytes]
-MARK: Final = "s7dissect: warning transaction.item_error: An item of a read or write was refused."
+MARK: Final = "s7dissect: warning transaction.item_error: An item of a read, write or subscription was refused."
 
 
 @pytest.fixture

@@ -360,7 +360,7 @@ def test_alerts_are_raised(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: 
     rules.write_text(RULES)
     ran = run(capfdbinary, "monitor", simple(tmp_path / "a.pcapng"), "--alerts", rules)
     assert ran.code == 0
-    assert "ALERT warning  refused: An item of a read or write was refused." in ran.err
+    assert "ALERT warning  refused: An item of a read, write or subscription was refused." in ran.err
 
 
 def test_rules_that_are_wrong_are_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

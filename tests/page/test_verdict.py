@@ -21,9 +21,8 @@ def test_what_broke_since_when_and_who() -> None:
     said = verdict(gathered_of([OWN / "nodes7-poll-missing.pcapng"]))
     assert said.severity == "warning"
     what, since, who = said.sentences
-    assert (
-        what == "An item of a read or write was refused: Read Var DB2.DBB400 x4: 0x05 Invalid address (packets 10, 11)."
-    )
+    refused = "An item of a read, write or subscription was refused"
+    assert what == f"{refused}: Read Var DB2.DBB400 x4: 0x05 Invalid address (packets 10, 11)."
     assert since.startswith("It happened 4 times: the first time at 2026-11-21 01:31:15.5")
     assert who == "It concerns 127.0.0.1 → 127.0.0.1; there is no other error or warning."
     assert said.finding is not None

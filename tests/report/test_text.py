@@ -60,7 +60,10 @@ def test_a_report_from_top_to_bottom() -> None:
     assert functions[0] == ["function", "count", "errors", "no", "answer", "median", "95", "%", "max"]
     assert [row[:5] for row in functions[1:3]] == [["Read", "Var", "4", "4", "."], ["Write", "Var", "3", "3", "."]]
     findings = section(lines, "Findings")
-    assert findings[0] == "warning  transaction.item_error (13 times): An item of a read or write was refused."
+    assert (
+        findings[0]
+        == "warning  transaction.item_error (13 times): An item of a read, write or subscription was refused."
+    )
     assert findings[1] == "connection 1, packets 10, 11: Read Var DB99.DBB0 x4: 0x0a Object does not exist"
     assert findings[4] == "and 10 more: packets 17, 19, 21, 23"
     assert findings[5].startswith("→ Check the address")
