@@ -198,9 +198,7 @@ def test_comments_are_shown_by_wireshark(tmp_path: Path, capfdbinary: Capfd, mix
         21,
         22,
     }
-    assert commented[21].startswith(
-        "and this|s7dissect: warning transaction.item_error: An item of a read or write was "
-    )
+    assert commented[21].startswith("and this|s7dissect: warning transaction.item_error: An item of a read, write or ")
     assert cut(capfdbinary, path, "-o", out, "--no-comments", "--force").code == 0
     assert drain(open_capture(str(out))).comments == [(1, "from before"), (21, "and this")]
 
