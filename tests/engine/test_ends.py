@@ -372,6 +372,22 @@ def test_a_genuine_end_needs_no_second_look() -> None:
         assert talk.slugs() == []
 
 
+def test_packets_of_the_next_connection_are_none_of_the_one_before_it() -> None:
+    """The SYN/ACK is lost, so that only the first bytes show that the SYN began another one."""
+    talk = begun()
+    last = int(talk.pipeline.frames)
+    talk.wait(SECOND)
+    talk.seq = [50_000_000, 70_000_000]
+    talk.packet(CLIENT, flags=SYN)
+    talk.seq[SERVER] += 1
+    talk.packet(CLIENT)
+    talk.connect()
+    polled(talk, 2)
+    talk.close()
+    assert [(one.tcp.ended, int(one.tcp.first_frame)) for one in talk.connections] == [("reused", 1), ("fin", last + 1)]
+    assert talk.connections[0].tcp.last_frame == last
+
+
 # ---- many of them ---------------------------------------------------------------------------------------------------
 
 
