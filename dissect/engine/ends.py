@@ -125,7 +125,8 @@ def _hold_back(
         rival = None
     if rival is None or rival.seq != (seq + 1) & MASK:
         octets: i64 = side.stream.octets
-        side.rival = Rival((seq + 1) & MASK, octets, peer.stream.octets, counters.frames, counters.now_ns)
+        sent: i64 = peer.stream.octets
+        side.rival = Rival(side.tcp, (seq + 1) & MASK, octets, sent, counters.frames, counters.now_ns)
     attempts.note_syn(counters, table, side.key, seq, link)
     return HELD_BACK
 
@@ -148,10 +149,14 @@ def give_way(counters: Counters, side: Side) -> None:
     frame: i64 = counters.frames
     time_ns: i64 = counters.now_ns
     for end in (side, side.peer):
-        if end is not None and end.rival is not None:
-            frame = end.rival.frame
-            time_ns = end.rival.time_ns
+        rival = end.rival if end is not None else None
+        if end is not None and rival is not None:
+            frame = rival.frame
+            time_ns = rival.time_ns
             end.rival = None
+            if tcp.ended_frame < frame and _silent(end, rival):
+                tcp.last_frame = rival.last_frame  # what came since is of the other one
+                tcp.last_ns = rival.last_ns
     look(counters, side)
     if not tcp.ended:
         tcp.ended = "reused"
@@ -159,6 +164,12 @@ def give_way(counters: Counters, side: Side) -> None:
         tcp.ended_ns = time_ns
         if side.connection.followed:
             counters.note_of("stream.reused", [int(frame)], time_ns, "", side.connection.number)
+
+
+def _silent(side: Side, rival: Rival) -> bool:
+    """Return whether neither side sent octets since the SYN."""
+    peer = side.peer
+    return peer is not None and side.stream.octets == rival.octets and peer.stream.octets == rival.answered
 
 
 def _went_on(side: Side, peer: Side, rival: Rival) -> bool:

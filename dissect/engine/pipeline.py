@@ -338,6 +338,8 @@ class Pipeline(PacketSink):
                 elif flags & ACK:
                     self.silent.take(key, seq, ack)
                 return NO_PAYLOAD
+            if key != own and (before := self.table.sides.get(key)) is not None:
+                self._give_way(before)  # as `judge` would have found if it had the VLAN of the SYN
             side = self._open(key, vlan)
             if key != own:
                 self.table.add(side, own)
@@ -354,8 +356,7 @@ class Pipeline(PacketSink):
         if flags & (RST | FIN):
             if not ends.take(self.counters, side, seq, flags, len(octets) + missing, self._link):
                 return accounts.RESET_IGNORED
-            if side.tcp.doubt is not None:
-                self.timers.wait(side)
+            self.timers.doubt(side)
         if side.tcp.closed and not was_closed:
             self.table.linger(side)
             self._forget_closed()  # not only when time passes: in some captures it stands still
@@ -395,7 +396,7 @@ class Pipeline(PacketSink):
         assert peer is not None
         side.longest = 0
         peer.longest = 0
-        if side.waiting or peer.waiting:
+        if side.waiting or peer.waiting or tcp.doubt is not None:
             self.timers.passing(side, peer, ack, flags & ACK != 0)
         if flags & ACK:
             side.last_ack = ack
@@ -420,10 +421,17 @@ class Pipeline(PacketSink):
             return
         self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
         peer = side.peer
-        if peer is not None and not side.waiting and not peer.waiting and side.connection.plus is None:
-            side.longest = self.iso.longest(side)
-            if peer.stream.held is None:
-                peer.longest = self.iso.longest(peer)
+        if (
+            peer is None
+            or side.waiting
+            or peer.waiting
+            or side.tcp.doubt is not None
+            or side.connection.plus is not None
+        ):
+            return
+        side.longest = self.iso.longest(side)
+        if peer.stream.held is None:
+            peer.longest = self.iso.longest(peer)
 
     def _irregular(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
         """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""

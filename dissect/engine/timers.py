@@ -138,6 +138,7 @@ class Timers:
         self._counters: Counters = counters
         self._exchange: Exchange = exchange
         self._waiting: list[Side] = []  # sides with held segments or held answers
+        self._doubts: list[Side] = []  # of connections whose end is in doubt, if they sent since that was looked at
         self._overdue: OverdueWatch | None = None
         self._rest_ns: i64 = FAR_FUTURE  # the deadline while nothing waits
         if overdue_ns:
@@ -191,6 +192,20 @@ class Timers:
                 self._waiting = [one for one in self._waiting if one.waiting]
         self.wake()
 
+    def doubt(self, side: Side) -> None:
+        """The end of a connection is in doubt, and ``side`` sent something: look at it when time passes."""
+        doubt = side.tcp.doubt
+        if doubt is None or doubt.due:
+            return
+        doubt.due = True
+        side.longest = 0
+        if side.peer is not None:
+            side.peer.longest = 0
+        self._doubts.append(side)
+        if len(self._doubts) > _MANY_WAITING:
+            self.look_at_ends()
+        self.wake()
+
     def wake(self) -> None:
         """Something waits from now on."""
         if self.deadline_ns == FAR_FUTURE:
@@ -208,6 +223,7 @@ class Timers:
         now_ns: i64 = self._counters.now_ns
         if side.tcp.doubt is not None:
             ends.look(self._counters, side)
+            self.doubt(side)
         if peer.stream.held is not None and acknowledges:
             peer.stream.acknowledged(ack, now_ns)
         for end in (peer, side):
@@ -230,14 +246,26 @@ class Timers:
         for side in waiting:  # only then the answers: the request one of them waits for may just have come out
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
-            in_doubt: bool = side.tcp.doubt is not None and side.peer is not None
-            side.waiting = in_doubt or side.stream.time_bound or asked.orphans is not None
+            side.waiting = side.stream.time_bound or asked.orphans is not None
 
     def look_at_ends(self) -> None:
-        """Look at the connections whose end is in doubt."""
-        for side in self._waiting:
-            if side.tcp.doubt is not None:
-                ends.look(self._counters, side)
+        """Look at the connections whose end is in doubt, and that something came of since the last look.
+
+        Of the others nothing more can be known: there may be thousands, for as long as the capture goes on.
+        """
+        held: list[Side] = []
+        for side in self._doubts:
+            doubt = side.tcp.doubt
+            peer = side.peer
+            if doubt is None or peer is None or not doubt.due:
+                continue
+            doubt.due = False
+            ends.look(self._counters, side)
+            if side.stream.time_bound or peer.stream.time_bound:
+                held.append(side)  # that may tell, once it is passed on
+        self._doubts = []
+        for side in held:
+            self.doubt(side)
 
     def look_overdue(self) -> None:
         """Report the requests that have been open longer than the limit, where one was set."""
@@ -247,7 +275,7 @@ class Timers:
     def settle(self, lingering: bool) -> None:
         """Forget the sides that wait no longer; rest when nothing does, and no closed connection is kept (``lingering``)."""
         self._waiting = [side for side in self._waiting if side.waiting]
-        if self._overdue is None and not self._waiting and not lingering:
+        if self._overdue is None and not self._waiting and not self._doubts and not lingering:
             self.deadline_ns = FAR_FUTURE
 
     def oldest_held(self) -> i64:
@@ -269,4 +297,5 @@ class Timers:
     def finish(self) -> None:
         """The capture ends: nothing waits."""
         self._waiting = []
+        self._doubts = []
         self.deadline_ns = self._rest_ns

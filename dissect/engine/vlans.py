@@ -48,7 +48,11 @@ def elsewhere(
         return None, key, vlan
     for other in table.tags:
         attempt = None if other == tag else table.attempt(reverse + other)
-        if attempt is not None and _near(ack, attempt.seq + 1, flags):
+        if attempt is None or not _near(ack, attempt.seq + 1, flags):
+            continue
+        if (
+            flags & SYN or base + other not in table.sides
+        ):  # else who goes on with the connection there is not known yet
             return None, base + other, int.from_bytes(other, "big")
     return None, key, vlan
 

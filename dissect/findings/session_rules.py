@@ -15,7 +15,7 @@ from dissect.s7.tables import ACK, SETUP_COMMUNICATION
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
-from dissect.transactions.open_requests import GIVEN_UP_NS
+from dissect.transactions.open_requests import FEW_JOBS, GIVEN_UP_NS
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.codes import CodeTable
@@ -23,8 +23,6 @@ from dissect.wire.text import duration_text
 
 #: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
 _MIN_PDU_LENGTH: Final = 64
-#: Grants below this are looked at closely; no device is known to grant more than 8.
-_FEW_JOBS: Final = 64
 #: A connection of which only one side was captured is called so from this many PDUs on.
 _ONE_SIDED_PDUS: Final = 3
 #: A bit of `Connection.told` for side 0, and shifted by one for side 1; those below it belong to the transport rules.
@@ -51,7 +49,7 @@ def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now:
         judge.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
-        if allowed < _FEW_JOBS:
+        if allowed < FEW_JOBS:
             # A request that is long without answer was given up by its client, and one before a hole may have its answer in it.
             peer = side.peer
             hole_frame: i64 = 0

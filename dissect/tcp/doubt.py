@@ -30,7 +30,8 @@ class Doubt:
 
     ``distance`` is how far it was ahead of the octet that was expected next (negative: behind), ``sender`` the Ethernet
     address it came from, empty for none. ``other`` is an end that came after it and is not in doubt, with its side, packet and
-    time; ``silent`` has a bit for each side that sends nothing more because of that one.
+    time; ``silent`` has a bit for each side that sends nothing more because of that one. ``due``: something came since
+    it was looked at.
     """
 
     __slots__ = (
@@ -38,6 +39,7 @@ class Doubt:
         "_reach",
         "_theirs",
         "distance",
+        "due",
         "frame",
         "how",
         "other",
@@ -60,6 +62,7 @@ class Doubt:
         self.time_ns: i64 = time_ns
         self.distance: i64 = mine.distance(seq)
         self.sender: bytes = b""
+        self.due: bool = False
         self.other: str = ""
         self.other_side: i64 = -1
         self.other_frame: i64 = 0

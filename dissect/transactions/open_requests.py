@@ -29,11 +29,16 @@ UNFINISHED_HOLD: Final = 10
 #: Identical requests that may wait under one reference, and how long after the one before them they may come.
 MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
+#: A client that has got nothing for so long does not ask beside a request, but gave it up: of several it sends one soon after
+#: the other, or when it was answered something.
+BESIDE_NS: Final = 200_000_000
 #: Requests of a side that may wait behind others of their reference: those of a client whose packets all come first. Each
 #: answer looks at them all.
 MAX_BEHIND: Final = 256
 #: Clients wait two seconds at least before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
+#: Grants below this are looked at closely; no device is known to grant more than 8.
+FEW_JOBS: Final = 64
 #: So many of the longest open are looked at before the latest ones.
 _FEW_OLD: Final = 8
 #: Requests given up from the front of a table before it is made anew.
@@ -67,6 +72,11 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
     return acknowledged(request, end_seq)
 
 
+def no_answer(request: Transaction, before: Transaction) -> bool:
+    """Return whether a client got nothing for so long since the request ``before`` that it gave that one up."""
+    return request.request_ns - before.request_ns > BESIDE_NS and request.request_ack == before.request_ack
+
+
 class OpenRequests:
     """The open requests of one asking side, and the answers to it that found none.
 
@@ -74,7 +84,7 @@ class OpenRequests:
     an int object, even beside others whose answers were not captured.
     """
 
-    __slots__ = ("_before", "_before_key", "_given_up", "_table", "count", "latest", "latest_key", "orphans")
+    __slots__ = ("_before", "_before_key", "_given_up", "_table", "anew", "count", "latest", "latest_key", "orphans")
 
     def __init__(self) -> None:
         self.latest: Transaction | None = None  # asked after `_before`, and that after all those of `_table`
@@ -83,6 +93,7 @@ class OpenRequests:
         self._before_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
+        self.anew: i64 = 0  # number of the latest request that a client asked again when it had got nothing for a while
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 
@@ -142,6 +153,8 @@ class OpenRequests:
             and transaction.request_ns - old.request_ns <= REPEAT_NS
             and old.request_octets == transaction.request_octets
         ):
+            if no_answer(transaction, old):
+                self.anew = transaction.number
             transaction.earlier = old
             transaction.superseded = old.superseded  # what waits behind an entry of the table hangs on that entry
             old.superseded = None

@@ -17,7 +17,7 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.contradictions import contradicts, is_strange
-from dissect.transactions.open_requests import GIVEN_UP_NS, REPEAT_NS, acknowledged, excludes
+from dissect.transactions.open_requests import FEW_JOBS, GIVEN_UP_NS, REPEAT_NS, acknowledged, excludes, no_answer
 from dissect.transactions.results import (
     EXPECTED,
     FUNCTION_MISMATCH,
@@ -497,20 +497,23 @@ def _is_beside(side: Side, request: Transaction, before: Transaction) -> bool:
     """Return whether a client asks a request beside another of the same reference, which it still waits for.
 
     So many may be open, and nothing is missing that may have been the answer to the other one. What is the same once more,
-    or comes when that one was given up, is something else.
+    or comes when that one was given up, is something else: if both waited, each later answer would meet the request before its
+    own.
     """
     connection = side.connection
     allowed: i64 = connection.jobs_allowed(side.index)
-    if allowed < 2 or request.request_ns - before.request_ns > REPEAT_NS:
+    if allowed < 2 or request.request_ns - before.request_ns > REPEAT_NS or no_answer(request, before):
         return False
     peer = side.peer
     if peer is None or peer.hole_frame >= before.request_frame or side.hole_frame >= before.request_frame:
         return False
     requests = connection.open_requests[side.index]
+    if before.number == requests.anew:
+        return False
     if requests.count >= allowed:
         # What is long without answer was given up by its client.
         since_ns: i64 = request.request_ns - GIVEN_UP_NS
-        if requests.open_since(since_ns, peer.hole_frame, allowed) >= allowed:
+        if allowed >= FEW_JOBS or requests.open_since(since_ns, peer.hole_frame, allowed) >= allowed:
             return False
     return before.request_octets != request.request_octets
 

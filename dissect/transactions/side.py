@@ -150,12 +150,15 @@ class Side:
 class Rival:
     """A SYN that a side of an open connection is said to have sent, to begin another one: ``seq`` is the number after it.
 
-    ``octets`` is how many that side had sent then, ``answered`` how many the other one.
+    ``octets`` is how many that side had sent then, ``answered`` how many the other one; ``last_frame`` and ``last_ns`` are the
+    latest packet of the connection before it.
     """
 
-    __slots__ = ("answered", "frame", "octets", "seq", "time_ns")
+    __slots__ = ("answered", "frame", "last_frame", "last_ns", "octets", "seq", "time_ns")
 
-    def __init__(self, seq: i64, octets: i64, answered: i64, frame: i64, time_ns: i64) -> None:
+    def __init__(self, tcp: TcpConnection, seq: i64, octets: i64, answered: i64, frame: i64, time_ns: i64) -> None:
+        self.last_frame: i64 = tcp.last_frame
+        self.last_ns: i64 = tcp.last_ns
         self.seq: i64 = seq
         self.octets: i64 = octets
         self.answered: i64 = answered

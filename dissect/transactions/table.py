@@ -465,10 +465,12 @@ class ConnectionTable:
         for lingering, pause_ns in ((self._lingering, LINGER_NS), (self._doubted, DOUBT_NS)):
             while lingering:
                 side = lingering[0]
-                if not everything and len(lingering) <= MAX_LINGERING and time_ns - side.tcp.last_ns <= pause_ns:
+                open_again: bool = pause_ns == DOUBT_NS and not side.tcp.closed  # its end was withdrawn
+                early: bool = len(lingering) <= MAX_LINGERING and time_ns - side.tcp.last_ns <= pause_ns
+                if early and not open_again and not everything:
                     break
                 lingering.popleft()
-                if side.tcp.closed or pause_ns == LINGER_NS:  # else its end was withdrawn
+                if not open_again:
                     gone.append(side)
         return gone
 

@@ -8,6 +8,7 @@ import pytest
 
 from dissect.transactions.table import DOUBT_NS, LINGER_NS
 from tests.cases import each
+from tests.growth import assert_growth
 from tests.transactions.talk import (
     ACK,
     CLIENT,
@@ -369,3 +370,67 @@ def test_a_genuine_end_needs_no_second_look() -> None:
         talk.finish()
         assert ended(talk)[2] == frame
         assert talk.slugs() == []
+
+
+def test_packets_of_the_next_connection_are_none_of_the_one_before_it() -> None:
+    """The SYN/ACK is lost, so that only the first bytes show that the SYN began another one."""
+    talk = begun()
+    last = int(talk.pipeline.frames)
+    talk.wait(SECOND)
+    talk.seq = [50_000_000, 70_000_000]
+    talk.packet(CLIENT, flags=SYN)
+    talk.seq[SERVER] += 1
+    talk.packet(CLIENT)
+    talk.connect()
+    polled(talk, 2)
+    talk.close()
+    assert [(one.tcp.ended, int(one.tcp.first_frame)) for one in talk.connections] == [("reused", 1), ("fin", last + 1)]
+    assert talk.connections[0].tcp.last_frame == last
+
+
+# ---- many of them ---------------------------------------------------------------------------------------------------
+
+
+def half_closed(count: int) -> Talk:
+    """Return the first of so many connections of which one side sent a FIN ahead of its number, and nothing came after it."""
+    first = Talk(client_port=20_000)
+    for number in range(count):
+        talk = first if number == 0 else Talk(client_port=20_000 + number, beside=first)
+        talk.hello()
+        talk.connect()
+        talk.packet(CLIENT, flags=FIN | ACK, seq=talk.seq[CLIENT] + 10, after_ns=0)
+    return first
+
+
+def test_ends_in_doubt_take_no_work_while_nothing_comes_of_their_connections() -> None:
+    def later(talk: Talk) -> None:
+        for _ in range(200):
+            talk.silence(SECOND)
+
+    few, many = half_closed(10), half_closed(200)
+    later(few)  # what waited for anything else is done
+    later(many)
+    assert_growth(lambda: later(few), lambda: later(many), 2)
+
+
+def test_an_end_in_doubt_is_looked_at_however_late_both_sides_go_on() -> None:
+    talk = begun()
+    talk.packet(CLIENT, flags=FIN | ACK, seq=talk.seq[CLIENT] + 10)
+    talk.silence(100 * SECOND)
+    polled(talk, 2, 3)
+    talk.silence(SECOND)
+    assert len(details(talk)) == 1
+    talk.close()
+    assert ended(talk)[0] == "fin"
+
+
+def test_a_connection_that_goes_on_keeps_no_ended_one_waiting() -> None:
+    talk = begun()
+    other = Talk(client_port=50_001, beside=talk)
+    other.open()
+    talk.packet(SERVER, flags=RST, seq=talk.seq[SERVER] + 500)
+    other.packet(SERVER, flags=RST, seq=other.seq[SERVER] + 500)
+    for number in range(2, 40):
+        talk.wait(SECOND)
+        polled(talk, number)
+    assert [(one.tcp.ends[0].port, one.tcp.ended) for one in talk.connections] == [(50_001, "reset")]

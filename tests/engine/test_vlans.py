@@ -13,6 +13,7 @@ from tests.engine.test_pipeline import poll, ready
 from tests.properties.books import Record, Result, check_books, told, true
 from tests.properties.packets import ACK, FIN, MS, PSH, RST, SYN, Flow, Packet, Segment, Talk, captured
 from tests.properties.traffic import conversation, merged, segments
+from tests.transactions import talk as talks
 
 #: Tags of a packet, in the order in which it is captured with them, by the side that sends it.
 Tags = Callable[[int], list[tuple[int, ...]]]
@@ -73,20 +74,20 @@ def test_machines_that_are_alike_stay_apart() -> None:
     """Their connections are open at the same time, between the same addresses and ports, some met in their midst."""
     for seed in range(12):
         rng = Random(seed)
-        talks, streams = [], []
+        spoken, streams = [], []
         for vlan in (1, 2, 3):
             talk = conversation(Random(100 * seed + vlan), Flow(vlans=(vlan,)), 12, midstream=rng.random() < 0.5)
-            talks.append(talk)
+            spoken.append(talk)
             streams.append(segments(talk, rng, isns=(rng.getrandbits(32), rng.getrandbits(32))))
         result = Result(captured(merged(rng, streams)))
         check_books(result.pipeline, result.record)
-        assert told(result.transactions) == true(talks)
+        assert told(result.transactions) == true(spoken)
         assert sorted([connection.tcp.vlan for connection in result.record.closed]) == [1, 2, 3]
 
 
 def test_those_that_count_alike_stay_apart_when_one_begins_after_the_other() -> None:
-    talks = [poll(ready(Flow(vlans=(vlan,))), vlan) for vlan in (1, 2)]
-    result = Result([packet for talk in talks for packet in talk.packets()])
+    spoken = [poll(ready(Flow(vlans=(vlan,))), vlan) for vlan in (1, 2)]
+    result = Result([packet for talk in spoken for packet in talk.packets()])
     assert [connection.tcp.vlan for connection in result.record.closed] == [1, 2]
     assert len(result.transactions) == 4
 
@@ -152,3 +153,44 @@ def test_a_capture_that_begins_anew_knows_no_vlans() -> None:
     pipeline.finish()
     pipeline.restart_clock(0)
     assert pipeline.table.tags == {}
+
+
+@pytest.mark.parametrize("vlans", [(10, 20), (0, 20), (10, 0)])
+def test_a_connection_gives_way_to_one_that_is_answered_in_another_vlan(vlans: tuple[int, int]) -> None:
+    """The PLC was away, so that the VLAN of its direction was not known when its client began anew from the same port."""
+    talk = talks.Talk()
+    talk.vlan = vlans[0]
+    for number in range(2):
+        talk.ask(talks.read(number, talks.dbw(1, 0)))
+    talk.seq = [50_000_000, 70_000_000]
+    began = talk.packet(0, flags=SYN)
+    talk.vlan = vlans[1]
+    talk.packet(1, flags=SYN | ACK)
+    talk.vlan = vlans[0]
+    talk.packet(0)
+    talk.ask(talks.read(2, talks.dbw(1, 0)))
+    talk.vlan = vlans[1]
+    talk.tell(talks.words(2, 7))
+    talk.finish()
+    assert talk.outcomes() == ["unanswered", "unanswered", "answered"]
+    assert [(one.tcp.ended, one.tcp.ended_frame) for one in talk.connections] == [("reused", began), ("", 0)]
+    assert talk.pipeline.table.sides == {}
+    assert talk.pipeline.exchange.dialogue.open == 0
+
+
+def test_data_that_fit_a_syn_in_another_vlan_end_no_connection_there() -> None:
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.open()
+    talk.packet(0, flags=SYN, seq=talk.seq[0] + 20_000)
+    stranger = talks.Talk(beside=talk)
+    stranger.vlan = 20
+    stranger.seq = [talk.seq[0] + 20_100, 70_000_000]
+    stranger.tell(talks.words(9, 1))
+    for number in range(1, 4):
+        talk.ask(talks.read(number, talks.dbw(1, 0)))
+        talk.tell(talks.words(number, 7))
+    talk.finish()
+    assert [one.tcp.vlan for one in talk.connections if one.answered] == [10]
+    assert talk.outcomes().count("answered") == 3
+    assert talk.pipeline.table.sides == {}

@@ -136,6 +136,37 @@ def test_a_job_that_timed_out_is_asked_anew() -> None:
     assert [(one.request_frame, one.reason) for one in talk.transactions if one.reason] == [(lost, REFERENCE_REUSED)]
 
 
+@pytest.mark.parametrize("same", [False, True])
+@pytest.mark.parametrize("pause_ms", [300, 900])
+def test_a_client_that_does_not_wait_for_long_shifts_nothing_either(pause_ms: int, same: bool) -> None:
+    """More jobs are agreed, but the client waits for each, and the PLC drops one; what follows is polled quickly."""
+    talk = opened(3)
+    talk.ask(read(0, dbw(1, 2 if same else 0)))
+    talk.wait(pause_ms * MS)
+    for number in range(1, 20):
+        talk.ask(read(0, dbw(1, 2 * number)))
+        talk.tell(words(0, number))
+        talk.packet(CLIENT)
+        talk.wait(50 * MS)
+    talk.close()
+    assert values(talk) == true(*range(1, 20))
+    assert talk.outcomes().count("unanswered") == 1
+
+
+def test_two_jobs_of_a_slow_plc() -> None:
+    """The client sends another one as soon as one is answered, though the one beside it has been waiting for a while."""
+    talk = opened(2)
+    talk.ask(read(0, dbw(1, 2)))
+    talk.ask(read(0, dbw(1, 4)))
+    for number in range(1, 8):
+        talk.wait(400 * MS)
+        talk.tell(words(0, number))
+        talk.ask(read(0, dbw(1, 2 * number + 4)))
+    talk.tell(words(0, 8), words(0, 9))
+    talk.close()
+    assert values(talk) == true(*range(1, 10))
+
+
 def test_what_no_answer_fitted_is_given_up_in_time() -> None:
     talk = opened(8)
     lost = talk.ask(write(0, [dbw(1, 0)], written(4, b"\0\1")))
@@ -240,3 +271,14 @@ def test_one_direction_alone_is_bounded_and_told_of() -> None:
 
 def test_one_direction_alone_takes_work_in_proportion() -> None:
     assert_growth(lambda: ask_only(1_000), lambda: ask_only(8_000), 16)
+
+
+def test_a_reference_open_among_thousands_takes_work_in_proportion() -> None:
+    """As many jobs as a program wrote into the setup are open, and each reference is used again."""
+
+    def flood(jobs: int) -> None:
+        talk = opened(jobs)
+        for number in range(2 * jobs):
+            talk.ask(read(number % jobs, dbw(1, number)), after_ns=10_000)
+
+    assert_growth(lambda: flood(500), lambda: flood(2_000), 6)
