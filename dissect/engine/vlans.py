@@ -50,9 +50,8 @@ def elsewhere(
         attempt = None if other == tag else table.attempt(reverse + other)
         if attempt is None or not _near(ack, attempt.seq + 1, flags):
             continue
-        if (
-            flags & SYN or base + other not in table.sides
-        ):  # else who goes on with the connection there is not known yet
+        # Without a SYN nobody knows yet who goes on with a connection that is there.
+        if flags & SYN or base + other not in table.sides:
             return None, base + other, int.from_bytes(other, "big")
     return None, key, vlan
 
