@@ -106,17 +106,26 @@ class Conversation:
 
 
 class _End:
-    """How one end numbers its requests."""
+    """How one end numbers its requests.
+
+    Where several may be open, one that nobody answers stays open for as long as a conversation takes: its reference is not
+    used again, because nothing would tell which of the two an answer is meant for.
+    """
 
     def __init__(self, rng: Random) -> None:
         self._numbering = rng.choice(NUMBERINGS)
         self._next = rng.choice((0, 1, 0xFFFE, rng.randrange(0x10000)))
+        self._open: set[int] = set()
+
+    def stays_open(self, ref: int) -> None:
+        """Do not use a reference again."""
+        self._open.add(ref)
 
     def references(self, count: int) -> list[int]:
         """Return the references of ``count`` requests that will be open together."""
         if self._numbering == "smallest":
-            return list(range(1, count + 1))
-        if self._numbering == "constant" and count == 1:
+            return [ref for ref in range(1, count + len(self._open) + 1) if ref not in self._open][:count]
+        if self._numbering == "constant" and count == 1 and 0x0500 not in self._open:
             return [0x0500]
         numbers = [(self._next + step) & 0xFFFF for step in range(count)]
         self._next = (self._next + count) & 0xFFFF
@@ -166,7 +175,10 @@ def _round(rng: Random, conversation: Conversation, ends: Sequence[_End], most: 
     deals = []
     for ref in ends[side].references(rng.randint(1, most)):
         request, response = (_variables if rng.random() < 0.7 else _service)(rng, ref)
-        deals.append(Deal(side, ref, request, b"" if rng.random() < silent else response))
+        deal = Deal(side, ref, request, b"" if rng.random() < silent else response)
+        deals.append(deal)
+        if most > 1 and not deal.response:
+            ends[side].stays_open(ref)
     start = len(conversation.messages)
     for deal in deals:
         conversation.ask(deal, _tpkts(rng, deal.request, 0.1))
