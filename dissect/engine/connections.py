@@ -29,7 +29,6 @@ from dissect.tcp.stream import MASK
 from dissect.tls.handshake import chosen_version
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.ending import Ending
-from dissect.transactions.pairing import note_unseen
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import CONNECTION_CLOSED
@@ -250,8 +249,6 @@ class Connections:
         last_ns: i64 = side.tcp.last_ns
         side.protocol.finish(side, last_frame, last_ns)
         peer.protocol.finish(peer, last_frame, last_ns)
-        note_unseen(side)
-        note_unseen(peer)
         holes = [int(peer.hole_frame), int(side.hole_frame)]
         if side.index == 1:
             holes.reverse()

@@ -479,27 +479,6 @@ class Dialogue:
         self._answered(transaction, parameters, at + head + len(parameters.octets))
 
 
-def note_unseen(side: Side) -> None:
-    """The connection of ``side`` ends: note what it acknowledged of octets of which the capture shows none.
-
-    They may be the answers to all that it asked before the last of them. That the other side sent nothing but a handshake or a
-    reset, as far as was captured, is no sign that it answered nothing. (A FIN counts as one octet.)
-    """
-    answering = side.peer
-    requests = side.connection.open_requests[side.index]
-    if (
-        requests.count == 0
-        or side.last_ack < 0
-        or answering is None
-        or answering.stream.octets
-        or not answering.captured
-    ):
-        return
-    for request in requests.asked_after(-1):
-        if request.request_ack >= 0 and 1 < (side.last_ack - request.request_ack) & MASK < HALF_SPACE:
-            answering.hole_frame = max(answering.hole_frame, request.request_frame)
-
-
 def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:
     """Return whether a request acknowledges octets of the answering side that are not passed on yet as whole messages.
 

@@ -7,7 +7,6 @@ from typing import Final
 import pytest
 
 from dissect.transactions.table import DOUBT_NS, LINGER_NS
-from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE
 from tests.cases import each
 from tests.growth import assert_growth
 from tests.transactions.talk import (
@@ -387,33 +386,6 @@ def test_packets_of_the_next_connection_are_none_of_the_one_before_it() -> None:
     talk.close()
     assert [(one.tcp.ended, int(one.tcp.first_frame)) for one in talk.connections] == [("reused", 1), ("fin", last + 1)]
     assert talk.connections[0].tcp.last_frame == last
-
-
-@pytest.mark.parametrize("shown", [SYN | ACK, 0])
-def test_what_was_acknowledged_unseen_may_be_answers(shown: int) -> None:
-    """Of the server only a reset was captured, with or without its handshake: but for the last request, all may be answered."""
-    talk = Talk()
-    talk.packet(CLIENT, flags=SYN)
-    if shown:
-        talk.packet(SERVER, flags=shown)
-    else:
-        talk.seq[SERVER] += 1
-    talk.packet(CLIENT)
-    for number in range(1, 5):
-        asked = talk.ask(read(number, dbw(1, 0)))
-        talk.lose(SERVER, words(number, 1))
-    talk.acked[CLIENT] = talk.seq[SERVER] - len(dt(words(4, 1)))
-    asked = talk.ask(read(5, dbw(1, 0)))
-    talk.packet(SERVER, flags=RST | ACK)
-    talk.finish()
-    assert [(one.request_frame == asked, one.reason) for one in talk.transactions] == [
-        *[(False, HOLE)] * 3,
-        (False, CONNECTION_CLOSED),
-        (True, CONNECTION_CLOSED),
-    ]
-    (finding,) = [finding for finding in talk.findings if finding.slug == "session.cut"]
-    assert "2 requests pending" in finding.detail
-    assert talk.slugs().count("transaction.unanswered") == 2
 
 
 # ---- many of them ---------------------------------------------------------------------------------------------------
