@@ -421,13 +421,7 @@ class Pipeline(PacketSink):
             return
         self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
         peer = side.peer
-        if (
-            peer is None
-            or side.waiting
-            or peer.waiting
-            or side.tcp.doubt is not None
-            or side.connection.plus is not None
-        ):
+        if peer is None or side.waiting or peer.waiting or side.tcp.doubt or side.connection.plus is not None:
             return
         side.longest = self.iso.longest(side)
         if peer.stream.held is None:
