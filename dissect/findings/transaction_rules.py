@@ -44,6 +44,7 @@ from dissect.s7.tables import (
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.naming import item_subject, subject
 from dissect.transactions.results import (
+    ALARM,
     BAD_DATA,
     BAD_REQUEST,
     COUNT_MISMATCH,
@@ -351,6 +352,9 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
 def _judge_items(judge: Reporter, transaction: Transaction) -> None:
     slug = "transaction.item_error"
     for error in transaction.errors:
+        if error.part == ALARM:
+            what = f"{error.address or error.where}: {error.coded}"
+            _note(judge, "transaction.alarm_refused", transaction, what)
         # An item without a return code was not refused: that the answer is too short is told as such.
         if error.part == ITEM and error.code != NO_CODE and judge.wants(slug, transaction.connection.number):
             judge.detail(

@@ -22,7 +22,7 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
-from dissect.transactions.results import ITEM, MESSAGE, RETURN_VALUE, TransactionError
+from dissect.transactions.results import ALARM, ITEM, MESSAGE, RETURN_VALUE, TransactionError
 from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 
 #: Stands between the labels of one count where they are one key.
@@ -114,7 +114,7 @@ class Metrics(Companion):
 
     def _class(self, error: TransactionError) -> str:
         """Return the class of a code: of one octet the code itself, of two the high octet; what has no name is ``other``."""
-        if error.part == ITEM:
+        if error.part in {ITEM, ALARM}:
             return error.name if error.code in RETURN_CODES else OTHER
         if error.part == RETURN_VALUE:
             return error.name if error.code in PLUS_CODES else OTHER

@@ -6,21 +6,75 @@ from collections.abc import Callable
 from typing import Final
 
 from dissect.s7.body import Body
-from dissect.s7.items import DataItem, parse_data_items
+from dissect.s7.items import DATA_HEAD, DataItem, parse_data_items
 from dissect.s7.parameters import (
     ACK_HEADER_SIZE,
     HEADER_SIZE,
+    RESPONSE,
     Parameters,
+    UserdataHead,
     header_size,
     parse_parameters,
     read_header,
 )
-from dissect.s7.tables import ACK_DATA, FUNCTIONS, JOB, READ_VAR, ROSCTR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.s7.tables import (
+    ACK_DATA,
+    ACKNOWLEDGE,
+    ALARM_8_LOCK,
+    ALARM_8_UNLOCK,
+    FUNCTIONS,
+    GROUP_CPU,
+    JOB,
+    READ_VAR,
+    ROSCTR,
+    SUCCESS,
+    USERDATA,
+    WRITE_VAR,
+)
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16
+from dissect.wire.octets import u16, u32
 
 #: What cuts a body, once it was imported: to ask for the import each time takes as long as many a body.
 _CUT: Final[list[Callable[[Pdu], Body]]] = []
+
+#: Of a message service: what is asked of several alarms at once, and answered with a return code for each.
+_BY_ALARM: Final = frozenset((ALARM_8_LOCK, ALARM_8_UNLOCK, ACKNOWLEDGE))
+#: Function and number of alarms, before the alarms or the return codes.
+_ALARMS_HEAD: Final = 2
+#: Where an alarm has its event id: behind specification, length, syntax and number of values.
+_EVENT_AT: Final = 4
+
+
+def userdata_payload(octets: bytes) -> bytes:
+    """Return the payload of a userdata PDU, behind the head of its data block; empty when there is none."""
+    if len(octets) < HEADER_SIZE:
+        return b""
+    at = HEADER_SIZE + u16(octets, 6)
+    if at + DATA_HEAD > len(octets):
+        return b""
+    return octets[at + DATA_HEAD : at + DATA_HEAD + u16(octets, at + 2)]
+
+
+def answers_by_alarm(head: UserdataHead) -> bool:
+    """Return whether this is the answer to an acknowledgement, lock or unlock of alarms (reference 4.9)."""
+    return head.type == RESPONSE and head.group == GROUP_CPU and head.subfunction in _BY_ALARM
+
+
+def alarm_codes(octets: bytes) -> bytes:
+    """Return the return codes, one for each alarm, of a PDU for which `answers_by_alarm` is true."""
+    payload = userdata_payload(octets)
+    return payload[_ALARMS_HEAD : _ALARMS_HEAD + payload[1]] if len(payload) >= _ALARMS_HEAD else b""
+
+
+def alarms_asked(octets: bytes) -> list[int]:
+    """Return the event ids that the request of such an answer names, in wire order, as far as they are there."""
+    payload = userdata_payload(octets)
+    found: list[int] = []
+    at = _ALARMS_HEAD
+    while at + _EVENT_AT + 4 <= len(payload) and len(found) < payload[1]:
+        found.append(u32(payload, at + _EVENT_AT))
+        at += 2 + payload[at + 1]
+    return found
 
 
 class Pdu:
@@ -134,13 +188,16 @@ class Pdu:
 
     @property
     def refused(self) -> bool:
-        """True when the header or the userdata head carries an error code, or an item was not successful."""
+        """True when the header or the userdata head carries an error code, or an item or alarm was not successful."""
         if self.error_class > 0 or self.error_code > 0:
             return True
         head = self.parameters.userdata
         if head is not None and head.error_code:
             return True
-        return any(code != SUCCESS for code in self.return_codes())
+        codes = self.return_codes()
+        if head is not None and answers_by_alarm(head):
+            codes = list(alarm_codes(self.octets))
+        return any(code != SUCCESS for code in codes)
 
 
 def parse_pdu(

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.items import (
-    DATA_HEAD,
     DataItem,
     Item,
     ItemResult,
@@ -22,12 +21,16 @@ from dissect.s7.items import (
     read_results,
     write_results,
 )
+from dissect.s7.message import alarm_codes, alarms_asked, answers_by_alarm, userdata_payload
 from dissect.s7.parameters import HEADER_SIZE, PUSH, REQUEST, Parameters, UserdataHead
 from dissect.s7.tables import (
     ACK,
     ACK_DATA,
     GROUP_CYCLIC,
     GROUP_TEST,
+    RETURN_CODES,
+    SUCCESS,
+    USERDATA,
 )
 from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
 from dissect.s7plus.parameters import PlusParameters
@@ -76,11 +79,14 @@ def half_captured(transaction: Transaction) -> bool:
 
 
 def check_other_answer(transaction: Transaction) -> None:
-    """Look at the return value of an S7comm-plus answer, or what an SCD message says of itself.
+    """Look at the return value of an S7comm-plus answer, at what an SCD message says of itself, at codes of alarms in userdata.
 
     In S7comm-plus a negative value, or a partial error, is an error; in SCD an abort or a negative ``scd_err_t``.
     """
     told = transaction.response_parameters
+    if transaction.response_rosctr == USERDATA:
+        transaction.has_errors = len(alarm_errors(transaction)) > 0
+        return
     if isinstance(told, ScdParameters):
         transaction.error_code = told.err
         transaction.has_errors = told.refused
@@ -171,6 +177,7 @@ HEADER: Final = "header"
 PARAMETER: Final = "parameter"
 RETURN_VALUE: Final = "return value"  # of S7comm-plus
 ITEM: Final = "item"
+ALARM: Final = "alarm"  # that was to be acknowledged, locked or unlocked
 MESSAGE: Final = "message"  # of SCD
 
 
@@ -185,10 +192,10 @@ NO_CODE_TEXTS: Final = (
 class TransactionError:
     """One thing the answer says no to.
 
-    ``part`` is the part of the answer that says so: `HEADER`, `PARAMETER`, `RETURN_VALUE`, `ITEM` or `MESSAGE`; ``item`` the
-    number of the item, counted from 1, 0 for the other parts. ``code`` is the number on the wire, `NO_CODE` where the answer
-    has none for a written item, ``name`` and ``text`` its name and sentence; ``address`` is the item's address where there is
-    one.
+    ``part`` is the part of the answer that says so: `HEADER`, `PARAMETER`, `RETURN_VALUE`, `ITEM`, `ALARM` or `MESSAGE`.
+    ``item`` is the number of the item or alarm, counted from 1, 0 for the other parts. ``code`` is the number on the
+    wire, `NO_CODE` where the answer has none for a written item, ``name`` and ``text`` its name and sentence; ``address`` is
+    the item's address, or the event id of the alarm, where there is one.
     """
 
     __slots__ = ("address", "code", "item", "name", "part", "text")
@@ -203,7 +210,7 @@ class TransactionError:
 
     @property
     def where(self) -> str:
-        """The part for a person and for JSON: ``header``, ``parameter``, ``return value``, ``message`` or ``item N``."""
+        """The part for a person and for JSON: its name, with the number of an item or alarm: ``header``, ``item 2``."""
         return f"{self.part} {self.item}" if self.item else self.part
 
     @property
@@ -211,7 +218,7 @@ class TransactionError:
         """Its code in hexadecimal, as it stands on the wire, and its name; the name alone where there is no code."""
         if self.code == NO_CODE:
             return self.name
-        return coded(f"0x{self.code:02x}" if self.part == ITEM else f"0x{self.code:04x}", self.name)
+        return coded(f"0x{self.code:02x}" if self.part in (ITEM, ALARM) else f"0x{self.code:04x}", self.name)
 
     def __repr__(self) -> str:
         return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
@@ -224,6 +231,27 @@ class TransactionError:
             "name": self.name,
             "text": self.text,
         }
+
+
+def alarm_errors(transaction: Transaction) -> list[TransactionError]:
+    """Return which alarms an answer refuses to acknowledge, lock or unlock; none for other functions."""
+    told = transaction.response_parameters
+    head = told.userdata if told is not None else None
+    if head is None or head.error_code or not answers_by_alarm(head):
+        return []
+    asked = alarms_asked(transaction.request_octets)
+    return [
+        TransactionError(
+            ALARM,
+            code,
+            RETURN_CODES.name(code),
+            RETURN_CODES.text(code),
+            number,
+            f"event 0x{asked[number - 1]:08x}" if number <= len(asked) else "",
+        )
+        for number, code in enumerate(alarm_codes(transaction.response_octets), 1)
+        if code != SUCCESS
+    ]
 
 
 class SentAgain:
@@ -267,16 +295,6 @@ def has_items(head: UserdataHead) -> bool:
     return head.group == GROUP_TEST and head.subfunction in TEST_ITEMS
 
 
-def _payload(octets: bytes) -> bytes:
-    """Return the payload of a userdata PDU, behind the head of its data block; empty when there is none."""
-    if len(octets) < HEADER_SIZE:
-        return b""
-    at: i64 = HEADER_SIZE + u16(octets, 6)
-    if at + DATA_HEAD > len(octets):
-        return b""
-    return octets[at + DATA_HEAD : at + DATA_HEAD + u16(octets, at + 2)]
-
-
 def _test_data(payload: bytes) -> bytes:
     """Return the data block of a programmer command, behind its sizes and parameter block."""
     if len(payload) < _TEST_SIZES:
@@ -289,7 +307,7 @@ def requested_items(head: UserdataHead, octets: bytes) -> list[Item]:
     """Return the items that a request of a cyclic service or test function names; ``octets`` is the PDU."""
     if head.type != REQUEST or head.data_unit_ref or not has_items(head):
         return []
-    payload = _payload(octets)
+    payload = userdata_payload(octets)
     if head.group == GROUP_CYCLIC:
         if len(payload) < _ASKED_HEAD:
             return []
@@ -314,7 +332,7 @@ def userdata_results(
         return write_results(items, _test_values(asks, request, len(items)), [])
     if tells is None or tells.type == REQUEST or not has_items(tells) or tells.more or tells.continues:
         return read_results(items, [])
-    payload = _payload(response)
+    payload = userdata_payload(response)
     if tells.group == GROUP_CYCLIC:
         if len(payload) < _SENT_HEAD:
             return read_results(items, [])
@@ -330,7 +348,7 @@ def _test_values(head: UserdataHead, request: bytes, count: int) -> list[DataIte
     """Return the values that a request to modify or force variables carries behind their addresses."""
     if head.subfunction not in TEST_WRITES or not count:
         return []
-    data = _test_data(_payload(request))
+    data = _test_data(userdata_payload(request))
     return parse_data_items(data, _SENT_HEAD + ADDRESS_SIZE * count, len(data), count, False, [])
 
 

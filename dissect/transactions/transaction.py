@@ -65,6 +65,7 @@ from dissect.transactions.results import (
     SentAgain,
     Subscription,
     TransactionError,
+    alarm_errors,
     check_other_answer,
     has_items,
     userdata_results,
@@ -421,7 +422,8 @@ class Transaction:
             )
         if self.is_plus:
             return errors + self._plus_item_errors()
-        written = self.flags & UNCONFIRMED != 0
+        if self.rosctr == USERDATA:
+            errors += alarm_errors(self)
         results = self.results()
         for number in range(1, len(results) + 1):  # `enumerate` from 1 is a call for each answer
             result, code = results[number - 1], results[number - 1].return_code
@@ -430,7 +432,7 @@ class Transaction:
                 errors.append(
                     TransactionError(ITEM, code, RETURN_CODES.name(code), RETURN_CODES.text(code), number, address)
                 )
-            elif code < 0 and written:
+            elif code < 0 and self.flags & UNCONFIRMED:
                 errors.append(TransactionError(ITEM, NO_CODE, *NO_CODE_TEXTS, number, address))
         return errors
 
@@ -479,7 +481,7 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
         if head is not None and head.error_code:
             transaction.error_code = head.error_code
             transaction.has_errors = True
-        elif transaction.response_rosctr > USERDATA:
+        else:
             check_other_answer(transaction)
         return
     code: i64 = 0

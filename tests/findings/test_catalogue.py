@@ -20,6 +20,7 @@ from dissect.transactions.transaction import Transaction
 from tests.cases import each
 from tests.findings import (
     block_scenarios,
+    events,
     operation_scenarios,
     plus_scenarios,
     scd_scenarios,
@@ -979,6 +980,31 @@ def good_answers(talk: Talk) -> None:
     talk.open(8, 8)
     talk.ask(read(1, dbw(1, 0), dbw(1, 2)), job(2, b"\x29" + bytes(15)), write(3, [dbw(1, 0)], written(4, b"\0\1")))
     talk.tell(ack_data(1, b"\x04\x02", good(4, b"\0\1") * 2), ack_data(2, b"\x29"), ack_data(3, b"\x05\x01", b"\xff"))
+
+
+#: Two alarms to be acknowledged: number of the event, then the signals whose going and coming that is for.
+ALARMS: Final = bytes.fromhex("0902 1208190060000001 0101 1208190060000002 0001")
+
+
+@speaks("transaction.alarm_refused")
+def alarm_refused(talk: Talk) -> None:
+    talk.open()
+    talk.ask(events.asks(1, 4, 0x0B, ALARMS))
+    talk.tell(events.tells(1, 4, 0x0B, bytes.fromhex("0902 ff0a")))
+    assert [finding.detail for finding in talk.findings if finding.slug == "transaction.alarm_refused"] == [
+        "CPU functions: ALARM ack: event 0x60000002: 0x0a Object does not exist"
+    ]
+    assert [(error.where, error.coded) for error in talk.transactions[-1].errors] == [
+        ("alarm 2", "0x0a Object does not exist")
+    ]
+
+
+@silent("transaction.alarm_refused")
+def alarms_acknowledged(talk: Talk) -> None:
+    talk.open()
+    talk.ask(events.asks(1, 4, 0x0B, ALARMS))
+    talk.tell(events.tells(1, 4, 0x0B, bytes.fromhex("0902 ffff")))
+    assert not talk.transactions[-1].has_errors
 
 
 @speaks("transaction.unanswered")

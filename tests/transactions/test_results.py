@@ -288,3 +288,55 @@ def test_what_a_broken_request_asks_for_is_not_the_fault_of_the_answer() -> None
     talk.ask(job(1, b"\x04"))
     talk.tell(ack_data(1, b"\x04\x01", b"\xff\x04\x00\x10\x00\x01"))
     assert talk.slugs() == ["s7.malformed"]
+
+
+# ---- acknowledgements of alarms -------------------------------------------------------------------------------------
+
+ALARM_ACK, ALARM_LOCK = 0x0B, 7
+ACKNOWLEDGE = bytes.fromhex("0902 1208190060000001 0101 1208190060000002 0001")
+
+
+def acknowledged(codes: str, subfunction: int = ALARM_ACK, asked: bytes = ACKNOWLEDGE) -> Transaction:
+    told = head(RESPONSE, 4, subfunction, 1, 0)
+    return exchange(
+        userdata(7, head(REQUEST, 4, subfunction), content(asked)), userdata(7, told, content(bytes.fromhex(codes)))
+    )
+
+
+@each(
+    ("codes", "refused"),
+    [
+        ("0902 ffff", []),
+        ("0902 0aff", [("alarm 1", "0x0a Object does not exist", "event 0x60000001")]),
+        ("0902 ff03", [("alarm 2", "0x03 Access not allowed", "event 0x60000002")]),
+        ("0903 ffff05", [("alarm 3", "0x05 Invalid address", "")]),
+        ("0902 ff", []),
+        ("0900", []),
+        ("09", []),
+        ("", []),
+    ],
+)
+def test_each_alarm_has_a_return_code(codes: str, refused: list[tuple[str, str, str]]) -> None:
+    transaction = acknowledged(codes)
+    assert transaction.has_errors is bool(refused)
+    assert [(error.where, error.coded, error.address) for error in transaction.errors] == refused
+
+
+def test_a_lock_names_its_alarms_as_well() -> None:
+    transaction = acknowledged("0901 0a", ALARM_LOCK, bytes.fromhex("0901 1206150060000003"))
+    assert [error.address for error in transaction.errors] == ["event 0x60000003"]
+
+
+def test_alarms_that_are_cut_short_name_no_event() -> None:
+    for size in range(len(ACKNOWLEDGE)):
+        transaction = acknowledged("0902 0a0a", ALARM_ACK, ACKNOWLEDGE[:size])
+        known = ["event 0x60000001" if size >= 10 else "", "event 0x60000002" if size >= 20 else ""]
+        assert [error.address for error in transaction.errors] == known, size
+
+
+def test_an_answer_of_which_the_request_is_missing_is_refused_as_well() -> None:
+    talk = Talk()
+    talk.open()
+    talk.tell(userdata(7, head(RESPONSE, 4, ALARM_ACK, 1, 0), content(bytes.fromhex("0901 0a"))))
+    talk.finish()
+    assert [(error.where, error.address) for error in talk.transactions[-1].errors] == [("alarm 1", "")]
