@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.wire.text import distance_text
+from dissect.wire.text import distance_text, duration_text
 
 if TYPE_CHECKING:
     from dissect.s7.parameters import Parameters
@@ -145,12 +145,25 @@ class Ending:
             return ""
         return f"; last {answer} {distance_text(self.time_ns - self.last_answer_ns)}"
 
-    def deed(self, connection: Connection) -> str:
-        """Say who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
+    def waited(self) -> str:
+        """Say how long the oldest open request had waited at the end, or how long after it that was asked."""
+        age: int = self.time_ns - self.oldest_ns
+        return f"{duration_text(age)} old" if age >= 0 else f"asked {duration_text(-age)} after the end"
+
+    def deed(self, connection: Connection, asked_ns: int = 0) -> str:
+        """Say who ended the connection and how, empty when neither side did: ``the server reset the connection``.
+
+        With the time of a request also when, compared with that.
+        """
         if self.how not in _DEEDS:
             return ""
-        then = f", the {connection.role(self.reset_side)} reset it," if self.reset_frame else ""
-        return f"the {connection.role(self.side)} {_DEEDS[self.how]}{then}"
+        when = f" {distance_text(asked_ns - self.time_ns)}" if asked_ns else ""
+        then = ""
+        if self.reset_frame and self.reset_side == self.side:
+            then = " and reset it"
+        elif self.reset_frame:
+            then = f", the {connection.role(self.reset_side)} reset it{'' if when else ','}"
+        return f"the {connection.role(self.side)} {_DEEDS[self.how]}{when}{then}"
 
     @property
     def cut(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dissect.transactions.ending import Ending
+from tests.cases import each
 from tests.transactions.talk import (
     ACK,
     CLIENT,
@@ -61,11 +62,42 @@ def test_a_side_ends_it(talk: Talk, side: int, role: str, flags: int, how: str, 
     assert found.oldest is not None
     assert found.oldest.subject == "Read Var DB1.DBW2, DB1.DBW4"
     assert found.time_ns - found.oldest_ns == SECOND + 100 * MS
+    assert found.waited() == "1.10 s old"
     assert found.last_request is not None
     assert found.last_request.subject == "Read Var DB1.DBW6"
     assert found.time_ns - found.last_answer_ns == 2 * SECOND + 100 * MS
     assert found.silence_ns == 100 * MS
     assert (found.last_error, found.connecting) == (None, False)
+
+
+@each(
+    ("resets", "said", "timed"),
+    [
+        (
+            SERVER,
+            "the server closed the connection and reset it",
+            "the server closed the connection 2.00 ms earlier and reset it",
+        ),
+        (
+            CLIENT,
+            "the server closed the connection, the client reset it,",
+            "the server closed the connection 2.00 ms earlier, the client reset it",
+        ),
+    ],
+)
+def test_a_request_after_the_end(resets: int, said: str, timed: str) -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.packet(SERVER, flags=FIN | ACK)
+    asked = talk.ask(read(2, dbw(1, 2)), after_ns=2 * MS)
+    talk.packet(resets, flags=RST | ACK)
+    found = ending(talk)
+    assert (found.how, found.side, found.reset_side, found.oldest_frame) == ("fin", SERVER, resets, asked)
+    connection = talk.connections[0]
+    assert (found.deed(connection), found.deed(connection, int(found.oldest_ns))) == (said, timed)
+    assert found.waited() == "asked 2.00 ms after the end"
+    unanswered = [finding.detail for finding in talk.findings if finding.slug == "transaction.unanswered"]
+    assert unanswered == [f"Read Var DB1.DBW2: {timed}"]
 
 
 def test_a_connection_that_ends_in_order(talk: Talk) -> None:
