@@ -26,14 +26,20 @@ from dissect.s7.tables import (
     BIT,
     CPU_SERVICES,
     DB_AREAS,
+    DOWNLOAD_ENDED,
+    END_UPLOAD,
     FUNCTIONS,
     GROUP_CPU,
     GROUP_PBC,
     JOB,
     NUMBERED_AREAS,
+    PI_SERVICE,
+    PLC_STOP,
     READ_SZL,
     RECORD_AREA,
+    REQUEST_DOWNLOAD,
     S7ANY,
+    START_UPLOAD,
     SUCCESS,
     SYNTAX_IDS,
     TRANSPORT_SIZES,
@@ -75,6 +81,8 @@ from dissect.transactions.transaction import (
 from dissect.wire.octets import u16
 from dissect.wire.text import count, duration_text, over_limit
 
+#: Jobs that are commands or begin and end transfers: few, unlike the pieces of blocks.
+_COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, END_UPLOAD, PI_SERVICE, PLC_STOP))
 #: Areas that have an element of their own, by the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 #: Packets that are older by up to this than one before them are what two capture queues do; else the clock runs backwards.
@@ -173,6 +181,24 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
             _judge_items(judge, transaction)
         else:
             _judge_errors(judge, transaction)
+
+
+def judge_command(judge: Reporter, transaction: Transaction) -> None:
+    """Note a command to a PLC, or its answer, of which a part behind the header states more than there is.
+
+    Octets that are left over are not told: servers that imitate a PLC leave some, and nothing is misread by that.
+    """
+    if transaction.rosctr != JOB or transaction.parameters.function not in _COMMANDS:
+        return
+    for pdu in (transaction.request, transaction.response):
+        if pdu is None or pdu.malformed:
+            continue
+        for wrong in pdu.body.malformed:
+            if wrong.reason != "trailing_octets":
+                who = transaction.connection.tcp.ends[pdu.side]
+                detail = f"{pdu.rosctr_name} from {who}: {pdu.function_name}: {wrong}"
+                judge.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
+                break
 
 
 def judge_szl(judge: Reporter, transaction: Transaction) -> None:

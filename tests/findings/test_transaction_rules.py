@@ -8,6 +8,7 @@ import pytest
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
 from dissect.tags import load_tags
+from tests.findings import events
 from tests.transactions.talk import (
     CLIENT,
     MS,
@@ -103,7 +104,11 @@ def test_no_answer_to_a_request_that_was_sent_again() -> None:
     [
         (job(1, b"\x1d" + bytes(17)), ack(1, 0xD209), "Start upload: 0xd209 Block not found"),
         (read(1, dbw(1, 0)), ack(1, 0x8104), "Read Var DB1.DBW0: 0x8104 Service not implemented or frame error"),
-        (job(1, b"\x28"), ack_data(1, b"\x28\x02", b"", 0xD2A9), "PI service: 0xd2a9 CPU parameters being assigned"),
+        (
+            events.service(1, "_INSE"),
+            ack_data(1, b"\x28\x02", b"", 0xD2A9),
+            "PI service: 0xd2a9 CPU parameters being assigned",
+        ),
         (
             userdata(1, head(1, 4, 1)),
             userdata(1, head(2, 4, 1, 0, 0xD402)),
@@ -290,6 +295,33 @@ def test_a_read_answer_that_contradicts_itself(talk: Talk, told: bytes, detail: 
     frame = talk.tell(told)
     finding = only(talk, "s7.malformed")
     assert (finding.frames, finding.detail) == ([frame], f"Ack_Data from 10.0.0.2:102, Read Var DB1.DBW0: s7: {detail}")
+
+
+#: A PI service as python-snap7 3.3 asks for the deletion of a block: an octet is missing before the length of its block.
+SHIFTED = bytes.fromhex("28 00000000000805 0034") + b"100001P_DELE"
+
+
+#: The answer to start upload, with a text of seven digits that is said to have nine.
+LONGER = bytes.fromhex("1d00 0100 00000007 09") + b"0000300"
+
+
+def test_a_command_that_contradicts_itself(talk: Talk) -> None:
+    asked = talk.ask(job(2, SHIFTED))
+    talk.tell(ack_data(2, b"\x28", code=0x8104))
+    talk.ask(events.start_upload(3))
+    told = talk.tell(ack_data(3, LONGER))
+    talk.ask(events.start_upload(4))
+    talk.tell(ack_data(4, LONGER.replace(b"\x09", b"\x00")))  # as some servers do: octets that nothing announces
+    assert [(one.frames, one.detail) for one in talk.findings if one.slug == "s7.malformed"] == [
+        (
+            [asked],
+            "Job from 10.0.0.1:50000: PI service: s7: block_length at byte 20 claims 52 bytes, the parameter part has 12",
+        ),
+        (
+            [told],
+            "Ack_Data from 10.0.0.2:102: Start upload: s7: length_length at byte 20 claims 9 bytes, the parameter part has 7",
+        ),
+    ]
 
 
 def test_a_write_answer_that_contradicts_itself(talk: Talk) -> None:
