@@ -105,7 +105,7 @@ def test_no_answer_to_a_request_that_was_sent_again() -> None:
         (job(1, b"\x1d" + bytes(17)), ack(1, 0xD209), "Start upload: 0xd209 Block not found"),
         (read(1, dbw(1, 0)), ack(1, 0x8104), "Read Var DB1.DBW0: 0x8104 Service not implemented or frame error"),
         (
-            events.service(1, "_INSE"),
+            events.service(1, "_GARB"),
             ack_data(1, b"\x28\x02", b"", 0xD2A9),
             "PI service: 0xd2a9 CPU parameters being assigned",
         ),
