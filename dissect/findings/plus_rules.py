@@ -11,7 +11,7 @@ from mypy_extensions import i64
 
 from dissect.findings.plus_sessions import PlusSessions, server_of
 from dissect.findings.reporter import Reporter
-from dissect.findings.security_rules import SecurityWatch, accepted
+from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.events import (
     CHANGED,
@@ -64,7 +64,6 @@ _SLUGS: Final[dict[str, str]] = {
 #: Reported once per connection.
 _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
 #: Commands of which is said that they were accepted.
-_COMMANDS: Final = frozenset((STOP, START, RESET, ORDERED))
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
 #: Return value that says that a client lacks the rights for a request: access denied.
 _PROTECTED: Final = 0xFF9C
@@ -177,8 +176,7 @@ class PlusWatch:
         if area:
             self._wrote(session, slug, area, event, transaction, code)
         elif kind not in _ONCE or transaction.connection.traits.first(slug):
-            became = accepted(transaction, code) if kind in _COMMANDS else ""
-            self._security.tell(slug, transaction, shortened(event.text, _TEXT) + became, code)
+            self._security.tell(slug, transaction, shortened(event.text, _TEXT), code)
 
     def _wrote(
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int

@@ -251,15 +251,13 @@ class SecurityWatch:
             return
         slug = _SLUGS.get(FUNCTIONS.effect(transaction.function), "")
         if slug:
-            self.tell(slug, transaction, f"PLC stop{accepted(transaction)}" if slug == "security.plc_stop" else "")
+            self.tell(slug, transaction, "PLC stop" if slug == "security.plc_stop" else "")
 
     def _pi_service(self, transaction: Transaction) -> None:
         body = transaction.request_body
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
-        if slug == "security.plc_start":
-            self.tell(slug, transaction, f"{_named(transaction)}{accepted(transaction)}")
-        elif slug:
+        if slug:
             self.tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
@@ -335,7 +333,7 @@ class SecurityWatch:
         client, server = _ends(transaction)
         if not (transaction.error_code if code < 0 else code):
             self._failures.pop((client, server), None)
-            self.tell("security.password", transaction, f"password{accepted(transaction, code)}", code)
+            self.tell("security.password", transaction, "password", code)
             return
         if len(self._failures) >= _MAX_REMEMBERED:
             self._failures.clear()
@@ -371,6 +369,7 @@ class SecurityWatch:
         reports = transaction.outcome == PUSH or slug in _REPORTS
         who = f"{told} reports to {asked}" if reports else f"{asked} to {told}"
         result = ""
+        good = not code or (code < 0 and not transaction.has_errors)
         if code < 0:
             code = int(transaction.error_code)
         if code:
@@ -379,8 +378,10 @@ class SecurityWatch:
             result = f", refused{part}: 0x{code:04x} {codes.name(code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", answer not captured" if transaction.unseen else ", not answered"
+        elif good and not reports and slug in _COMMANDS:
+            result = ", accepted"
         if transaction.outcome == ORPHAN:
-            what = what or f"{transaction.function_name}{accepted(transaction, code)}"
+            what = what or transaction.function_name
             result += ", request not captured"
         what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
@@ -459,13 +460,6 @@ def _forced(transaction: Transaction) -> str:
     return f"{transaction.function_name} {said}" if said else ""
 
 
-def accepted(transaction: Transaction, code: int = -1) -> str:
-    """Say that a command was accepted; what else became of it says `SecurityWatch.tell`, whose ``code`` this is."""
-    refused = transaction.error_code if code < 0 else code
-    answered = transaction.outcome in {ANSWERED, ORPHAN}
-    return ", accepted" if answered and not refused else ""
-
-
 def _service_slug(name: str) -> str:
     """Return what it is to call a PI service; empty for one that only reads, and for none."""
     row = PI_SERVICES.get(name)
@@ -489,5 +483,11 @@ _SLUGS: Final[dict[str, str]] = {
     START: "security.plc_start",
     STOP: "security.plc_stop",
 }
+#: Of these the detail says that they were accepted: what they ask for is done then.
+_COMMANDS: Final = frozenset((
+    "security.alarm_change", "security.clock_set", "security.flash_led", "security.force", "security.memory",
+    "security.nc_command", "security.password", "security.plc_start", "security.plc_stop", "security.program_change",
+    "security.unknown_service",
+))  # fmt: skip
 #: Reported once per connection: what a session does repeatedly.
 _ONCE: Final = frozenset(("security.debug", "security.alarm_change"))

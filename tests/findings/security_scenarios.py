@@ -296,7 +296,7 @@ def file_deleted(talk: Talk) -> None:
 def made_up_service(talk: Talk) -> None:
     order(talk, events.service(1, "_XYZA"), 0x28)
     talk.pipeline.exchange.report_findings()
-    assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PI service _XYZA"
+    assert talk.findings[-1].detail == "10.0.0.1:50000 to 10.0.0.2:102: PI service _XYZA, accepted"
 
 
 @silent("security.unknown_service")

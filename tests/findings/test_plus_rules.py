@@ -168,9 +168,9 @@ def test_blocks_are_loaded_and_deleted() -> None:
     hardware = PlusObject(2, 2496, 0, 0, 0, [])
     do(talk, 4, CREATE_OBJECT, bodies.create_object(1, NOTHING, hardware, integrity_id=1), b"\0\0")
     assert said(talk) == [
-        ("security.program_change", "load OB1 'Main' (SCL)"),
-        ("security.program_change", "delete DB3"),
-        ("security.program_change", "load the hardware configuration"),
+        ("security.program_change", "load OB1 'Main' (SCL), accepted"),
+        ("security.program_change", "delete DB3, accepted"),
+        ("security.program_change", "load the hardware configuration, accepted"),
     ]
 
 
@@ -553,7 +553,7 @@ def test_a_pdu_with_too_many_values_is_told() -> None:
     talk.ask(framed(b"\0", 2))
     talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
     assert said(talk) == [
-        ("security.program_change", "load HWConfiguration and more that was not read"),
+        ("security.program_change", "load HWConfiguration and more that was not read, accepted"),
         ("s7.plus_too_long", "more than 100000 values"),
     ]
 
@@ -567,7 +567,7 @@ def test_a_block_longer_than_what_is_kept_of_a_pdu_is_named_all_the_same() -> No
         talk.ask(framed(data[at : at + 60_000], 2, trailer=at + 60_000 >= len(data)))
     talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.FILL), 2))
     found = dict(said(talk))
-    assert found["security.program_change"] == "load DB7 'tank' (SCL) and more that was not read"
+    assert found["security.program_change"] == "load DB7 'tank' (SCL) and more that was not read, accepted"
     assert "s7plus.malformed" not in found
     assert "s7.plus_too_long" in found
 
