@@ -13,7 +13,6 @@ from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.inventory.rows import device_row
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
-from dissect.report.operations import error_codes
 from dissect.report.words import Places
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -163,7 +162,7 @@ class Rows:
             operation.result,
             operation.reason or None,
             code,
-            error_codes(operation).name(code) if code else None,
+            operation.error_codes.name(code) if code else None,
             operation.parts,
             list(operation.transactions),
             operation.pushes,

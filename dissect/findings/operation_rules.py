@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.findings.reporter import Reporter
-from dissect.s7.errors import ERROR_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
     BEYOND_END,
@@ -47,8 +46,7 @@ def judge_operation(judge: Reporter, operation: Operation) -> None:
     for oddity in operation.oddities:
         _note(judge, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)
     if operation.result == FAILED:
-        code = operation.error_code
-        why = f"0x{code:04x} {ERROR_CODES.name(code)}" if code else operation.reason
+        why = operation.error_coded or operation.reason
         _note(judge, "operation.failed", operation, why, operation.last_frame)
     elif operation.result == UNFINISHED and operation.kind in _TRANSFERS and _ought_to_end(operation):
         size = f"{operation.octets} of {operation.announced}" if operation.announced >= 0 else str(operation.octets)

@@ -375,7 +375,7 @@ class SecurityWatch:
         if code:
             codes = PLUS_CODES if transaction.is_plus else ERROR_CODES
             part = " in part" if transaction.is_plus and code == PARTIAL_ERROR else ""
-            result = f", refused{part}: 0x{code:04x} {codes.name(code)}"
+            result = f", refused{part}: {codes.coded(code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", answer not captured" if transaction.unseen else ", not answered"
         elif good and not reports and slug in _COMMANDS:
@@ -411,7 +411,7 @@ class _Became:
 def _item_codes(refused: list[ItemResult]) -> str:
     """Return with which return codes items were refused; empty where they have none, as the whole request was refused."""
     codes = sorted({int(result.return_code) for result in refused if result.refused})
-    said = [coded(RETURN_CODES.hex(code), RETURN_CODES.name(code)) for code in codes[:_NAMED]]
+    said = [RETURN_CODES.coded(code) for code in codes[:_NAMED]]
     return f", refused: {', '.join(said)}" if said else ""
 
 

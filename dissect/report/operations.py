@@ -7,9 +7,7 @@ from typing import Final
 from dissect.report import facets, words
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places
-from dissect.s7.errors import ERROR_CODES
 from dissect.s7.szl import SZL_HEAD
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.operation import (
     LONG_ANSWER,
     NO_FAILURES,
@@ -19,7 +17,6 @@ from dissect.transactions.operation import (
     Operation,
 )
 from dissect.transactions.transaction import CONNECTION_CLOSED
-from dissect.wire.codes import CodeTable
 from dissect.wire.text import Clock, shortened
 
 OPERATION_SCHEMA: Final = "s7dissect.operation/1"
@@ -89,11 +86,6 @@ def _carried(operation: Operation) -> str:
     return ", ".join(parts)
 
 
-def error_codes(operation: Operation) -> CodeTable:
-    """Return the table that an operation's error is in."""
-    return PLUS_CODES if operation.connection.plus is not None else ERROR_CODES
-
-
 def shouted(text: str) -> str:
     """Return a result the way it stands on a line: loud when something went wrong."""
     if text == NOT_CAPTURED:
@@ -107,7 +99,7 @@ def result(operation: Operation) -> str:
     if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
         return "ended with the connection"
     if operation.error_code:
-        return f"{shout} 0x{operation.error_code:04x} {error_codes(operation).name(operation.error_code)}"
+        return f"{shout} {operation.error_coded}"
     why = facets.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     late = "" if operation.begun else "beginning not captured"
@@ -136,7 +128,7 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "duration_ns": operation.duration_ns,
         "result": operation.result,
         "reason": operation.reason or None,
-        "error": {"code": code, "name": error_codes(operation).name(code), "text": error_codes(operation).text(code)}
+        "error": {"code": code, "name": operation.error_codes.name(code), "text": operation.error_codes.text(code)}
         if code
         else None,
         "transaction_count": operation.parts,

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.block_names import FILE_SYSTEMS
+from dissect.s7.errors import ERROR_CODES
 from dissect.s7.parameters import UserdataHead
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.wire.codes import CodeTable
 from dissect.wire.part import Part
 
 if TYPE_CHECKING:
@@ -216,6 +219,16 @@ class Operation:
 
     def __repr__(self) -> str:
         return f"Operation({self.number}, {self.kind!r}, {self.subject!r}, {self.result!r})"
+
+    @property
+    def error_codes(self) -> CodeTable:
+        """The table that ``error_code`` is in: that of S7comm-plus or of S7comm."""
+        return PLUS_CODES if self.connection.plus is not None else ERROR_CODES
+
+    @property
+    def error_coded(self) -> str:
+        """``error_code`` in hexadecimal, as it stands on the wire, and its name; empty for none."""
+        return self.error_codes.coded(self.error_code) if self.error_code else ""
 
     @property
     def duration_ns(self) -> int:

@@ -73,6 +73,13 @@ def all_goes_well(talk: Talk) -> None:
 def the_plc_cannot_store_it(talk: Talk) -> None:
     talk.open()
     load(talk, code=0xD2A0)
+    load(talk, code=0x8104)
+    talk.pipeline.exchange.report_findings()
+    details = [finding.detail for finding in talk.findings if finding.slug == "operation.failed"]
+    assert [detail.partition(": ")[2] for detail in details] == [
+        "0xd2a0 (unknown code)",
+        "0x8104 Service not implemented or frame error",
+    ]
 
 
 @speaks("operation.unfinished")
