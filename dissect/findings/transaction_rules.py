@@ -29,6 +29,8 @@ from dissect.s7.tables import (
     FUNCTIONS,
     GROUP_CPU,
     GROUP_PBC,
+    GROUP_SECURITY,
+    GROUP_TIME,
     JOB,
     NUMBERED_AREAS,
     READ_SZL,
@@ -78,6 +80,8 @@ from dissect.wire.text import count, distance_text, duration_text, over_limit
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 #: Packets that are older by up to this than one before them are what two capture queues do; else the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
+#: Groups of userdata whose payloads have one length on every CPU.
+SERVICES: Final = frozenset((GROUP_SECURITY, GROUP_TIME))
 #: Faults of a block that a finding names.
 _NAMED: Final = 3
 
@@ -203,6 +207,21 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
         detail = shortage(szl_id, length, count, int(size))
         frames = transaction.frames
         judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
+
+
+def judge_service(judge: Reporter, transaction: Transaction) -> None:
+    """Note a request or an answer of `SERVICES` whose payload is shorter than its parts, or states more than is there.
+
+    What is only left over behind the parts is shown with the PDU and no finding: some servers fill up what they send.
+    """
+    for pdu in (transaction.request, transaction.response):
+        if pdu is None or pdu.malformed or pdu.cut:
+            continue
+        faults = [fact for fact in pdu.body.malformed if fact.reason != "trailing_octets"]
+        if faults:
+            who = transaction.connection.tcp.ends[pdu.side]
+            detail = f"{pdu.rosctr_name} from {who}, {transaction.function_name}: {faults[0]}"
+            judge.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
 
 
 def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:

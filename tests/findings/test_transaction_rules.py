@@ -8,6 +8,7 @@ import pytest
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
 from dissect.tags import load_tags
+from tests import build
 from tests.transactions.talk import (
     CLIENT,
     MS,
@@ -317,6 +318,20 @@ def test_a_write_request_that_contradicts_itself_and_found_its_answer_waiting(ta
     talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
     talk.ask(request)
     assert sorted(talk.slugs()) == ["s7.malformed", "security.write", "transaction.reordered"]
+
+
+@pytest.mark.parametrize(
+    ("group", "subfunction", "said"),
+    [
+        (7, 2, "time functions: set clock: s7: clock at byte 22 needs 10 bytes, the item has 3"),
+        (5, 1, "security: PLC password: s7: password at byte 22 needs 8 bytes, the item has 3"),
+    ],
+)
+def test_a_service_with_too_few_bytes(talk: Talk, group: int, subfunction: int, said: str) -> None:
+    asked = talk.ask(userdata(1, head(1, group, subfunction), build.payload(b"\0\x20\x24")))
+    talk.tell(userdata(1, head(2, group, subfunction, code=0)))
+    finding = only(talk, "s7.malformed")
+    assert (finding.frames, finding.detail) == ([asked], f"Userdata from 10.0.0.1:50000, {said}")
 
 
 def test_an_answer_before_its_request(talk: Talk) -> None:
