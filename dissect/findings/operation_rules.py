@@ -48,7 +48,7 @@ def judge_operation(judge: Reporter, operation: Operation) -> None:
         _note(judge, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)
     if operation.result == FAILED:
         code = operation.error_code
-        why = f"0x{code:04x} {ERROR_CODES.name(code)}" if code else operation.reason
+        why = ERROR_CODES.coded(code) if code else operation.reason
         _note(judge, "operation.failed", operation, why, operation.last_frame)
     elif operation.result == UNFINISHED and operation.kind in _TRANSFERS and _ought_to_end(operation):
         size = f"{operation.octets} of {operation.announced}" if operation.announced >= 0 else str(operation.octets)

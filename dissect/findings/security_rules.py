@@ -376,7 +376,7 @@ class SecurityWatch:
         if code:
             codes = PLUS_CODES if transaction.is_plus else ERROR_CODES
             part = " in part" if transaction.is_plus and code == PARTIAL_ERROR else ""
-            result = f", refused{part}: 0x{code:04x} {codes.name(code)}"
+            result = f", refused{part}: {codes.coded(code)}"
         elif transaction.outcome == UNANSWERED:
             result = ", answer not captured" if transaction.unseen else ", not answered"
         if transaction.outcome == ORPHAN:

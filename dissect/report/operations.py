@@ -107,7 +107,7 @@ def result(operation: Operation) -> str:
     if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
         return "ended with the connection"
     if operation.error_code:
-        return f"{shout} 0x{operation.error_code:04x} {error_codes(operation).name(operation.error_code)}"
+        return f"{shout} {error_codes(operation).coded(operation.error_code)}"
     why = facets.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     late = "" if operation.begun else "beginning not captured"

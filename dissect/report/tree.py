@@ -80,7 +80,7 @@ def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
     texts = [top, _header(pdu, base)]
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
-        texts.append(line_of("", "error", f"0x{code:04x} {ERROR_CODES.name(code)}. {ERROR_CODES.text(code)}".rstrip()))
+        texts.append(line_of("", "error", f"{ERROR_CODES.coded(code)}. {ERROR_CODES.text(code)}".rstrip()))
     hidden = secret_spans(octets)
     body = _body_text(pdu, base, hidden)
     if body:

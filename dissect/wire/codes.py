@@ -91,6 +91,10 @@ class CodeTable:
         """Return ``number`` as the field is written, for example ``0x04``."""
         return hex_number(number, self.digits)
 
+    def coded(self, number: int) -> str:
+        """Return ``number`` with its name, as `coded` does."""
+        return coded(self.hex(number), self.name(number))
+
     def names(self) -> dict[int, str]:
         """Return {number: name} for every row, in table order (Scapy's enumeration fields take this form)."""
         return {row.number: row.name for row in self._rows.values()}

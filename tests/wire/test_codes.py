@@ -64,3 +64,4 @@ def test_no_table_of_the_package_has_a_row_twice() -> None:
 def test_a_code_with_its_name() -> None:
     assert coded("0x04", TABLE.name(4)) == "0x04 Read Var"
     assert coded("0x05", TABLE.name(5)) == "0x05 (unknown code)"
+    assert [TABLE.coded(number) for number in (4, 5)] == ["0x04 Read Var", "0x05 (unknown code)"]

@@ -128,7 +128,7 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
     parameters = pdu.parameters
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
-        return f"error 0x{code:04x} {ERROR_CODES.name(code)}"
+        return f"error {ERROR_CODES.coded(code)}"
     if parameters.setup is not None:
         setup = parameters.setup
         return str(setup)
@@ -150,7 +150,7 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
     said = facets.notes_of(body)
     if head is None:
         return said
-    error = f", error 0x{head.error_code:04x} {ERROR_CODES.name(head.error_code)}" if head.error_code else ""
+    error = f", error {ERROR_CODES.coded(head.error_code)}" if head.error_code else ""
     more = ", more to come" if head.extended and head.last_data_unit else ""
     return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}{f'  {said}' if said else ''}"
 
