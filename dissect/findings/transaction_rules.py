@@ -80,8 +80,8 @@ from dissect.wire.text import count, distance_text, duration_text, over_limit
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 #: Packets that are older by up to this than one before them are what two capture queues do; else the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
-#: Groups of userdata whose payloads have one length on every CPU.
-SERVICES: Final = frozenset((GROUP_SECURITY, GROUP_TIME))
+#: Groups of userdata whose payloads have one length on every CPU, or state it.
+SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
 #: Faults of a block that a finding names.
 _NAMED: Final = 3
 
@@ -214,10 +214,14 @@ def judge_service(judge: Reporter, transaction: Transaction) -> None:
 
     What is only left over behind the parts is shown with the PDU and no finding: some servers fill up what they send.
     """
-    for pdu in (transaction.request, transaction.response):
-        if pdu is None or pdu.malformed or pdu.cut:
+    response = transaction.response
+    for pdu, body in (
+        (transaction.request, transaction.request_body),
+        (response, response.body if response is not None else None),
+    ):
+        if pdu is None or body is None or pdu.malformed:
             continue
-        faults = [fact for fact in pdu.body.malformed if fact.reason != "trailing_octets"]
+        faults = [fact for fact in body.malformed if fact.reason != "trailing_octets"]
         if faults:
             who = transaction.connection.tcp.ends[pdu.side]
             detail = f"{pdu.rosctr_name} from {who}, {transaction.function_name}: {faults[0]}"

@@ -334,6 +334,14 @@ def test_a_service_with_too_few_bytes(talk: Talk, group: int, subfunction: int, 
     assert (finding.frames, finding.detail) == ([asked], f"Userdata from 10.0.0.1:50000, {said}")
 
 
+def test_a_bsend_that_states_more_than_it_has(talk: Talk) -> None:
+    asked = talk.ask(userdata(1, head(1, 6, 1, code=0), build.payload(b"\x12\x06\x13\0\0\0\0\x15\0\x28abc")))
+    talk.tell(userdata(1, head(2, 6, 1, code=0)))
+    finding = only(talk, "s7.malformed")
+    said = "PBC (programmable block communication): BSEND: s7: total_length at byte 36 claims 40 bytes, the item has 3"
+    assert (finding.frames, finding.detail) == ([asked], f"Userdata from 10.0.0.1:50000, {said}")
+
+
 def test_an_answer_before_its_request(talk: Talk) -> None:
     request = read(1, dbw(1, 0))
     talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(request))
