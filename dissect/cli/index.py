@@ -109,7 +109,7 @@ def _updated(store: Store, folder: Path) -> Changes:
         try:
             code = drive(run, (path,))
         except CaptureError as error:
-            return str(error)
+            return str(error).removeprefix(f"{printable(path)}: ")  # the report names it
         return None if code == EXIT_INTERRUPTED else filled(facts, run, seen)
 
     return update(store, folder, read)

@@ -22,7 +22,7 @@ from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SAMPLED, SecurityWatch
 from dissect.findings.session_rules import judge_grant
 from dissect.findings.station_rules import StationWatch
-from dissect.findings.transaction_rules import judge_command, judge_szl, judge_transaction, judge_unanswered
+from dissect.findings.transaction_rules import judge_body, judge_szl, judge_transaction, judge_unanswered
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import GROUP_CPU, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.stations.evidence import TELLING
@@ -118,10 +118,10 @@ class Watch:
             return
         self.operations.take(transaction)
         head = transaction.parameters.userdata
-        if head is None:
-            judge_command(self._judge, transaction)
-        elif head.group == GROUP_CPU:
+        if head is not None and head.group == GROUP_CPU:
             judge_szl(self._judge, transaction)
+        else:
+            judge_body(self._judge, transaction)
         if transaction.flags:
             judge_strays(self._judge, transaction)
         self.security.take(transaction)

@@ -21,9 +21,11 @@ class DuckdbSink(Sink):
     def __init__(self, path: Path, tables: Iterable[Table], metadata: Mapping[str, str]) -> None:
         duckdb = needed("duckdb")
         self._error: type[Exception] = duckdb.Error
+        self._log = path.with_name(f"{path.name}.wal")
+        self._database: Any = None
         self._batches = {table.name: Batches(table, dictionaries=False) for table in tables}
         try:
-            self._database: Any = duckdb.connect(str(path))
+            self._database = duckdb.connect(str(path))
             self._database.execute("CREATE TABLE s7dissect (key VARCHAR, value VARCHAR)")
             self._database.executemany("INSERT INTO s7dissect VALUES (?, ?)", list(metadata.items()))
             self._database.execute("BEGIN")
@@ -32,6 +34,7 @@ class DuckdbSink(Sink):
                 self._database.execute(f'CREATE TABLE "{name}" AS SELECT * FROM incoming')  # noqa: S608 - our own names
                 self._comment(batches.table)
         except self._error as error:
+            self.abandon()  # nobody else has this sink yet
             raise _refused(error) from error
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
@@ -54,9 +57,11 @@ class DuckdbSink(Sink):
             raise _refused(error) from error
 
     def abandon(self) -> None:
-        """Close a database of which nothing will be kept."""
-        with suppress(self._error):  # it could not be written to
-            self._database.close()
+        """Close a database of which nothing will be kept, and remove what DuckDB leaves beside it then."""
+        if self._database is not None:
+            with suppress(self._error):  # it could not be written to
+                self._database.close()
+        self._log.unlink(missing_ok=True)
 
     def _comment(self, table: Table) -> None:
         for column in table.columns:

@@ -47,6 +47,7 @@ class ParquetFile:
         self._bytes = 0
         self._writes = ThreadPoolExecutor(1, "parquet")
         self._writing: Future[None] | None = None
+        self._abandoned = False
         columns = batches.table.columns
         self._stream: Any = create(path) if create is not None else None
         if create is None:
@@ -79,16 +80,23 @@ class ParquetFile:
             self._rows = self._bytes = 0
 
     def close(self) -> None:
-        """Write the rest, and the end of the file."""
-        self.write()
-        self._settle()
-        self._writes.shutdown()
-        self._writer.close()
-        if self._stream is not None:
-            self._stream.close()
+        """Write the rest, and the end of the file. When that fails, the file is abandoned."""
+        try:
+            self.write()
+            self._settle()
+            self._writes.shutdown()
+            self._writer.close()
+            if self._stream is not None:
+                self._stream.close()
+        except BaseException:
+            self.abandon()
+            raise
 
     def abandon(self) -> None:
-        """Close a file of which nothing will be kept."""
+        """Close a file of which nothing will be kept; once more does nothing."""
+        if self._abandoned:
+            return
+        self._abandoned = True
         self._writes.shutdown()
         if self._stream is not None:
             self._stream.discard()
@@ -134,9 +142,14 @@ class ParquetSink(Sink):
         self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
         self._open: OrderedDict[tuple[str, str], ParquetFile] = OrderedDict()
         self._parts: dict[tuple[str, str], int] = {}
-        for name in self._batches:
-            if not by_day:
+        if by_day:
+            return
+        try:
+            for name in self._batches:
                 self._file(name, "")  # a table without rows is there too, with its columns
+        except BaseException:
+            self.abandon()  # nobody else has this sink yet
+            raise
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Write rows to the files they belong to."""

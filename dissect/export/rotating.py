@@ -75,7 +75,11 @@ class RotatingSink(Sink):
         while (path := folder / f"part-{since}-{number}.parquet").exists():
             number += 1
         saving = Saving(path)
-        return saving, ParquetFile(Path(saving.path), self._batches[table.name])
+        try:
+            return saving, ParquetFile(Path(saving.path), self._batches[table.name])
+        except BaseException:
+            Path(saving.path).unlink(missing_ok=True)
+            raise
 
     def _stamp(self, time_ns: int) -> str:
         return self._clock.iso(time_ns)[:19].replace("-", "").replace(":", "") + "Z"

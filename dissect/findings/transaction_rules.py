@@ -31,6 +31,8 @@ from dissect.s7.tables import (
     FUNCTIONS,
     GROUP_CPU,
     GROUP_PBC,
+    GROUP_SECURITY,
+    GROUP_TIME,
     JOB,
     NUMBERED_AREAS,
     PI_SERVICE,
@@ -87,6 +89,8 @@ _COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, EN
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 #: Packets that are older by up to this than one before them are what two capture queues do; else the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
+#: Groups of userdata whose payloads have one length on every CPU, or state it.
+_SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
 #: Faults of a block that a finding names.
 _NAMED: Final = 3
 
@@ -183,24 +187,6 @@ def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -
             _judge_errors(judge, transaction)
 
 
-def judge_command(judge: Reporter, transaction: Transaction) -> None:
-    """Note a command to a PLC, or its answer, of which a part behind the header states more than there is.
-
-    Octets that are left over are not told: servers that imitate a PLC leave some, and nothing is misread by that.
-    """
-    if transaction.rosctr != JOB or transaction.parameters.function not in _COMMANDS:
-        return
-    for pdu in (transaction.request, transaction.response):
-        if pdu is None or pdu.malformed:
-            continue
-        for wrong in pdu.body.malformed:
-            if wrong.reason != "trailing_octets":
-                who = transaction.connection.tcp.ends[pdu.side]
-                detail = f"{pdu.rosctr_name} from {who}: {pdu.function_name}: {wrong}"
-                judge.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
-                break
-
-
 def judge_szl(judge: Reporter, transaction: Transaction) -> None:
     """Note an SZL answer, whole in one PDU, whose records do not fill it as its head states."""
     head = transaction.parameters.userdata
@@ -230,6 +216,28 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
         detail = shortage(szl_id, length, count, int(size))
         frames = transaction.frames
         judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
+
+
+def judge_body(judge: Reporter, transaction: Transaction) -> None:
+    """Note a command or service, or its answer, whose parts are shorter than they have to be, or state more than there is.
+
+    What is only left over behind the parts is shown with the PDU and no finding: some servers fill up what they send.
+    """
+    head = transaction.parameters.userdata
+    if transaction.parameters.function not in _COMMANDS if head is None else head.group not in _SERVICES:
+        return
+    response = transaction.response
+    for pdu, body in (
+        (transaction.request, transaction.request_body),
+        (response, response.body if response is not None else None),
+    ):
+        if pdu is None or body is None or pdu.malformed:
+            continue
+        faults = [fact for fact in body.malformed if fact.reason != "trailing_octets"]
+        if faults:
+            who = transaction.connection.tcp.ends[pdu.side]
+            detail = f"{pdu.rosctr_name} from {who}, {transaction.function_name}: {faults[0]}"
+            judge.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
 
 
 def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:

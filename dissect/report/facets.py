@@ -16,6 +16,7 @@ from dissect.report.facet import Facet
 from dissect.report.plus import PlusFacet
 from dissect.report.scd import ScdFacet, scd_subject
 from dissect.s7.blocks import BLOCK_COUNT
+from dissect.s7.body import Body
 from dissect.s7.items import Item, ItemResult, data_size_within
 from dissect.s7.message import Pdu
 from dissect.s7.tables import (
@@ -160,11 +161,15 @@ def content(asked: Item, data: bytes) -> str:
 
 
 def body_notes(pdu: Pdu) -> str:
-    """Return what the parts of a PDU are about: the first few notes, and how many more there are.
+    """Return what the parts of a PDU are about, as `notes_of` does."""
+    return notes_of(pdu.body)
+
+
+def notes_of(body: Body) -> str:
+    """Return what parts are about: the first few notes, and how many more there are.
 
     Of the numbers of blocks in a CPU, the types of which it has none are left out.
     """
-    body = pdu.body
     counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
     if not counts:
         return words.some_notes(body.notes)

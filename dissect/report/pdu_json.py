@@ -36,13 +36,15 @@ class PduLines:
             name, number = self.locate(pdu.frame)
             frame = f'{number},"file":{json_text(name)}'
         error = f'{pdu.error_class},"error_code":{pdu.error_code}' if pdu.error_class >= 0 else 'null,"error_code":null'
-        told = ",".join([_malformed(fact) for fact in pdu.malformed])
+        faults: list[Malformed] = []
+        carried = _body(pdu, faults)
+        told = ",".join([_malformed(fact) for fact in [*pdu.malformed, *faults]])
         return (
             f'{{"schema":"{PDU_SCHEMA}","frame":{frame},"time":"{self._clock.iso(pdu.time_ns)}"'
             f',"connection":{pdu.connection},"src":{json_text(str(ends[pdu.side]))},"dst":{json_text(str(ends[1 - pdu.side]))}'
             f',"protocol":"s7comm",{_header(pdu)}'
             f',"error_class":{error},"function":{function_text(pdu.parameters)}'
-            f"{_body(pdu)}"
+            f"{carried}"
             f',"cut":{"true" if pdu.cut else "false"},"malformed":[{told}]}}'
         )
 
@@ -74,8 +76,11 @@ def _malformed(fact: Malformed) -> str:
     return json.dumps(fact.as_dict(), separators=(",", ":"))
 
 
-def _body(pdu: Pdu) -> str:
-    """Return what the PDU carries: setup, request items, data items, return codes, and what is kept as octets."""
+def _body(pdu: Pdu, faults: list[Malformed]) -> str:
+    """Return what the PDU carries: setup, request items, data items, return codes, and what is kept as octets.
+
+    What its parts have against themselves is added to ``faults``, unless the capture cut them.
+    """
     parameters = pdu.parameters
     text = ""
     if parameters.item_count >= 0:
@@ -97,6 +102,8 @@ def _body(pdu: Pdu) -> str:
             text += f',"data":"{pdu.data.hex()}"'
         if parameters.setup is None and not parameters.items:
             body = pdu.body
+            if not pdu.cut:
+                faults += body.malformed
             parts = [_part("parameters", part) for part in body.parameters] + [
                 _part("data", part) for part in body.data
             ]

@@ -31,4 +31,6 @@ def parse_clock(cursor: Cursor, head: UserdataHead) -> None:
     if (setting and head.type == REQUEST) or (not setting and head.type == RESPONSE):
         part = cursor.take(CLOCK)
         if part is not None:
-            part.note = part.text("time") or "no time"
+            time = part.find("time")
+            unset = time is None or not any(time.octets or b"")
+            part.note = part.text("time") or ("no time" if unset else "invalid time")

@@ -171,7 +171,9 @@ def parse_parameters(cursor: Cursor, answer: bool) -> None:
         _take_upload(cursor, UPLOAD_HEAD)
         _take_name(cursor)
     else:
-        cursor.take(DOWNLOAD_END if function == DOWNLOAD_ENDED else DOWNLOAD)
+        end = cursor.take(DOWNLOAD_END if function == DOWNLOAD_ENDED else DOWNLOAD)
+        if end is not None:
+            end.note = _why(end)
         _take_name(cursor)
         if function == REQUEST_DOWNLOAD and cursor.left:
             _take_lengths(cursor)
@@ -188,8 +190,15 @@ def take_answer(cursor: Cursor) -> None:
 
 def _take_upload(cursor: Cursor, layout: Layout) -> None:
     part = cursor.take(layout)
-    if part is not None and part.number("upload_id"):
-        part.note = f"upload {part.number('upload_id')}"
+    if part is not None:
+        number, why = part.number("upload_id"), _why(part)
+        part.note = f"upload {number}{', ' if why else ''}{why}" if number else why
+
+
+def _why(part: Part) -> str:
+    """Return the error that the end of a transfer states, empty without one."""
+    code = part.number("error_code")
+    return f"error {ERROR_CODES.coded(code)}" if code > 0 else ""
 
 
 def _take_name(cursor: Cursor) -> None:

@@ -68,6 +68,8 @@ def _open(path: str) -> OctetSource:
 
 
 def _open_file(path: str) -> PlainSource:
+    if not path:  # which would stand for the folder where one is
+        raise CaptureError("the name of a file is empty; was a variable of the shell not set?")
     try:
         return PlainSource(cast(_Stream, Path(path).open("rb", buffering=0)), owned=True)
     except FileNotFoundError:

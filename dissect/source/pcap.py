@@ -42,6 +42,9 @@ _FILE_HEADER: Final = 24
 _ODD_FRACTION: Final = "a time stamp holds {} parts of a second, a whole second or more, and was read as it stands"
 #: What is noted of a packet whose wire length cannot be; for pcapng too.
 SHORT_WIRE: Final = "a packet claims only {} bytes on the wire, fewer than were captured, and was treated as complete"
+#: The first 16 octets of a second file header read as the record of an empty packet; its last 8 begin a record that claims a
+#: packet as long as the time of the packet behind it.
+_JOINED: Final = "another pcap file begins there; join files with mergecap, not with cat"
 _ODD_VERSION: Final = "the file says it is version {} of the format, and was read as version 2.4"
 
 
@@ -221,6 +224,7 @@ class PcapReader(ChunkReader):
         self._record: struct.Struct = struct.Struct(">IIII" if big else "<IIII")
         self._old: bool = False
         self._link_type: i64 = 0
+        self._ends: bytes = b""  # of the file header: snap length and link type
         self._begun: bool = False
         self._need = _FILE_HEADER
 
@@ -249,6 +253,7 @@ class PcapReader(ChunkReader):
         self._old = major == 2 and minor < 4
         # The upper half tells about frame check sequences, which the IP length leaves out anyway.
         self._link_type = link & 0xFFFF
+        self._ends = self._buf[16:_FILE_HEADER]
         self._begun = True
         self._pos = _FILE_HEADER
 
@@ -310,4 +315,7 @@ class PcapReader(ChunkReader):
             self.packets = count
             self._need = need
         if absurd:
-            self._stop(pos, f"a record claims a packet of {absurd} bytes")
+            if buf[pos : pos + 8] == self._ends:
+                self._stop(pos - 16, _JOINED)
+            else:
+                self._stop(pos, f"a record claims a packet of {absurd} bytes")

@@ -267,13 +267,12 @@ class Operations(OperationBook):
 
     def _send(self, transaction: Transaction, head: UserdataHead) -> None:
         """Follow a BSEND in pieces, each of which the partner answers; one that fits one PDU is no operation."""
-        request = transaction.request
-        if request is None:
+        body = transaction.request_body
+        if body is None:
             return
         from dissect.s7.pbc import BSEND_DATA, goes_on  # late: see `Pdu.body`
         from dissect.s7.syntaxes import r_id_text
 
-        body = request.body
         r_id = body.number("r_id")
         key = f"{transaction.asked_by}/{r_id}"
         operation = transaction.connection.operations.find(BSEND, key)

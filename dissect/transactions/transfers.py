@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.s7.block_names import FILE_SYSTEMS
 from dissect.s7.blocks import HEADER, header_text, is_header
 from dissect.s7.body import Body
 from dissect.s7.control import PI_BLOCK
@@ -382,11 +383,15 @@ def follow_blocks(transaction: Transaction, body: Body) -> None:
     for part in body.parameters:
         if part.layout is not PI_BLOCK:
             continue
-        known = loaded.get(part.note.removeprefix("block "))
+        name = part.note.removeprefix("block ")
+        # Who deletes a block from both file systems deletes what waits in the passive one.
+        known = loaded.get(name if links else name.replace(FILE_SYSTEMS["B"], FILE_SYSTEMS["P"]))
         if known is None:
             if links and not (connection.mid_stream or connection.tcp.has_holes or half_captured(transaction)):
                 transaction.flags |= NOT_LOADED
+        elif transaction.error_code or transaction.outcome == UNANSWERED:
+            continue  # nothing became of it
         elif not links:
             known.deleted = True
-        elif not transaction.error_code and transaction.outcome != UNANSWERED:
+        else:
             known.frame = int(transaction.request_frame)

@@ -48,6 +48,8 @@ class Saving:
         if self.special:
             self.path = self.output
             return
+        if not self.output:  # which would stand for the folder where one is
+            raise FileNotFoundError(2, "the name is empty; was a variable of the shell not set?", "OUT")
         self._target = os.path.realpath(self.output)
         folder, name = os.path.split(self._target)
         if not name or os.path.isdir(self._target):  # noqa: PTH112 - a text from realpath

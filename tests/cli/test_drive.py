@@ -103,6 +103,14 @@ def test_2_when_there_is_nothing_to_read(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
+def test_2_when_a_name_is_empty(capfdbinary: Capture, command: str) -> None:
+    """As that of a variable of the shell that was not set; it does not stand for the folder where one is."""
+    ran = run(capfdbinary, command, "")
+    said = "s7dissect: the name of a file is empty; was a variable of the shell not set?\n"
+    assert (ran.code, ran.out, ran.err) == (2, "", said)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_2_before_anything_is_written_when_one_of_several_is_wrong(
     capfdbinary: Capture, good: Path, command: str
 ) -> None:

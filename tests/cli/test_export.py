@@ -136,3 +136,34 @@ def test_what_is_written_is_said(capfdbinary: Capture, tmp_path: Path) -> None:
     assert ran.err.startswith(
         f"s7dissect: {told['rows']['connections']} connection, {told['rows']['findings']} findings"
     )
+
+
+@pytest.mark.parametrize("form", ["parquet", "duckdb"])
+def test_a_disk_that_was_full_from_the_beginning_is_one_line_and_leaves_nothing(tmp_path: Path, form: str) -> None:
+    """What makes the files fails already: a file that was made before has nobody to close it then."""
+    code = (
+        "import sys, pyarrow.parquet as parquet\nimport duckdb\nfrom dissect.cli.main import run\n"
+        "class Writer(parquet.ParquetWriter):\n"
+        "    made = 0\n"
+        "    def __init__(self, *given, **named):\n"
+        "        Writer.made += 1\n"
+        "        if Writer.made == 3: raise OSError(28, 'No space left on device')\n"
+        "        super().__init__(*given, **named)\n"
+        "    def close(self):\n"
+        "        if self.is_open: raise OSError(28, 'No space left on device')\n"
+        "parquet.ParquetWriter = Writer\n"
+        "class Base:\n"
+        "    def __init__(self, path):\n"
+        "        self.base = duckdb_connect()\n"
+        "        open(path + '.wal', 'w').close()\n"
+        "    def execute(self, text):\n"
+        "        if text.startswith('COMMENT'): raise duckdb.Error('Could not write file: No space left on device')\n"
+        "        self.base.execute(text)\n"
+        "    def __getattr__(self, name): return getattr(self.base, name)\n"
+        "duckdb_connect, duckdb.connect = duckdb.connect, Base\n"
+        f"sys.exit(run({['export', str(ERRORS), '-o', str(tmp_path / f'out.{form}')]!r}))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ran.returncode == 5, ran.stderr
+    assert ran.stderr.splitlines() == [f"s7dissect: cannot write {tmp_path / f'out.{form}'}: No space left on device"]
+    assert not list(tmp_path.iterdir())

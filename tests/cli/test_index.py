@@ -84,7 +84,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_there(capfdbinary: Capture,
     ran = run(capfdbinary, "index", folder)
     assert ran.code == 3
     assert ran.err.count("\n") == 2
-    assert "no\\x1b[31m.pcap: " in ran.err
+    assert "s7dissect: no\\x1b[31m.pcap: not a capture file " in ran.err  # with its name once
     assert "\x1b" not in ran.err + ran.out
     assert ran.out.splitlines()[-1].startswith("4 files: 4 read, 0 unchanged since the last time; 1 file could not be")
 

@@ -102,3 +102,14 @@ def test_an_output_without_a_folder_is_told_before_anything_is_read(
     assert why in ran.err
     assert out in ran.err
     assert list(tmp_path.iterdir()) == [bad]
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_an_output_without_a_name_is_wrong_use(
+    capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [word if word != str(tmp_path / "out") else "" for word in words_of(name, tmp_path, tmp_path / "out")]
+    ran = run(capfdbinary, *words)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == "s7dissect: OUT: the name is empty; was a variable of the shell not set?\n"

@@ -8,6 +8,7 @@ import pytest
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
 from dissect.tags import load_tags
+from tests import build
 from tests.findings import events
 from tests.transactions.talk import (
     CLIENT,
@@ -315,11 +316,11 @@ def test_a_command_that_contradicts_itself(talk: Talk) -> None:
     assert [(one.frames, one.detail) for one in talk.findings if one.slug == "s7.malformed"] == [
         (
             [asked],
-            "Job from 10.0.0.1:50000: PI service: s7: block_length at byte 20 claims 52 bytes, the parameter part has 12",
+            "Job from 10.0.0.1:50000, PI service: s7: block_length at byte 20 claims 52 bytes, the parameter part has 12",
         ),
         (
             [told],
-            "Ack_Data from 10.0.0.2:102: Start upload: s7: length_length at byte 20 claims 9 bytes, the parameter part has 7",
+            "Ack_Data from 10.0.0.2:102, Start upload: s7: length_length at byte 20 claims 9 bytes, the parameter part has 7",
         ),
     ]
 
@@ -349,6 +350,28 @@ def test_a_write_request_that_contradicts_itself_and_found_its_answer_waiting(ta
     talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
     talk.ask(request)
     assert sorted(talk.slugs()) == ["s7.malformed", "security.write", "transaction.reordered"]
+
+
+@pytest.mark.parametrize(
+    ("group", "subfunction", "said"),
+    [
+        (7, 2, "time functions: set clock: s7: clock at byte 22 needs 10 bytes, the item has 3"),
+        (5, 1, "security: PLC password: s7: password at byte 22 needs 8 bytes, the item has 3"),
+    ],
+)
+def test_a_service_with_too_few_bytes(talk: Talk, group: int, subfunction: int, said: str) -> None:
+    asked = talk.ask(userdata(1, head(1, group, subfunction), build.payload(b"\0\x20\x24")))
+    talk.tell(userdata(1, head(2, group, subfunction, code=0)))
+    finding = only(talk, "s7.malformed")
+    assert (finding.frames, finding.detail) == ([asked], f"Userdata from 10.0.0.1:50000, {said}")
+
+
+def test_a_bsend_that_states_more_than_it_has(talk: Talk) -> None:
+    asked = talk.ask(userdata(1, head(1, 6, 1, code=0), build.payload(b"\x12\x06\x13\0\0\0\0\x15\0\x28abc")))
+    talk.tell(userdata(1, head(2, 6, 1, code=0)))
+    finding = only(talk, "s7.malformed")
+    said = "PBC (programmable block communication): BSEND: s7: total_length at byte 36 claims 40 bytes, the item has 3"
+    assert (finding.frames, finding.detail) == ([asked], f"Userdata from 10.0.0.1:50000, {said}")
 
 
 def test_an_answer_before_its_request(talk: Talk) -> None:

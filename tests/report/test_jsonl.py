@@ -417,6 +417,14 @@ def test_a_malformed_pdu_tells_why_and_keeps_its_octets() -> None:
     assert line["octets"] == octets.hex()
 
 
+def test_a_malformed_payload_tells_why() -> None:
+    line = both(begun().send(0, dt(messages.userdata(1, 1, 7, 2, b"\0\x20\x24")))).pdus[2]
+    assert [(fact["field"], fact["reason"], fact["offset"]) for fact in line["malformed"]] == [
+        ("clock", "too_short", 22)
+    ]
+    assert line["data"] == "ff090003002024"
+
+
 @pytest.mark.parametrize("kept", [10, 11, 12, 20])
 def test_a_cut_pdu_says_so_and_invents_nothing(kept: int) -> None:
     packets = begun().send(0, dt(messages.read_job(0x0102, [WORD]))).packets()

@@ -284,7 +284,7 @@ def test_what_a_pdu_carries() -> None:
         "Ack_Data  ref 0x0002  Write Var  2 items, all good",
         "Job       ref 0x0003  Write Var  DB10.DBW4 = 7",
         "Ack_Data  ref 0x0003  Write Var  1 item, good",
-        "Job       ref 0x0004  Start upload",
+        "Job       ref 0x0004  Start upload  MALFORMED s7: upload at byte 10 needs 8 bytes, the parameter part has 1",
         "Ack       ref 0x0004  error 0xd241 Not permitted in current protection level",
     ]
 
@@ -311,6 +311,19 @@ def test_a_damaged_pdu_says_what_is_wrong() -> None:
     lying[7] = 99  # parameter length
     (line,) = pdu_lines(begun().send(0, dt(bytes(lying))))
     assert "MALFORMED s7: param_length at byte 6 claims 109 bytes, the TSDU has 24" in line
+
+
+def test_a_payload_that_is_damaged_says_what_is_wrong() -> None:
+    """In the line as in the tree."""
+    (line,) = pdu_lines(begun().send(0, dt(messages.userdata(1, 1, 7, 2, b"\0\x20\x24"))))
+    said = "Userdata  ref 0x0001  time functions: set clock  request, sequence 0"
+    assert line == f"{said}  MALFORMED s7: clock at byte 22 needs 10 bytes, the item has 3"
+
+
+@pytest.mark.parametrize("octets", ["00202413280755066125", "00000000000000000000"])
+def test_a_clock_that_is_no_time(octets: str) -> None:
+    (line,) = pdu_lines(begun().send(0, dt(messages.userdata(1, 1, 7, 2, bytes.fromhex(octets)))))
+    assert line.endswith("request, sequence 0  invalid time" if int(octets) else "request, sequence 0  no time")
 
 
 @pytest.mark.parametrize(

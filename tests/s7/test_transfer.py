@@ -52,7 +52,7 @@ EXAMPLES: list[tuple[str, bool, str, Rows, list[str]]] = [
     (
         "1c 00 d209 00000000" + NAME, False, "",
         [("function", "Download ended"), *STATUS_ROWS, ("error_code", "Block not found"), ("unknown_id", 0), *NAME_ROWS],
-        ["DB 1, passive"],
+        ["error 0xd209 Block not found", "DB 1, passive"],
     ),
     (
         "1d 00 0000 00000000" + NAME, False, "",
@@ -89,6 +89,11 @@ EXAMPLES: list[tuple[str, bool, str, Rows, list[str]]] = [
         "1f 00 0000 00000007", False, "",
         [("function", "End upload"), *STATUS_ROWS, ("error_code", "No error"), ("upload_id", 7)],
         ["upload 7"],
+    ),
+    (
+        "1f 00 d280 00000007", False, "",
+        [("function", "End upload"), *STATUS_ROWS, ("error_code", "Block compile error"), ("upload_id", 7)],
+        ["upload 7, error 0xd280 Block compile error"],
     ),
     ("1a", True, "", [("function", "Request download")], []),
     ("1c 02", True, "", [("function", "Download ended"), ("status_rest", 0), ("error", 1), ("more", 0)], ["error"]),

@@ -157,6 +157,15 @@ def test_the_largest_packet_believed(link_type: int, beyond: int) -> None:
         assert reader.damage == ""
 
 
+def test_files_joined_by_cat_are_named_so() -> None:
+    sample = Pcap()
+    sample.packet(EPOCH * NS, b"first")
+    reader = reader_of(sample.octets + sample.octets, 1 << 18)
+    drain(reader)
+    said = "another pcap file begins there; join files with mergecap, not with cat"
+    assert reader.damage == f"damaged at byte {len(sample.octets)}, after 2 packets: {said}"
+
+
 @pytest.mark.parametrize("captured", [2**32 - 1, 2**31, 2**30, MAX_PACKET + 1])
 def test_an_absurd_length_allocates_nothing(captured: int) -> None:
     sample = Pcap(link_type=SLL)

@@ -9,7 +9,7 @@ from dissect.transactions.connection import MAX_REMEMBERED
 from dissect.transactions.operation import Operation
 from tests.findings import events
 from tests.findings.operation_scenarios import load, read_out
-from tests.transactions.talk import CLIENT, RST, SERVER, Talk, job
+from tests.transactions.talk import CLIENT, FIN, RST, SERVER, Talk, job
 
 
 @pytest.fixture
@@ -35,6 +35,20 @@ def test_a_download_with_the_jobs_of_the_plc(talk: Talk) -> None:
     assert (told.kind, told.subject, told.result) == ("download", "DB 1, passive", "done")
     assert (told.octets, told.announced, told.parts, oddities(told)) == (500, 500, 5, [])
     assert told.asked_by == CLIENT
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "told"),
+    [("0A00001P", 0, False), ("0A00001B", 0, False), ("0A00001P", 0xD241, True), ("0A00001A", 0, True)],
+)
+def test_a_loaded_block_that_is_deleted(talk: Talk, name: str, code: int, told: bool) -> None:
+    """A refused deletion changes nothing; what is deleted from both file systems is gone from the passive one."""
+    load(talk)
+    talk.ask(events.service(95, "_DELE", events.blocks(name)))
+    talk.tell(events.answered(95, 0x28, code))
+    talk.packet(CLIENT, flags=FIN)
+    talk.close()
+    assert ("block.not_activated" in talk.slugs()) is told
 
 
 def test_an_upload(talk: Talk) -> None:

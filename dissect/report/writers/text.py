@@ -35,6 +35,7 @@ from dissect.transactions.results import went_wrong
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.build import COMPILED
+from dissect.wire.malformed import Malformed
 from dissect.wire.text import Clock, decimal, hex_number, shortened
 
 #: Characters of a packet comment that are shown.
@@ -73,12 +74,18 @@ def _blanks(count: i64) -> str:
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
     """Return one S7 PDU on one line."""
-    said = f"  {body}" if (body := _body(pdu, connection.naming)) else ""
+    return _pdu_line(pdu, connection, clock, places, [])
+
+
+def _pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places, faults: list[Malformed]) -> str:
+    """Return the line of a PDU; ``faults`` are filled with what its parts have against themselves."""
+    said = f"  {body}" if (body := _body(pdu, connection.naming, faults)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
         said += "  TRUNCATED by the capture"
-    if pdu.malformed:
-        said += f"  MALFORMED {pdu.malformed[0]}"
+    wrong = [*pdu.malformed, *faults][:1]
+    if wrong:
+        said += f"  MALFORMED {wrong[0]}"
     kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
     reference = hex_number(pdu.pdu_ref, 4) if pdu.pdu_ref >= 0 else "?"
     head = _head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)
@@ -117,7 +124,7 @@ def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Cl
     return f"{places.mark(frame).rjust(6)}  {moment}  {places.end(ends[side])} → {places.end(ends[1 - side])}"
 
 
-def _body(pdu: Pdu, naming: Naming | None) -> str:
+def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
     parameters = pdu.parameters
     if pdu.error_class > 0 or pdu.error_code > 0:
         code = (pdu.error_class << 8) | pdu.error_code
@@ -137,7 +144,10 @@ def _body(pdu: Pdu, naming: Naming | None) -> str:
             return f"{good}, all good" if len(codes) > 1 else f"{good}, good"
         return f"{len(refused)} of {good} refused: {', '.join(refused)}"
     head = parameters.userdata
-    said = facets.body_notes(pdu)
+    body = pdu.body
+    if not pdu.cut:
+        faults += body.malformed
+    said = facets.notes_of(body)
     if head is None:
         return said
     error = f", error {ERROR_CODES.coded(head.error_code)}" if head.error_code else ""
@@ -268,7 +278,9 @@ class TextWriter(Writer):
         """Add the line of an S7 PDU."""
         connection = side.connection
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
-        self._add(pdu_line(pdu, connection, self.clock, self.places), _says_no(pdu))
+        faults: list[Malformed] = []
+        line = _pdu_line(pdu, connection, self.clock, self.places, faults)
+        self._add(line, bool(faults) or _says_no(pdu))
         if self.verbose:
             from dissect.report.tree import tree_text
 
