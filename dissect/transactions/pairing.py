@@ -201,7 +201,10 @@ class Dialogue:
             waiting = None  # the asking side had this answer before it asked
         asking = side.peer
         holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes` in place
-        if waiting is None or (holes and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
+        if waiting is None or (
+            holes
+            and (_passed_over(side, waiting) or contradicts(waiting, rosctr, parameters, buf, at, size, data_at))
+        ):
             # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
@@ -306,6 +309,7 @@ class Dialogue:
         connection.answered += 1
         connection.last_answer = asked
         connection.last_answer_ns = transaction.response_ns
+        connection.last_answered = transaction.number
 
     def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
         """Return whether a request is open that an answer of ``side`` with this reference would complete."""
@@ -477,6 +481,20 @@ class Dialogue:
         )
         head: i64 = 12 if rosctr == ACK or rosctr == ACK_DATA else 10
         self._answered(transaction, parameters, at + head + len(parameters.octets))
+
+
+def _passed_over(side: Side, waiting: Transaction) -> bool:
+    """Return whether an answer of ``side`` probably belongs to a later request than ``waiting``, of the same reference.
+
+    So it is where octets of both sides are missing after ``waiting``: its answer may be among them, and another request that
+    uses the reference again. As servers answer in turn, a request that was asked later and is answered tells that they are.
+    """
+    asking = side.peer
+    asked: i64 = waiting.request_frame
+    if asking is None or side.hole_frame <= asked or side.connection.last_answered <= waiting.number:
+        return False
+    # Missing already, or about to be told: the answer acknowledges octets that were not captured yet.
+    return asking.hole_frame > asked or 0 < (side.last_ack - asking.stream.next_seq) & MASK < HALF_SPACE
 
 
 def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:
