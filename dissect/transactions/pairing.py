@@ -202,8 +202,7 @@ class Dialogue:
         asking = side.peer
         holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes` in place
         if waiting is None or (
-            holes
-            and (_passed_over(side, waiting) or contradicts(waiting, rosctr, parameters, buf, at, size, data_at))
+            holes and (_passed_over(side, waiting) or contradicts(waiting, rosctr, parameters, buf, at, size, data_at))
         ):
             # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
