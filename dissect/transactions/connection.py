@@ -213,7 +213,6 @@ class Connection:
         "iso_ended_ns",
         "last_answer",
         "last_answer_ns",
-        "last_answered",
         "last_encrypted_ns",
         "last_error",
         "last_error_code",
@@ -320,7 +319,6 @@ class Connection:
         self.last_request_ns: i64 = 0
         self.last_answer: Parameters | None = None
         self.last_answer_ns: i64 = 0
-        self.last_answered: i64 = 0  # number of the transaction that it completed
         self.last_encrypted_ns: i64 = 0  # of the server, in TLS: what it says is not visible, that it speaks is
         self.last_error: Parameters | None = None
         self.last_error_ns: i64 = 0

@@ -84,7 +84,18 @@ class OpenRequests:
     an int object, even beside others whose answers were not captured.
     """
 
-    __slots__ = ("_before", "_before_key", "_given_up", "_table", "anew", "count", "latest", "latest_key", "orphans")
+    __slots__ = (
+        "_before",
+        "_before_key",
+        "_given_up",
+        "_table",
+        "anew",
+        "answered",
+        "count",
+        "latest",
+        "latest_key",
+        "orphans",
+    )
 
     def __init__(self) -> None:
         self.latest: Transaction | None = None  # asked after `_before`, and that after all those of `_table`
@@ -94,6 +105,7 @@ class OpenRequests:
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
         self.anew: i64 = 0  # number of the latest request that a client asked again when it had got nothing for a while
+        self.answered: i64 = 0  # number of the request that was answered last
         self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
         self.orphans: list[Orphan] | None = None
 

@@ -17,7 +17,15 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.contradictions import contradicts, is_strange
-from dissect.transactions.open_requests import FEW_JOBS, GIVEN_UP_NS, REPEAT_NS, acknowledged, excludes, no_answer
+from dissect.transactions.open_requests import (
+    FEW_JOBS,
+    GIVEN_UP_NS,
+    REPEAT_NS,
+    OpenRequests,
+    acknowledged,
+    excludes,
+    no_answer,
+)
 from dissect.transactions.results import (
     EXPECTED,
     FUNCTION_MISMATCH,
@@ -129,6 +137,7 @@ class Dialogue:
                 if orphan.transaction.response_frame < frame:
                     transaction.flags |= REORDERED
                 self._join(transaction, orphan.transaction)
+                requests.answered = transaction.number
                 return transaction
             if side.peer is not None:
                 for passed in requests.passed_orphans(side.end_seq):
@@ -188,6 +197,7 @@ class Dialogue:
                     self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
                     return None
                 self.open -= 1
+                requests.answered = waiting.number
                 if mismatch(waiting.parameters, parameters):
                     waiting.flags |= FUNCTION_MISMATCH
                 waiting.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
@@ -202,7 +212,11 @@ class Dialogue:
         asking = side.peer
         holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes` in place
         if waiting is None or (
-            holes and (_passed_over(side, waiting) or contradicts(waiting, rosctr, parameters, buf, at, size, data_at))
+            holes
+            and (
+                _passed_over(side, requests, waiting)
+                or contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
+            )
         ):
             # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
@@ -213,6 +227,7 @@ class Dialogue:
         else:
             requests.take(key, waiting)
         self.open -= 1
+        requests.answered = waiting.number
         if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
             if mismatch(waiting.parameters, parameters):
                 waiting.flags |= FUNCTION_MISMATCH
@@ -308,7 +323,6 @@ class Dialogue:
         connection.answered += 1
         connection.last_answer = asked
         connection.last_answer_ns = transaction.response_ns
-        connection.last_answered = transaction.number
 
     def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
         """Return whether a request is open that an answer of ``side`` with this reference would complete."""
@@ -482,7 +496,7 @@ class Dialogue:
         self._answered(transaction, parameters, at + head + len(parameters.octets))
 
 
-def _passed_over(side: Side, waiting: Transaction) -> bool:
+def _passed_over(side: Side, requests: OpenRequests, waiting: Transaction) -> bool:
     """Return whether an answer of ``side`` probably belongs to a later request than ``waiting``, of the same reference.
 
     So it is where octets of both sides are missing after ``waiting``: its answer may be among them, and another request that
@@ -490,7 +504,7 @@ def _passed_over(side: Side, waiting: Transaction) -> bool:
     """
     asking = side.peer
     asked: i64 = waiting.request_frame
-    if asking is None or side.hole_frame <= asked or side.connection.last_answered <= waiting.number:
+    if asking is None or side.hole_frame <= asked or requests.answered <= waiting.number:
         return False
     # Missing already, or about to be told: the answer acknowledges octets that were not captured yet.
     return asking.hole_frame > asked or 0 < (side.last_ack - asking.stream.next_seq) & MASK < HALF_SPACE
