@@ -21,6 +21,7 @@ from dissect.engine import ends
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.findings.reporter import Reporter
+from dissect.tcp.stretches import Chunk
 from dissect.transactions.naming import subject
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.results import wants_answer
@@ -150,27 +151,53 @@ class Timers:
 
     def chunks(self, side: Side, cut: bool = False) -> None:
         """Pass on what a stream has ready: octets and gaps, in order. ``cut``: the capture cut the frame there."""
-        half = side.stream
-        ready = half.take_ready()
-        if half.outside:
-            self._note_outside(side)
+        for chunk in self._take_ready(side):
+            self._pass_on(side, chunk, cut)
+
+    def both(self, side: Side) -> None:
+        """Pass on what both directions of a connection have ready, in the order of its packets.
+
+        So an answer comes after the request that it answers, where both waited behind a gap.
+        """
+        peer = side.peer
+        if peer is None:
+            return
+        ready = self._take_ready(side)
+        others = self._take_ready(peer)
+        at: i64 = 0
         for chunk in ready:
-            if not chunk.hole and side.at_rest:
-                # What is whole in these octets was so when they came, whatever had to come before them.
-                chunk.frame = chunk.own_frame
-                chunk.time_ns = chunk.own_ns
-            side.end_seq = chunk.end_seq
-            side.last_ack = chunk.ack
-            if chunk.hole:
-                if side.connection.followed:
-                    self._counters.octets.holes += 1
-                    self._counters.octets.missing += chunk.hole
-                side.holes += 1
-                side.missing += chunk.hole
-                side.hole_frame = chunk.frame
-                side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
-            else:
-                side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
+            while at < len(others) and others[at].own_frame < chunk.own_frame:
+                self._pass_on(peer, others[at], False)
+                at += 1
+            self._pass_on(side, chunk, False)
+        while at < len(others):
+            self._pass_on(peer, others[at], False)
+            at += 1
+
+    def _take_ready(self, side: Side) -> list[Chunk]:
+        ready = side.stream.take_ready()
+        if side.stream.outside:
+            self._note_outside(side)
+        return ready
+
+    def _pass_on(self, side: Side, chunk: Chunk, cut: bool) -> None:
+        """Hand octets to the protocol of a connection, or tell it of a gap."""
+        if not chunk.hole and side.at_rest:
+            # What is whole in these octets was so when they came, whatever had to come before them.
+            chunk.frame = chunk.own_frame
+            chunk.time_ns = chunk.own_ns
+        side.end_seq = chunk.end_seq
+        side.last_ack = chunk.ack
+        if chunk.hole:
+            if side.connection.followed:
+                self._counters.octets.holes += 1
+                self._counters.octets.missing += chunk.hole
+            side.holes += 1
+            side.missing += chunk.hole
+            side.hole_frame = chunk.frame
+            side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
+        else:
+            side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
 
     def _note_outside(self, side: Side) -> None:
         if side.connection.followed:
@@ -229,8 +256,8 @@ class Timers:
         for end in (peer, side):
             if end.stream.held is not None:
                 end.stream.passing(now_ns)
-                if end.stream.ready:
-                    self.chunks(end)
+        if side.stream.ready or peer.stream.ready:
+            self.both(peer)
         # Only then the answers: the request one of them waits for may just have come out.
         self.expire_answers(peer)
         self.expire_answers(side)
@@ -241,8 +268,9 @@ class Timers:
         self.look_at_ends()
         for side in waiting:
             side.stream.expire(self._counters.now_ns)
+        for side in waiting:
             if side.stream.ready:
-                self.chunks(side)
+                self.both(side)
         for side in waiting:  # only then the answers: the request one of them waits for may just have come out
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
