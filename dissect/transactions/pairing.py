@@ -254,6 +254,8 @@ class Dialogue:
         """
         requests = side.connection.open_requests[1 - side.index]
         holes: bool = _holes(side)
+        if holes and _passed_over(side, requests, waiting):
+            return None
         if side.connection.jobs_allowed(1 - side.index) > 1 and side.hole_frame < requests.first(waiting).request_frame:
             return self._take_oldest(side, key, waiting, rosctr, parameters, buf, at, size, data_at)
         if waiting.earlier is None and excludes(waiting, side.end_seq, side.last_ack):
