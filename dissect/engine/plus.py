@@ -9,7 +9,7 @@ from mypy_extensions import i64
 from dissect.engine.exchange import Exchange
 from dissect.findings.session_rules import judge_port
 from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
-from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.assembly import PlusAssembler, is_notification
 from dissect.s7plus.message import SHORT_HEADS, PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
 from dissect.s7plus.plain import Head
@@ -132,6 +132,10 @@ class S7Plus(Protocol):
         connection.pdus += 1
         if exchange.observer.wants_pdus:
             exchange.observer.plus_pdu(frame, time_ns, side, octets, cut)
+        assembler = side.plus if side.holes or connection.mid_stream else None
+        holed: bool = assembler is not None and assembler.holed
+        if holed and head.opcode == NOTIFICATION and not is_notification(octets):
+            head.begins = False
         if head.version >= 0:
             self.versions.add(head.version)
         if head.opcode >= 0 and head.begins:
@@ -141,8 +145,6 @@ class S7Plus(Protocol):
                     self._count_row()
                     self._function = head.function
                 self._in_a_row += 1
-        assembler = side.plus if side.holes or connection.mid_stream else None
-        holed: bool = assembler is not None and assembler.holed
         if pdu is not None and pdu.malformed and not (cut or holed):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Final
 
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.ids import BLOCK_KINDS
 from dissect.s7plus.message import parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject, every_object, objects_of, read_elements
+from dissect.s7plus.objects import Attribute, Element, PlusObject, every_object, objects_of, read_into
 from dissect.s7plus.program_tables import LANGUAGES
 from dissect.s7plus.session import NAME
 from dissect.s7plus.value_showing import iso_time
@@ -34,20 +35,24 @@ MAX_BLOCKS: Final = 8192
 
 
 class PlusBlock:
-    """A block of an S7-1200/1500: ``octets`` are its object as it stands in the PDU.
+    """A block of an S7-1200/1500: ``octets`` are its object as it stands in the PDU, up to what was read of it last.
 
-    ``code``, ``interface`` and ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
+    ``whole`` is False for one whose end is not there. ``code``,
+    ``interface`` and ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
     """
 
     __slots__ = (
         "_object", "author", "code", "code_time", "family", "interface", "interface_time", "kind", "language", "name",
-        "number", "octets", "protected", "rest", "version",
+        "number", "octets", "protected", "rest", "version", "whole",
     )  # fmt: skip
 
     def __init__(self, one: PlusObject, data: bytes) -> None:
         self._object = one
         self.kind = BLOCK_KINDS[one.rid >> 16]
         self.number = one.rid & 0xFFFF
+        self.whole = one.end > 0
+        if not self.whole:
+            one.end = _end_of(one)
         self.octets = data[one.offset : one.end]
         self.name = one.text(NAME)
         language = one.number(_LANGUAGE)
@@ -80,6 +85,12 @@ class PlusBlock:
                     yield element.id, octets
 
 
+def _end_of(one: PlusObject) -> int:
+    """Return where the last attribute ends of an object whose end is not there; where it begins, if it has none."""
+    ends = [element.value.end for element in one.elements if isinstance(element, Attribute)]
+    return ends[-1] if ends else one.offset
+
+
 def _blobs(value: Value) -> Iterator[bytes]:
     content = value.content
     pieces = [content] if isinstance(content, Blob) else content if isinstance(content, list) else []
@@ -100,16 +111,15 @@ def plus_blocks(octets: bytes) -> list[PlusBlock]:
     """Return the blocks in a PDU, in wire order, as far as it can be read. Never raises."""
     pdu = parse_plus(octets)
     found = parse_contents(pdu, False)
-    blocks = [one for one in every_object(found.objects) if one.rid >> 16 in BLOCK_KINDS and one.class_id]
+    every = every_object(found.objects or found.begun)
+    blocks = [one for one in every if one.rid >> 16 in BLOCK_KINDS and one.class_id]
     return [PlusBlock(one, pdu.data) for one in blocks[:MAX_BLOCKS]]
 
 
 def plus_block_of(octets: bytes) -> PlusBlock | None:
     """Return the block that octets are, as `PlusBlock.octets` has them; None where they are none. Never raises."""
-    walk = Walk(octets, 0, len(octets), False)
-    try:
-        objects = objects_of(read_elements(walk))
-    except FormatError:
-        return None
-    blocks = [one for one in objects if one.rid >> 16 in BLOCK_KINDS]
+    elements: list[Element] = []
+    with suppress(FormatError):  # of a block whose end is missing, there is what was read
+        read_into(Walk(octets, 0, len(octets), False), elements)
+    blocks = [one for one in objects_of(elements) if one.rid >> 16 in BLOCK_KINDS]
     return PlusBlock(blocks[0], octets) if blocks else None

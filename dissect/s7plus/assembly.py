@@ -13,8 +13,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.message import is_beginning, parse_plus
-from dissect.s7plus.tables import FUNCTIONS, KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT
+from dissect.s7plus.message import DIGEST_SIZE, is_beginning, parse_plus
+from dissect.s7plus.tables import FUNCTIONS, KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT, V1, V3
 from dissect.wire.octets import u16
 
 #: Octets of a PDU in several frames that are kept; what comes after them is counted only. Downloads and answers to Explore take
@@ -37,6 +37,14 @@ def _begins(frame: bytes) -> bool:
         # Compressed blobs go through all octets: the id alone is met by chance once in some hundred frames.
         return pdu.subscription_id > 0x70000000 and pdu.data[5:11] == _AFTER_SUBSCRIPTION
     return pdu.function in FUNCTIONS and u16(pdu.data, 1) | u16(pdu.data, 5) == 0
+
+
+def is_notification(octets: bytes) -> bool:
+    """Tell whether a PDU with the opcode of a notification is one: the rest of a PDU may begin with that octet as well."""
+    if len(octets) < _HEADER or octets[1] == V1:
+        return True  # that form has nothing by which to tell
+    at: i64 = _HEADER + 5 + (1 + DIGEST_SIZE if octets[1] == V3 else 0)
+    return octets[at : at + len(_AFTER_SUBSCRIPTION)] == _AFTER_SUBSCRIPTION
 
 
 class PlusAssembler:

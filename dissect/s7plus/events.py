@@ -14,7 +14,7 @@ from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import PlusPdu, parsed
-from dissect.s7plus.objects import PlusObject, whole_numbers
+from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.program import CODE
@@ -216,7 +216,7 @@ def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline
 def _read_all(session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64) -> Facts | None:
     """Judge a transaction of which all that may matter must be read."""
     if len(request) == 0:
-        return _judge_contents(request, response, SOUND, skimmed)
+        return _told_alone(session, function, response, skimmed)
     if not _may_matter(session, function, request, skimmed):
         return _judge_contents(request, response, glimpse(request), skimmed)
     facts = Facts()
@@ -237,6 +237,20 @@ def _read_all(session: PlusSession, function: i64, request: bytes, response: byt
     else:
         _judge(session, facts.events, function, contents, answer, good)
     return facts
+
+
+def _told_alone(session: PlusSession, function: i64, response: bytes, skimmed: i64) -> Facts | None:
+    """Judge a response whose request did not pass: the blocks that it shows, or which CPU opens a session."""
+    if function != EXPLORE and function != CREATE_OBJECT:
+        return _judge_contents(b"", response, SOUND, skimmed)
+    facts = Facts()
+    told, found = _read(response, facts)
+    if told.function == function and told.return_code < 0x8000:
+        if function == EXPLORE:
+            _explored(session, facts.events, found)
+        elif any([one.class_id == SERVER_SESSION for one in found.objects]):
+            session.session_opened(found)
+    return facts if facts.events or facts.malformed or facts.exhausted else None
 
 
 def _says_no_more(function: i64, response: bytes, skimmed: i64) -> bool:
@@ -331,7 +345,7 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
     if function == CREATE_OBJECT or function == DELETE_OBJECT:
         return True
     if function == EXPLORE:
-        return skimmed & (UNSOUND | MET) != 0
+        return not skimmed & SOUND or skimmed & MET != 0  # of an answer that is not whole, the blocks it begins with
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
         return True  # others do not come here
     if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
@@ -426,11 +440,11 @@ def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address
 
 
 def _explored(session: PlusSession, events: list[Event], told: Made) -> None:
-    every = told.every
-    session.program.learn(every)
+    every = told.every or every_object(told.begun)
+    session.program.learn([one for one in every if one.end])
     found = [one for one in every if one.holds_any(CODE)]
     if found:
-        events.append(Event(READ_OUT, _blocks(found)))
+        events.append(Event(READ_OUT, f"{'at least ' if told.begun else ''}{_blocks(found)}"))
 
 
 def _blocks(objects: list[PlusObject]) -> str:

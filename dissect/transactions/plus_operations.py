@@ -37,7 +37,7 @@ from dissect.s7plus.skimming import PLACE
 from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import DONE, FAILED, REFUSED, Operation, OperationBook
+from dissect.transactions.operation import DONE, FAILED, NOT_CAPTURED, REFUSED, Operation, OperationBook
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 #: Kinds of operations by events that begin one.
@@ -184,6 +184,9 @@ class PlusOperations:
         elif kind == kinds.UPLOAD:
             operation.octets = int(transaction.response_size)
             self._book.gather(operation, transaction.response_octets)
+            if not parsed(transaction.response_octets).whole:
+                self._book.close(operation, NOT_CAPTURED)
+                return
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:
             self._book.close(operation, DONE)  # no answer was wanted
         elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:

@@ -298,6 +298,18 @@ def test_a_gap_excuses_the_next_notification_and_no_more() -> None:
     assert found == ["10.0.0.2:102, subscription 0x70000e51: number 11 follows 9"]
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_rest_of_a_pdu_behind_a_gap_is_no_notification(version: int) -> None:
+    """It begins with the octet of one, as one rest in 256 does; a notification is one behind a gap, too."""
+    for data, pushes in ((b"\x33" + bytes(range(40)), 0), (notified(7), 1)):
+        talk = begun()
+        talk.lose(SERVER, framed(told(1), version, trailer=False))
+        talk.packet(CLIENT, flags=ACK)
+        talk.tell(framed(data, version))
+        talk.close()
+        assert (len(talk.transactions), talk.pipeline.plus.unpaired) == (pushes, 1 - pushes)
+
+
 def test_a_gap_excuses_the_rest_behind_it_and_no_more() -> None:
     """What stands between the frames of a PDU may come before its rest."""
     talk = begun()
