@@ -25,6 +25,7 @@ from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
     CYCLE,
+    DIAGNOSIS,
     IDENTIFICATION,
     IN_VARIABLE,
     LANGUAGE,
@@ -38,6 +39,7 @@ from dissect.s7plus.session import (
     STATE_REQUEST,
     SUBSCRIPTION,
     PlusSession,
+    is_state,
     parse_reference_list,
     reference_lists_of,
 )
@@ -60,7 +62,7 @@ from dissect.s7plus.tables import (
     V3,
 )
 from dissect.s7plus.value_showing import value_text
-from dissect.s7plus.values import Blob, Value
+from dissect.s7plus.values import Blob, Struct, Value
 from dissect.s7plus.walk import MAX_WORK, Wanted
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
@@ -103,7 +105,7 @@ _WANTED: Final = table(ASKED_OF_OBJECTS)
 _NAMED: Final = 5
 
 # What tells that a read may matter: the ids of the operating state and the identification record.
-_READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, IDENTIFICATION)])
+_READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
 #: What a write of several holds that is more than variables.
 _WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
@@ -304,11 +306,7 @@ def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
     """Return the numbers of the items by which a request asks for the operating state; None for all, where there are others."""
     if function != GET_MULTI_VARIABLES:
         return None
-    return frozenset([number for number, address in enumerate(asked.addresses, 1) if _is_state(address)])
-
-
-def _is_state(address: Address) -> bool:
-    return address.area == CPU_EXEC_UNIT and address.lids[-1:] == [OPERATING_STATE]
+    return frozenset([number for number, address in enumerate(asked.addresses, 1) if is_state(address)])
 
 
 def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> tuple[PlusPdu, Contents]:
@@ -516,8 +514,8 @@ def _one(
     if function == GET_VAR_SUBSTREAMED:
         if told is None or told.value is None or not good:
             return
-        if ids[-1] == OPERATING_STATE:
-            _state(session, events, _number(told.value))
+        if is_state(Address(0, object_id, ids[0], ids[1:])):
+            _state(session, events, _state_in(told.value))
         elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
             record = told.value.content
             session.identified(record.octets if isinstance(record, Blob) else b"")
@@ -550,8 +548,15 @@ def _states(session: PlusSession, events: list[Event], asked: Contents, told: Co
     values = dict(told.items) if told is not None else {}
     for number, address in enumerate(asked.addresses, 1):
         value = values.get(number)
-        if value is not None and _is_state(address):
-            _state(session, events, _number(value))
+        if value is not None and is_state(address):
+            _state(session, events, _state_in(value))
+
+
+def _state_in(value: Value) -> int:
+    """Return the operating state in a value of it or of the structure that holds it, -1 for none."""
+    content = value.content
+    member = content.find(OPERATING_STATE) if isinstance(content, Struct) else value
+    return _number(member) if member is not None else -1
 
 
 def _number(value: Value) -> int:
@@ -593,6 +598,6 @@ def _notified(session: PlusSession, octets: bytes, skimmed: i64) -> Facts | None
     pdu, found = _read(octets, facts)
     for reference, value in found.items:
         address = session.address_of(pdu.subscription_id, reference)
-        if address is not None and address.lids[-1:] == [OPERATING_STATE]:
-            _state(session, facts.events, _number(value))
+        if address is not None and is_state(address):
+            _state(session, facts.events, _state_in(value))
     return facts

@@ -47,6 +47,9 @@ ASKED_OF_OBJECTS: Final = CODE | {
     NUMBER, LANGUAGE, CYCLE, STATE_REQUEST,
 }  # fmt: skip
 OPERATING_STATE: Final = 3486
+#: Attribute of every piece of hardware that says how it is, with its operating state as a member; only that of the execution
+#: unit is the CPU's.
+DIAGNOSIS: Final = 2237
 
 _NEW_LIST: Final = 0x80000000
 #: Subscriptions of a connection that are remembered, and items of one.
@@ -325,13 +328,15 @@ def _change(known: dict[int, Address], told: References) -> None:
             known[reference] = address
 
 
+def is_state(address: Address) -> bool:
+    """Tell whether a variable is the operating state of the CPU, or the structure that it is a member of."""
+    if address.area != CPU_EXEC_UNIT:
+        return False
+    return address.lids[-1] == OPERATING_STATE if address.lids else address.sub_area == DIAGNOSIS
+
+
 def _has_state(known: dict[int, Address]) -> bool:
-    """Tell whether the operating state is among variables."""
-    for address in known.values():
-        lids = address.lids
-        if lids and lids[-1] == OPERATING_STATE:
-            return True
-    return False
+    return any([is_state(address) for address in known.values()])
 
 
 def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:
