@@ -51,11 +51,24 @@ class PlusAssembler:
     """Joins the frames of one direction. ``parts`` is None between PDUs.
 
     ``left_out`` counts the octets of a PDU past ``most``, or past its first `MAX_FRAMES` frames.
-    ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several. So is
-    ``holed``: octets are missing before the next PDU, or were sent before the capture, so that it may be the rest of one.
+    ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several, and
+    ``last_frame`` and ``last_ns`` those of the latest. So is ``holed``: octets are missing before the next PDU, or were sent
+    before the capture, so that it may be the rest of one.
     """
 
-    __slots__ = ("_frames", "_most", "asked", "begun_frame", "begun_ns", "holed", "left_out", "notified", "parts")
+    __slots__ = (
+        "_frames",
+        "_most",
+        "asked",
+        "begun_frame",
+        "begun_ns",
+        "holed",
+        "last_frame",
+        "last_ns",
+        "left_out",
+        "notified",
+        "parts",
+    )
 
     def __init__(self, most: i64 = MAX_PDU) -> None:
         self._most: i64 = most
@@ -66,6 +79,8 @@ class PlusAssembler:
         self.left_out: i64 = 0  # of the PDU at hand
         self.begun_frame: i64 = 0
         self.begun_ns: i64 = 0
+        self.last_frame: i64 = 0
+        self.last_ns: i64 = 0
         self.holed: bool = False
 
     def push(self, tsdu: bytes) -> bytes | None:

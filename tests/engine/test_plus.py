@@ -29,7 +29,7 @@ from tests.s7plus.pdus import (
     notified,
     told,
 )
-from tests.transactions.talk import ACK, CLIENT, FIN, MS, SECOND, SERVER, Talk, dt, read, words
+from tests.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, Talk, dt, read, words
 
 HELLO = bytes.fromhex("1603010005010000010a")
 
@@ -269,6 +269,25 @@ def test_a_hole_inside_a_pdu_leaves_its_head() -> None:
     assert talk.outcomes() == ["answered", "answered"]
     assert slugs(talk) == ["stream.hole"]
     assert (talk.pipeline.plus.cut_pdus, talk.pipeline.plus.unpaired) == (1, 1)
+
+
+@pytest.mark.parametrize("ends", ["a gap", "a reset", "a new one"])
+def test_what_is_left_of_a_pdu_has_the_packet_of_its_last_frame(ends: str) -> None:
+    """Not the one that shows that no more of it comes, which may be another request's."""
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    first = talk.packet(SERVER, dt(framed(told(1), trailer=False)))
+    last = talk.packet(SERVER, dt(framed(bytes(100), trailer=False)))
+    if ends == "a reset":
+        talk.packet(CLIENT, flags=RST)
+    else:
+        if ends == "a gap":
+            talk.lose(SERVER, framed(bytes(100), trailer=False))
+        talk.ask(framed(asked(2)))
+        talk.tell(framed(told(2)))
+    talk.close()
+    answer = talk.transactions[0]
+    assert (last, answer.response_frame, answer.latency_ns) == (first + 1, last, 2 * MS)
 
 
 def test_a_gap_excuses_the_next_request_and_no_more() -> None:
