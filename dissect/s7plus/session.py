@@ -217,12 +217,18 @@ class PlusSession:
         found = self.program.find(address)
         return symbol(address, found) if found is not None else address.label
 
+    @property
+    def who(self) -> str:
+        """What the client calls itself, its host and its user, as far as it said so."""
+        client = [self.application or self.session_name, f"on {self.host}" if self.host else ""]
+        client.append(f"as {self.user}" if self.user else "")
+        return " ".join([text for text in client if text])
+
     def describe(self) -> str:
         """Return who the client is and which CPU answers, in a few words."""
-        client = [self.application or self.session_name, f"on {self.host}" if self.host else "", self.user]
         role = f"({self.role_name})" if self.role_name else ""
         cpu = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
-        who = " ".join([text for text in (*client, role) if text])
+        who = " ".join([text for text in (self.who, role) if text])
         return f"{who}, CPU {cpu}" if cpu else who
 
     # ---- sessions ---------------------------------------------------------------------------------------------------
