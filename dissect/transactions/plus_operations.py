@@ -211,25 +211,28 @@ class PlusOperations:
         if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
             operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
-    def notified(self, subscription: i64, transaction: Transaction) -> None:
-        """Count a notification for its subscription."""
+    def notified(self, subscription: i64, transaction: Transaction) -> bool:
+        """Count a notification for its subscription; True for the first of one that was made before the capture."""
         here = _open_on(transaction.connection)
         operation = here.pushing
         if operation is None or here.notified != subscription:
             operation = here.objects.get(int(subscription))
             if operation is None:
-                self._begin_before(subscription, transaction)
-                return
+                return self._begin_before(subscription, transaction)
             here.pushing = operation
             here.notified = subscription
         if not operation.result:
             operation.push(transaction, int(transaction.response_size))
+        return False
 
-    def _begin_before(self, subscription: int, transaction: Transaction) -> None:
-        """Begin an operation with the first notification of a subscription that was made before the capture began."""
+    def _begin_before(self, subscription: int, transaction: Transaction) -> bool:
+        """Begin an operation with the first notification of a subscription that was made before the capture began.
+
+        Returns False where it may have been made later, or there are too many.
+        """
         connection = transaction.connection
         if not connection.mid_stream or subscription < 0 or len(connection.operations.these) >= kinds.MAX_OPEN:
-            return
+            return False
         told = transaction.plus_halves()[1]
         alarms = told is not None and any([one.class_id == ALARM for one in told.contents.objects])
         subject = f"subscription 0x{subscription:08x} from before the capture"
@@ -238,6 +241,7 @@ class PlusOperations:
         operation.asked_by = int(connection.client_side)
         operation.count_push(transaction, int(transaction.response_size))
         self._remember(subscription, transaction, operation)
+        return True
 
     def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:
         """Keep an operation until its object is deleted. What the book has closed by itself leaves when there are many."""

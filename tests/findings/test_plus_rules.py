@@ -30,7 +30,7 @@ from dissect.tcp.stream import Endpoint
 from dissect.transactions.operation import OperationBook
 from tests.findings.plus_scenarios import opened
 from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.pdus import asked, framed, notified, told
 from tests.s7plus.test_program import type_of, variable
 from tests.s7plus.test_session import LIST, RECORD
 from tests.transactions.talk import RST, SERVER, Talk
@@ -341,6 +341,20 @@ def test_a_client_that_subscribes_on_another_connection() -> None:
         explore(other, number)
     other.close()
     assert "security.reconnaissance" not in [slug for slug, _ in said(talk)]
+
+
+@pytest.mark.parametrize(("pushes", "slugs"), [(0, ["security.reconnaissance"]), (1, [])])
+def test_a_client_that_subscribed_before_the_capture(pushes: int, slugs: list[str]) -> None:
+    """What the CPU sends it says so, on a connection that was there when the capture began."""
+    talk = Talk()
+    talk.tell(*[framed(notified(5 + number), 2) for number in range(pushes)])
+    other = Talk(client_port=50001, beside=talk)
+    other.hello()
+    other.connect()
+    for number in range(1, 4):
+        explore(other, number)
+    other.close()
+    assert [slug for slug, _ in said(talk) if slug.startswith("security")] == slugs
 
 
 def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
