@@ -12,10 +12,12 @@ from collections.abc import Iterator, Mapping
 from difflib import SequenceMatcher
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from dissect.mc7.changes import INTERFACE as DECLARATIONS
 from dissect.mc7.changes import NETWORK, Change
 from dissect.program.carved import CarvedBlock
 from dissect.program.plus import BODY, INTERFACE, REFERENCES
 from dissect.s7plus.blobs import open_blob
+from dissect.wire.text import count
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -338,6 +340,18 @@ def _token(element: Element, symbols: Mapping[str, str]) -> str:
 # ---- comparison -----------------------------------------------------------------------------------------------------
 
 
+def compare_sections(before: list[tuple[str, list[str]]], after: list[tuple[str, list[str]]]) -> list[Change]:
+    """Return which names an interface gained and lost, as `interface` gives them; none where one could not be opened."""
+    if not before or not after:
+        return []
+    old, new = [{(section, name): None for section, names in each for name in names} for each in (before, after)]
+    gone = [f"{section} {name}" for section, name in old if (section, name) not in new]
+    fresh = [f"{section} {name}" for section, name in new if (section, name) not in old]
+    return [Change(DECLARATIONS, 0, text, "", f"{text} removed") for text in gone] + [
+        Change(DECLARATIONS, 0, "", text, f"{text} added") for text in fresh
+    ]
+
+
 def compare_networks(before: list[PlusNetwork], after: list[PlusNetwork]) -> list[Change]:
     """Return what changed from one body to another, by network: those that are equal are aligned first."""
     old, new = [network.lines for network in before], [network.lines for network in after]
@@ -352,7 +366,7 @@ def compare_networks(before: list[PlusNetwork], after: list[PlusNetwork]) -> lis
             Change(NETWORK, each.number, "\n".join(each.lines), "", " removed") for each in before[a + common : b]
         ]
         changes += [
-            Change(NETWORK, each.number, "", "\n".join(each.lines), f" added ({len(each.lines)} lines)")
+            Change(NETWORK, each.number, "", "\n".join(each.lines), f" added ({count(len(each.lines), 'line')})")
             for each in after[c + common : d]
         ]
     return changes

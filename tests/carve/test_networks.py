@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dissect.carve.code import CodeListing, details_of
+from dissect.carve.code import CodeListing, References, details_of
 from dissect.carve.networks import PlusNetwork, compare_networks, interface, networks
 from dissect.program.carved import CarvedBlock, plus_block
 from dissect.program.compare import compare
@@ -49,7 +49,7 @@ SECTIONS = (
 )
 
 
-def plus(*bodies: str | bytes, names: str = NAMES) -> CarvedBlock:
+def plus(*bodies: str | bytes, names: str = NAMES, sections: str = SECTIONS) -> CarvedBlock:
     """A block of S7comm-plus with a body of these networks."""
 
     def blob(text: str | bytes) -> Blob:
@@ -58,7 +58,7 @@ def plus(*bodies: str | bytes, names: str = NAMES) -> CarvedBlock:
     attributes = [
         Attribute(2533, Value(SPARSE_ARRAY, BLOB, [(number, blob(text)) for number, text in enumerate(bodies, 1)])),
         Attribute(2583, Value(SPARSE_ARRAY, BLOB, [(2, blob(names))])),
-        Attribute(2544, Value(0, BLOB, blob(SECTIONS))),
+        Attribute(2544, Value(0, BLOB, blob(sections))),
     ]
     block = plus_block(build_object(PlusObject(0x8A320001, 2647, 0, 0, 0, [*attributes])))
     assert block is not None
@@ -215,6 +215,32 @@ def test_what_changed_by_network() -> None:
     found = networks(first[0], {})
     assert found is not None
     assert compare_networks(found, found[1:])[0].text == " removed"
+
+
+def test_what_changed_in_an_interface() -> None:
+    """Names that it gained and lost; nothing is said where one of the two is not open."""
+    first, second = [plus(SCL)], [plus(SCL, sections=SECTIONS.replace("stop", "halt"))]
+    (change,) = compare(first, second)
+    found = details_of(first, second, "STL", None)(change)
+    assert [(one.about, one.text) for one in found] == [
+        ("interface", "Input stop removed"),
+        ("interface", "Input halt added"),
+    ]
+    shut = [plus(SCL, sections="no XML")]
+    (change,) = compare(first, shut)
+    assert details_of(first, shut, "STL", None)(change) == []
+
+
+def test_one_line_that_is_added() -> None:
+    added = compare_networks([], [PlusNetwork(1, "LAD", ("a := b",))])
+    assert [change.text for change in added] == [" added (1 line)"]
+
+
+def test_references_say_what_they_leave_out() -> None:
+    assert [line.text for line in References([plus(SCL), plus(LADDER)]).text()] == [
+        "not shown, as the code of an S7-1200/1500 is not public: OB1"
+    ]
+    assert [line.text for line in References([]).text()] == ["no block with code"]
 
 
 def test_a_place_of_too_many_digits_is_none() -> None:
