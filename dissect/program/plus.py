@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Final
 
 from dissect.s7plus.bodies import parse_contents
@@ -118,8 +117,15 @@ def plus_blocks(octets: bytes) -> list[PlusBlock]:
 
 def plus_block_of(octets: bytes) -> PlusBlock | None:
     """Return the block that octets are, as `PlusBlock.octets` has them; None where they are none. Never raises."""
-    elements: list[Element] = []
-    with suppress(FormatError):  # of a block whose end is missing, there is what was read
-        read_into(Walk(octets, 0, len(octets), False), elements)
-    blocks = [one for one in objects_of(elements) if one.rid >> 16 in BLOCK_KINDS]
+    blocks = [one for one in objects_of(_elements(octets)) if one.rid >> 16 in BLOCK_KINDS]
     return PlusBlock(blocks[0], octets) if blocks else None
+
+
+def _elements(octets: bytes) -> list[Element]:
+    """Return the elements that octets are; of those that end too soon, or contradict themselves, what was read."""
+    elements: list[Element] = []
+    try:
+        read_into(Walk(octets, 0, len(octets), False), elements)
+    except FormatError:
+        return elements
+    return elements

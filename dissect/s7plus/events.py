@@ -247,11 +247,11 @@ def _told_alone(session: PlusSession, function: i64, response: bytes, skimmed: i
         return _judge_contents(b"", response, SOUND, skimmed)
     facts = Facts()
     told, found = _read(response, facts)
-    if told.function == function and told.return_code < 0x8000:
-        if function == EXPLORE:
-            _explored(session, facts.events, found)
-        elif any([one.class_id == SERVER_SESSION for one in found.objects]):
-            session.session_opened(found)
+    good: bool = told.function == function and told.return_code < 0x8000
+    if good and function == EXPLORE:
+        _explored(session, facts.events, found)
+    elif good and any([one.class_id == SERVER_SESSION for one in found.objects]):
+        session.session_opened(found)
     return facts if facts.events or facts.malformed or facts.exhausted else None
 
 
@@ -298,10 +298,6 @@ def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
     return facts
 
 
-def _replayed(function: str, id_: int) -> str:
-    return f"{function} has integrity id {id_} again, or a lower one than before"
-
-
 def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
     """Return the numbers of the items by which a request asks for the operating state; None for all, where there are others."""
     if function != GET_MULTI_VARIABLES:
@@ -329,7 +325,8 @@ def _judge_id(
         return
     counted = session.writes if function in _COUNTED else session.reads
     if counted.repeats(sequence, id_):
-        events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(function), int(id_))))
+        text = f"{FUNCTIONS.name(int(function))} has integrity id {int(id_)} again, or a lower one than before"
+        events.append(Event(REPLAYED, text))
 
 
 def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
@@ -401,9 +398,8 @@ def _gone(session: PlusSession, events: list[Event], object_id: int, session_id:
 
 def _created(session: PlusSession, events: list[Event], asked: Made, told: Made | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
-    these = (
-        asked.objects or asked.begun
-    )  # of a PDU that is too long, or lies further on, its first objects say what it is
+    # Of a PDU that is too long, or lies further on, its first objects say what it is.
+    these = asked.objects or asked.begun
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
         if told is not None and good:
