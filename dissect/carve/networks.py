@@ -32,6 +32,8 @@ _WIDTH: Final = 4000
 _ESCAPED: Final = re.compile("_x([0-9A-Fa-f]{4})_")
 _RAIL: Final = "TRUE"
 _AND: Final = " AND "
+#: The pin of a comparison in a ladder for what stands before it.
+_PRECEDING: Final = "pre"
 #: The pins of two boxes, the second of which goes by whether the first did its work.
 _ENABLES: Final = ("eno", "en")
 #: How the program editor calls the one section of a data block; structures inside each other, and names of a section.
@@ -215,9 +217,11 @@ class _Gates:
             return f"({_JOINS[gate].join(texts.values())})"
         if gate in _COILS:
             return texts.get("in", _RAIL)  # a coil within a line passes on what it gets
+        before = texts.pop(_PRECEDING, _RAIL)
         arguments = ", ".join([f"{name} := {text}" for name, text in texts.items() if text != _RAIL])
         shown = f"{gate}{self._instance(part)}({arguments})"
-        return f"{shown}.{pin}" if pin not in {"", "out", "OUT", "eno"} else shown
+        shown = f"{shown}.{pin}" if pin not in {"", "out", "OUT", "eno"} else shown
+        return shown if before == _RAIL else f"{before}{_AND}{shown}"
 
     def _input(self, pin: str, source: tuple[str, str], depth: int) -> str:
         """Return what a pin gets; the enabling output of a box by the name of the box, which has a line of its own."""

@@ -128,6 +128,13 @@ def test_a_call_names_its_instance() -> None:
     assert [change.text for change in compare_networks([was], [now])] == [f"{before[0]} → {after[0]}"]
 
 
+def test_a_comparison_behind_contacts() -> None:
+    parts = '<Part UId="1" Gate="Contact"/><Part UId="2" Gate="Lt"/><Part UId="3" Gate="Coil"><Negated PinName="in"/></Part>'
+    wires = wired("", "1.in") + wired("11", "1.operand") + wired("1.out", "2.pre") + wired("12", "2.in1", "2.in2")
+    line = "motor := NOT (ready AND Lt(in1 := a b, in2 := a b))"
+    assert gates(parts, wires + wired("2.out", "3.in") + wired("13", "3.operand")) == (line,)
+
+
 def test_what_enables_a_box_is_never_lost() -> None:
     """A box that only enables the next one has a line; what is compared to enable one stands in the line of that."""
     parts = '<Part UId="1" Gate="Lt"/><LRef UId="2" RefId="1"/><LRef UId="3" RefId="2"/>'
