@@ -12,11 +12,12 @@ from dissect.s7plus.objects import Attribute, Element, PlusObject, every_object,
 from dissect.s7plus.program_tables import LANGUAGES
 from dissect.s7plus.session import NAME
 from dissect.s7plus.value_showing import iso_time
-from dissect.s7plus.values import Blob, Value
+from dissect.s7plus.values import Blob, Struct, Value
 from dissect.s7plus.walk import FormatError, Walk
 
 _LANGUAGE: Final = 2523
 _PROTECTION: Final = 2524
+_PROTECTION_MODE: Final = 3448  # a member of that: 0 for none; 3 in captures, as in the header of an S7-300/400 block
 _CODE_TIME: Final = 2529
 _INTERFACE_TIME: Final = 2543
 #: Attributes of the code: its source as XML, what the CPU runs, and what both refer to.
@@ -59,7 +60,7 @@ class PlusBlock:
         self.code_time = _time(one.number(_CODE_TIME))
         self.interface_time = _time(one.number(_INTERFACE_TIME))
         self.author = self.family = self.version = ""
-        self.protected = False
+        self.protected = _is_protected(one.find(_PROTECTION))
         self.code, self.interface, self.rest = self._split(one, data)
 
     def _split(self, one: PlusObject, data: bytes) -> tuple[bytes, bytes, bytes]:
@@ -82,6 +83,12 @@ class PlusBlock:
             if isinstance(element, Attribute) and element.id in TEXTS:
                 for octets in _blobs(element.value):
                     yield element.id, octets
+
+
+def _is_protected(value: Value | None) -> bool:
+    content = value.content if value is not None else None
+    mode = content.find(_PROTECTION_MODE) if isinstance(content, Struct) else None
+    return mode is not None and isinstance(mode.content, int) and mode.content > 0
 
 
 def _end_of(one: PlusObject) -> int:
