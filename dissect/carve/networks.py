@@ -38,6 +38,7 @@ _PRECEDING: Final = "pre"
 _ENABLES: Final = ("eno", "en")
 #: How the program editor calls the one section of a data block; structures inside each other, and names of a section.
 _STATIC: Final = "Static"
+_SECTION: Final = "Section"  # how TIA Portal V11 and V12 call one, which has a number for a type there
 _NESTED: Final = 8
 _MEMBERS: Final = 10_000
 #: Digits of an index or a place that are too many to be read.
@@ -274,7 +275,7 @@ def _sections(root: Element) -> list[tuple[str, list[str]]]:
         loose: list[str] = []
         parts = _within(part, "SubParts")
         for member in declared:
-            if member.get("RID"):  # has a type: a variable
+            if member.get("RID") and member.get("Type") != _SECTION:  # has a type: a variable
                 _add_names(loose, member, parts, "", 0)
                 continue
             names: list[str] = []

@@ -146,7 +146,8 @@ class CarvedBlock:
             rest = _rest(self.octets, self.classic)
             return {code: self.classic.code, INTERFACE: self.classic.interface, HEADER: rest}
         if self.plus is not None:
-            return {CODE: self.plus.code, INTERFACE: self.plus.interface, HEADER: self.plus.rest}
+            code = VALUES if self.kind in _VALUES else CODE
+            return {code: self.plus.code, INTERFACE: self.plus.interface, HEADER: self.plus.rest}
         return {VALUES if self.kind in _VALUES else CODE: self.octets}
 
     def _said(self, name: str) -> str:

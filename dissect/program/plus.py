@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.ids import BLOCK_KINDS
+from dissect.s7plus.ids import BLOCK_KINDS, DATA_BLOCK
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, Element, PlusObject, every_object, objects_of, read_into
 from dissect.s7plus.program_tables import LANGUAGES
@@ -20,9 +20,11 @@ _PROTECTION: Final = 2524
 _PROTECTION_MODE: Final = 3448  # a member of that: 0 for none; 3 in captures, as in the header of an S7-300/400 block
 _CODE_TIME: Final = 2529
 _INTERFACE_TIME: Final = 2543
-#: Attributes of the code: its source as XML, what the CPU runs, and what both refer to.
+#: Attributes of the code: its source as XML, what the CPU runs, what both refer to, the blocks that it calls and its constants.
 BODY: Final = 2533
-_CODE: Final = frozenset((BODY, 2580, 2583, 2584))
+_CODE: Final = frozenset((BODY, 2580, 2583, 2586, 2591, 8190))
+#: Those of a data block: its initial and its actual values.
+_VALUES: Final = frozenset((2548, 2550))
 #: Attributes of the interface: its source as XML, and the types.
 INTERFACE: Final = 2544
 _INTERFACE: Final = frozenset((INTERFACE, 4578))
@@ -37,8 +39,8 @@ MAX_BLOCKS: Final = 8192
 class PlusBlock:
     """A block of an S7-1200/1500: ``octets`` are its object as it stands in the PDU, up to what was read of it last.
 
-    ``whole`` is False for one whose end is not there. ``code``,
-    ``interface`` and ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
+    ``whole`` is False for one whose end is not there. ``code``, which of a data block are its values, ``interface`` and
+    ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
     """
 
     __slots__ = (
@@ -65,14 +67,15 @@ class PlusBlock:
 
     def _split(self, one: PlusObject, data: bytes) -> tuple[bytes, bytes, bytes]:
         """Return the attributes of the code, those of the interface, and what is left of the object, as they were sent."""
+        code_ids = _VALUES if one.rid >> 16 == DATA_BLOCK else _CODE
         code, interface, rest = bytearray(), bytearray(), bytearray()
         at = one.offset
         for element in one.elements:
             id_ = element.id if isinstance(element, Attribute) else -1
-            if isinstance(element, Attribute) and (id_ in _CODE or id_ in _INTERFACE):
+            if isinstance(element, Attribute) and (id_ in code_ids or id_ in _INTERFACE):
                 value = element.value
                 rest += data[at : value.offset]
-                (code if id_ in _CODE else interface).extend(data[value.offset : value.end])
+                (code if id_ in code_ids else interface).extend(data[value.offset : value.end])
                 at = value.end
         rest += data[at : one.end]
         return bytes(code), bytes(interface), bytes(rest)

@@ -26,7 +26,6 @@ _HOST: Final = 298
 _ROLE: Final = 299
 _USER: Final = 296
 _CLIENT_ID: Final = 289
-_COMMENT: Final = 301
 _SESSION_VERSION: Final = 306
 _VERSION_TEXT: Final = 319
 _CHALLENGE: Final = 303

@@ -188,6 +188,8 @@ def test_the_interface_of_an_instance() -> None:
         '<Member Name="head" RID="3" SubPartIndex="1"><Member Name="id" RID="4"/></Member></Member>'
     )
     assert declared(payload, STRUCTURE) == [("Input", ["REQ"]), ("Static", ["TCON", "head.id"])]
+    old = '<Member Name="Input" RID="0xFFFF" Type="Section" SubPartIndex="1"/><Member Name="Temp" RID="0xFFFF" Type="Section"/>'
+    assert declared(old, STRUCTURE) == [("Input", ["state", "on"])]
     outer = f"<Part Kind='Values'><Payload><Values/></Payload><SubParts>{STRUCTURE}</SubParts></Part>"
     assert declared("", outer) == []
 
