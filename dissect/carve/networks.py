@@ -169,10 +169,13 @@ class _Gates:
             return f"CALL {self._names.get(reference) or f'ref {reference}'}"
         return _name(part.get("Gate") or part.get("Name") or _tag(part))
 
-    def _instance(self, part: Element) -> str:
-        """Return the instance that a box works with, behind a comma as a CALL has it; empty for one without."""
+    def _with_instance(self, part: Element, gate: str) -> str:
+        """Return a gate with the instance that it works with: ``CALL fb, instance``, and ``instance.TON`` as in SCL."""
         found = [each.get("RefId", "") for each in part if _tag(each) == "Instance"]
-        return f", {self._names.get(found[0]) or f'ref {found[0]}'}" if found else ""
+        if not found:
+            return gate
+        instance = self._names.get(found[0]) or f"ref {found[0]}"
+        return f"{instance}.{gate}" if _tag(part) == "Part" else f"{gate}, {instance}"
 
     def lines(self) -> list[str]:
         """Return a line for each gate that nothing else is made of."""
@@ -220,7 +223,7 @@ class _Gates:
             return texts.get("in", _RAIL)  # a coil within a line passes on what it gets
         before = texts.pop(_PRECEDING, _RAIL)
         arguments = ", ".join([f"{name} := {text}" for name, text in texts.items() if text != _RAIL])
-        shown = f"{gate}{self._instance(part)}({arguments})"
+        shown = f"{self._with_instance(part, gate)}({arguments})"
         shown = f"{shown}.{pin}" if pin not in {"", "out", "OUT", "eno"} else shown
         return shown if before == _RAIL else f"{before}{_AND}{shown}"
 

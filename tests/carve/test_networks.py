@@ -128,6 +128,12 @@ def test_a_call_names_its_instance() -> None:
     assert [change.text for change in compare_networks([was], [now])] == [f"{before[0]} → {after[0]}"]
 
 
+def test_a_timer_names_its_instance() -> None:
+    parts = '<Part UId="1" Gate="TON"><Instance UId="9" RefId="2"/></Part><Part UId="2" Gate="Coil"/>'
+    wires = wired("11", "1.IN") + wired("1.Q", "2.in") + wired("13", "2.operand")
+    assert gates(parts, wires) == ("motor := a b.TON(IN := ready).Q",)
+
+
 def test_a_comparison_behind_contacts() -> None:
     parts = '<Part UId="1" Gate="Contact"/><Part UId="2" Gate="Lt"/><Part UId="3" Gate="Coil"><Negated PinName="in"/></Part>'
     wires = wired("", "1.in") + wired("11", "1.operand") + wired("1.out", "2.pre") + wired("12", "2.in1", "2.in2")
