@@ -10,6 +10,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.alarms import ALARM
+from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address
 from dissect.s7plus.events import (
@@ -67,6 +68,8 @@ _POLLED: Final = 3
 MAX_POLLS: Final = 1024
 #: Operations that go on, after which those that are over are sought.
 _MANY: Final = 1024
+#: Octets up to which everything that passed of an answer is kept; of a larger one that ends too soon the rest may have passed.
+_ALL_KEPT: Final = MAX_PDU - 0x10004
 #: Octets of addresses that a poll is known by; of more there is a digest, as a request may have 8 MiB.
 _LARGEST: Final = 2048
 #: Where the body of a request begins, how much further in version 3, and what ends the addresses in it.
@@ -184,7 +187,7 @@ class PlusOperations:
         elif kind == kinds.UPLOAD:
             operation.octets = int(transaction.response_size)
             self._book.gather(operation, transaction.response_octets)
-            if not parsed(transaction.response_octets).whole:
+            if transaction.response_size <= _ALL_KEPT and not parsed(transaction.response_octets).whole:
                 self._book.close(operation, NOT_CAPTURED)
                 return
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:

@@ -239,6 +239,17 @@ def test_what_an_upload_begins_with_when_its_end_did_not_pass(lost: bool) -> Non
     assert (again.label, again.missing, again.parts()) == ("DB3", begun_one.missing, begun_one.parts())
 
 
+def test_an_upload_that_is_too_long_to_keep_is_over() -> None:
+    """What it begins with is there; the rest passed, and was answered."""
+    long = block(0x8A0E0004, 2574, "archive", 5)
+    long.elements.append(Attribute(2580, Value(0, BLOB, Blob(0, bytes(MAX_PDU)))))
+    data = shown(ONE, long)
+    starts = range(0, len(data), 60_000)
+    talk = explored(*[framed(data[at : at + 60_000], 3, trailer=at == starts[-1]) for at in starts])
+    assert told_of(talk) == [("upload", "at least OB1 'Main' (SCL), DB4 'archive' (DB)", "done", 1, 0)]
+    assert [(one.label, one.complete) for one in carve(talk.operations[0])] == [("OB1", True), ("DB4", False)]
+
+
 def test_an_upload_whose_request_did_not_pass() -> None:
     talk = explored(framed(shown(ONE, TWO), 3), asks=False)
     assert told_of(talk) == [("upload", "OB1 'Main' (SCL), DB3 'tank' (DB)", "done", 1, 0)]
