@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -100,11 +99,8 @@ def compile_command(source: str, output: str, force: bool, encoding: str, node: 
     The same source always gives the same bytes. What SCD cannot represent of a device description is reported on stderr.
     """
     from dissect.cli.second_pass import check_out
-    from dissect.scd.errors import DictionaryError
 
     check_out((source,), output, force)
-    if Path(source).suffix.lower() == ".scd":
-        raise DictionaryError("file", "is compiled already; `dump` makes a source of it", path=source)
     dictionary, notes = _source(source, encoding, node)
     tell_notes(source, notes)
     if output == "-":

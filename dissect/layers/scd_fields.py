@@ -12,6 +12,7 @@ from scapy.packet import Packet
 from dissect.layers.fields import OctetsField, ScapyField, settled
 from dissect.scd.envelope import DEFAULT, Envelope, crc_function
 from dissect.scd.errors import E_CRC, ERROR_TEXTS, Error
+from dissect.scd.layout import address_text
 from dissect.scd.records import CrcRecord, EnvelopeField
 from dissect.wire.text import printable, shortened
 
@@ -193,7 +194,7 @@ def key_name(dictionary: Dictionary, key: Key) -> str:
     if isinstance(key, str):
         return key
     variable = _variable(dictionary, key)
-    address = f"0x{key[0]:04x}:{key[1]}"
+    address = address_text(key)
     if variable is None:
         return address
     try:

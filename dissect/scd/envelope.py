@@ -246,6 +246,13 @@ class Envelope:
         for place in self._tail:
             yield place.field, 8 * tail_at + place.offset, place.read(message[tail_at:])
 
+    def _not_taken(self, unknown: list[str]) -> str:
+        """Return the sentence for numbers that no field takes: without ``unknown`` ones it is about what is filled in."""
+        if not unknown:
+            return f"{', '.join(sorted(_UNNUMBERED))} are filled in and cannot be given"
+        there = [row.role for row in self.record.fields if row.role not in _UNNUMBERED and row.value is None]
+        return f"it has no field {', '.join(unknown)}, only {', '.join(there)}"
+
     def build(self, numbers: Mapping[str, int], data: bytes) -> bytes:
         """Return the message of these numbers (by role, 0 where none is given) around ``data``.
 
@@ -254,7 +261,7 @@ class Envelope:
         """
         unknown = sorted(role for role, number in numbers.items() if number and role not in self.roles)
         if unknown or not _UNNUMBERED.isdisjoint(numbers):
-            raise Error(E_VALUE, "envelope", f"no field to be given for {', '.join(unknown) or 'size, data or crc'}")
+            raise Error(E_VALUE, "envelope", self._not_taken(unknown))
         if len(data) > MAX_OCTETS:
             raise Error(E_LENGTH, "envelope", f"{len(data)} bytes of data, a message has at most {MAX_OCTETS} (C27)")
         given = dict(numbers)

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import Error
-from dissect.scd.layout import Key
+from dissect.scd.layout import Key, address_text
 from dissect.scd.mapping import entries_of
 from dissect.scd.messages import Message
 from dissect.scd.model import StructType, Variable
@@ -110,11 +110,6 @@ def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | 
             if field.name == key:
                 return field
     return None
-
-
-def address_text(key: tuple[int, int]) -> str:
-    """Return index and sub-index as people write them: "0x6041:0"."""
-    return f"0x{key[0]:04x}:{key[1]}"
 
 
 def subject(dictionary: Dictionary, message: Message) -> str:
