@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import gzip
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -174,6 +175,27 @@ def test_what_cannot_be_read_at_all_is_told(write: Files, tmp_path: Path) -> Non
             dissect.analyze(path)
         with pytest.raises(CaptureError):
             list(dissect.open(path))
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("reader", [dissect.open, dissect.values], ids=["open", "values"])
+def test_whoever_stops_half_way_leaves_no_file_open(write: Files, reader: Callable[..., Iterator[object]]) -> None:
+    path = write(polled(20))
+    for _ in reader(path):
+        break
+    other = reader(path)
+    next(other)
+    del other
+    gc.collect()
+
+
+def test_what_is_wrong_with_an_argument_is_told_before_the_first_event(write: Files) -> None:
+    with pytest.raises(dissect.SelectError):
+        dissect.open(write(polled(20)), where="nothing == 1")
+    with pytest.raises(dissect.SelectError):
+        dissect.devices(write(polled(20)), where="nothing == 1")
+    with pytest.raises(ValueError, match="takes both a dictionary"):
+        dissect.open(write(polled(20)), scd="plant.toml")
 
 
 def test_a_capture_without_packets_is_empty(write: Files) -> None:

@@ -92,8 +92,7 @@ def frames(
     feed = TableFeed(chosen, sink)
     run = prepared_run([path, *more], feed, Options(slow_ns, checksums=checksums), where, tags, tls_keys)
     feed.begin(run.files)
-    while run.step():
-        pass
+    run.read()
     feed.finish(run.pipeline, run.files)
     return Frames(sink.tables(), library)
 

@@ -79,9 +79,12 @@ def _where(where: str | Where | None, options: Options) -> Where | None:
 
 
 def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:
-    while run.step():
+    try:
+        while run.step():
+            yield from collector.take()
         yield from collector.take()
-    yield from collector.take()
+    finally:
+        run.close()
 
 
 def value_tables(rows: Iterable[ValueRow]) -> dict[str, pyarrow.Table]:
