@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from hashlib import sha256
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, overload
+from typing import TYPE_CHECKING, Any, Final, overload
 
 from dissect.config.hints import close_to
 from dissect.scd import ranges
@@ -133,7 +133,9 @@ class Dictionary:
     @overload
     def __getitem__(self, key: int) -> Object: ...
     @overload
-    def __getitem__(self, key: str) -> Object | Variable: ...
+    def __getitem__(
+        self, key: str
+    ) -> Any: ...  # of either kind, as the name says: od["Pump 1"]["run"], od["Pump 1.run"].bits
 
     def __getitem__(self, key: int | str) -> Object | Variable:
         """Return an object by index or name, or a variable by "object.field".

@@ -231,9 +231,9 @@ def test_nobody(s7_record, s7_golden):
 
 def test_a_plc_of_a_whole_module_is_a_fixture_as_the_documentation_has_it(project: Project) -> None:
     text = (ROOT / "docs" / "pytest.md").read_text(encoding="utf-8")
-    (fixture,) = re.findall(r"```python\n(@pytest.fixture.*?)```", text, re.DOTALL)
+    (fixture,) = re.findall(r"```python\n(import pytest.*?)```", text, re.DOTALL)
     project.test(
-        f"import pytest\nimport dissect.playback.server\n{CLIENT}\n{fixture}"
+        f"{fixture}\n{CLIENT}\n"
         """
 @pytest.mark.parametrize("number", range(2))
 def test_pump(plc, s7_record, s7_golden, number):
