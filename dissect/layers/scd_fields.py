@@ -6,10 +6,10 @@ import struct
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from scapy.fields import BitEnumField, BitField, ByteField, EnumField, Field, LEShortField, XByteField
+from scapy.fields import BitField, ByteField, EnumField, Field, LEShortField, XByteField
 from scapy.packet import Packet
 
-from dissect.layers.fields import OctetsField, ScapyField, settled
+from dissect.layers.fields import BitEnumField, Named, OctetsField, ScapyField, settled
 from dissect.scd.envelope import DEFAULT, Envelope, crc_function
 from dissect.scd.errors import E_CRC, ERROR_TEXTS, Error
 from dissect.scd.layout import address_text
@@ -47,8 +47,10 @@ class SCDIndexField(Field[int, int]):
         return f"0x{x:0{2 * self.sz}x} {name}".rstrip()
 
 
-class SCDErrField(EnumField[int]):
+class SCDErrField(Named, EnumField[int]):
     """An ``scd_err_t``, shown with the dictionary's own text; takes the usual texts too."""
+
+    taken = EnumField.any2i
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
         """Return text and number (Scapy's interface)."""
