@@ -69,15 +69,19 @@ class _Joint(PacketSink):
 
 
 class Run:
-    """Files read one after another into a pipeline that feeds ``observer``.
+    """A file, or files read one after another, into a pipeline that feeds ``observer``.
 
     Raises `CaptureError` from `step` when a file cannot be read at all.
     """
 
     def __init__(
-        self, paths: Sequence[str | os.PathLike[str]], observer: Observer, options: Options | None = None
+        self,
+        paths: Sequence[str | os.PathLike[str]] | str | os.PathLike[str],
+        observer: Observer,
+        options: Options | None = None,
     ) -> None:
-        self._paths = [os.fspath(path) for path in paths]
+        # A text is a sequence of texts to a type checker, so it has to be taken for the one path that it is.
+        self._paths = [os.fspath(path) for path in ([paths] if isinstance(paths, (str, os.PathLike)) else paths)]
         self._observer = observer
         self._options = options
         self._reader: Reader | None = None

@@ -169,6 +169,14 @@ def test_a_run_reads_step_by_step_and_may_end_early(write: Files) -> None:
     assert len(record.closed) == 1
 
 
+def test_a_run_of_one_file_takes_its_path(write: Files) -> None:
+    path = write(polled(1))
+    for one in (path, Path(path)):
+        run = Run(one, Record())
+        run.read()
+        assert [file.name for file in run.files] == [path]
+
+
 def test_what_cannot_be_read_at_all_is_told(write: Files, tmp_path: Path) -> None:
     for path in (str(tmp_path / "nothing"), write(b""), write(b"no capture at all"), str(tmp_path)):
         with pytest.raises(CaptureError, match=Path(path).name):

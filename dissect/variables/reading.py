@@ -58,7 +58,7 @@ def values(
     if names:
         from dissect.variables.choosing import Known, choose, scd_names
 
-        wanted = choose(names, Known(naming, scd_names(decoder)))
+        wanted = choose(names, Known(naming, scd_names(decoder), of_command=False))
     chosen = _where(where, options)
     collector = Collector(wanted, changes, every_ns, False, chosen.predicate("transaction") if chosen else None)
     run = Run([path, *more], collector, options)
