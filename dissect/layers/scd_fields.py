@@ -14,7 +14,7 @@ from dissect.scd.envelope import DEFAULT, Envelope, crc_function
 from dissect.scd.errors import E_CRC, ERROR_TEXTS, Error
 from dissect.scd.layout import address_text
 from dissect.scd.records import CrcRecord, EnvelopeField
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import count, printable, shortened
 
 if TYPE_CHECKING:
     from dissect.layers.scd import SCD
@@ -230,7 +230,7 @@ def value_text(dictionary: Dictionary, key: Key, value: Value) -> str:
     if isinstance(value, str):
         return f'"{shortened(value, _LONGEST_TEXT)}"'
     if type(value) is bytes:
-        return value.hex() if len(value) <= _LONGEST_BLOCK else f"{len(value)} bytes"
+        return value.hex() if len(value) <= _LONGEST_BLOCK else count(len(value), "byte")
     variable = _variable(dictionary, key)
     if variable is None:
         return str(value)

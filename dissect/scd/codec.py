@@ -35,6 +35,7 @@ from dissect.scd.packing import (
     single,
 )
 from dissect.scd.types import SIZED, UINT32, Kind, Value
+from dissect.wire.text import count
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,7 +68,7 @@ def decode_columns(packing: Packing, octets: Octets, offsets: ArrayLike | Sequen
         low, high = int(starts.min()), int(starts.max())
         if low < 0 or high + packing.size > len(data):
             at = low if low < 0 else high
-            raise Error(E_SHORT, packing.where, f"{packing.size} bytes at {at} of {len(data)}")
+            raise Error(E_SHORT, packing.where, f"{count(packing.size, 'byte')} at {at} of {len(data)}")
         rows = np.zeros((len(starts), packing.size + _SPARE), np.uint8)
         if packing.size:
             rows[:, : packing.size] = np.lib.stride_tricks.sliding_window_view(data, packing.size)[starts]
@@ -367,7 +368,7 @@ class Codec:
         surplus = b""
         if len(octets) != packing.size:
             if len(octets) < packing.size:
-                raise Error(E_SHORT, packing.where, f"{len(octets)} bytes of {packing.size}")
+                raise Error(E_SHORT, packing.where, f"{count(len(octets), 'byte')} of {packing.size}")
             surplus = octets[packing.size :]
             flags[TRAILING] = ()
         values = packing.unpack(octets, flags, self.strict_pad)

@@ -14,7 +14,7 @@ from dissect.scd.messages import Message
 from dissect.scd.model import StructType, Variable
 from dissect.scd.ranges import is_mapping, pdo_of_index
 from dissect.scd.types import UINT64, Value
-from dissect.wire.text import encodable, printable, shortened
+from dissect.wire.text import count, encodable, printable, shortened
 
 #: Characters of a text and octets of a block that a line shows.
 _TEXT: Final = 60
@@ -92,9 +92,9 @@ def _mapped(variable: Variable, value: Value) -> str:
     except Error:
         return "no entry of a mapping"
     if not entry.target:
-        return f"a gap of {entry.bits} bits"
+        return f"a gap of {count(entry.bits, 'bit')}"
     at = f" from bit {entry.offset}" if wide else ""
-    return f"{address_text((entry.target, entry.sub))}, {entry.bits} bits{at}"
+    return f"{address_text((entry.target, entry.sub))}, {count(entry.bits, 'bit')}{at}"
 
 
 def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | None:
@@ -149,7 +149,7 @@ def value_text(value: Value) -> str:
         return f'"{shortened(value, _TEXT)}"'
     if type(value) is bytes:
         shown = value[: _TEXT // 2].hex(" ")
-        return f"{len(value)} bytes {shown}{' …' if len(value) > _TEXT // 2 else ''}".rstrip()
+        return f"{count(len(value), 'byte')} {shown}{' …' if len(value) > _TEXT // 2 else ''}".rstrip()
     return printable(str(value))
 
 

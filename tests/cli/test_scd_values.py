@@ -168,7 +168,7 @@ def test_a_file_too_large_and_an_empty_one(capfdbinary: Capture, tmp_path: Path)
         (("--object", "0x9000", "C1"), "E_INDEX: 0x9000: no object 0x9000"),
         (("--object", "Насос 1.run", "C1"), "this is a variable, not a whole object"),
         (("--value", "0x6000:9", "C1"), "E_SUB: 0x6000:9: 'Насос 1' has no sub-index 9"),
-        (("--value", "0x6001", "C1"), "E_SHORT: Давление 1: 1 bytes, the value has 2"),
+        (("--value", "0x6001", "C1"), "E_SHORT: Давление 1: 1 byte, the value has 2"),
         (("--value", "0x2002", "FF"), "E_UTF8: "),
     ],
 )
