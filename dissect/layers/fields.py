@@ -21,6 +21,7 @@ from scapy.fields import (
     FieldListField,
     IntField,
     PacketListField,
+    RawVal,
     ShortField,
     ThreeBytesField,
     X3BytesField,
@@ -423,6 +424,8 @@ class FillField(ConditionalField):
         return val
 
 
+#: What may stand in a list: `RawVal` and values still to be drawn are Scapy's.
+_PIECES: Final = (Packet, bytes, bytearray, RawVal, VolatileValue)
 #: One element of a list: its class and its octets.
 Piece = tuple[type[Packet], bytes]
 
@@ -437,10 +440,14 @@ class PiecesField(PacketListField):
         self.carve = carve
 
     def any2i(self, pkt: Packet | None, x: Any) -> list[Any]:
-        """Take packets, or octets that stand for one; None is no packet. Raises ValueError for a text or a number."""
-        taken: list[Any] = [] if x is None else super().any2i(pkt, x)
+        """Take packets, or octets that stand for one; None is no packet. Raises ValueError for anything else."""
+        if x is None:
+            return []
+        if isinstance(x, Iterable) and not isinstance(x, (*_PIECES, str)):
+            x = list(x)  # also of a tuple, which Scapy would take for one packet
+        taken: list[Any] = super().any2i(pkt, x)
         for one in taken:
-            if isinstance(one, (str, int, float)):
+            if not isinstance(one, _PIECES):
                 message = f"{self.name} takes packets, or bytes, not {one!r}{self.hint(one)}"
                 raise ValueError(message)  # noqa: TRY004 - as other fields do
         return taken

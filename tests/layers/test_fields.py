@@ -103,6 +103,8 @@ def test_a_number_too_large_for_its_field_is_refused() -> None:
         (lambda: S7_Job(parameters=["x"]), "parameters takes packets, or bytes, not 'x'"),
         (lambda: S7_ReadVarRequest(items=["MB0"]), "items takes packets, or bytes, not 'MB0': at('MB0') makes an item"),
         (lambda: S7_ReadVarRequest(items=5), "items takes packets, or bytes, not 5"),
+        (lambda: S7_ReadVarRequest(items=[None]), "items takes packets, or bytes, not None"),
+        (lambda: S7_ReadVarRequest(items=[[at("MB0")]]), "items takes packets, or bytes, not [<S7_Any"),
         (lambda: bytes(S7_ReadVarRequest(items=[at("MB0")] * 300)), "item_count would be 300, more than its byte can"),
         (lambda: COTP_Parameter.called(cast("str", 0x0102)), "a TSAP is a text such as '01.02', or bytes, not 258"),
         (lambda: SCD(kind="reed"), "kind: no value is called 'reed': do you mean read? Else give write, read, pdo"),
@@ -121,6 +123,15 @@ def test_the_most_items_that_can_be_counted_and_a_count_of_ones_own() -> None:
     assert bytes(S7_ReadVarRequest(items=[at("MB0")] * 255))[1] == 255
     assert bytes(S7_ReadVarRequest(items=[at("MB0")] * 300, item_count=2))[1] == 2
     assert bytes(S7_ReadVarRequest(items=None)) == b"\x04\0"
+
+
+def test_packets_in_anything_that_gives_them_one_by_one() -> None:
+    items = [at("MB0"), at("MB1")]
+    wanted = bytes(S7_ReadVarRequest(items=items))
+    assert bytes(S7_ReadVarRequest(items=tuple(items))) == wanted
+    assert bytes(S7_ReadVarRequest(items=(item for item in items))) == wanted
+    assert bytes(S7_ReadVarRequest(items=items[0])) == bytes(S7_ReadVarRequest(items=items[:1]))
+    assert bytes(S7_ReadVarRequest(items=b"ab")) == b"\x04\x01ab"
 
 
 def test_a_name_of_several_numbers_is_the_lowest() -> None:
