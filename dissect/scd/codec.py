@@ -114,7 +114,11 @@ def _column(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
 
 def _strided(rows: NDArray[np.uint8], code: str, at: int) -> NDArray[Any]:
     """Return the numbers of dtype ``code`` that begin at octet ``at`` of each row, where they are."""
-    numbers: NDArray[Any] = _numpy().ndarray((len(rows),), code, buffer=rows, offset=at, strides=(rows.shape[1],))
+    np = _numpy()
+    if not len(rows):  # numpy finds no place for numbers in no octets, not even for none
+        none: NDArray[Any] = np.zeros(0, code)
+        return none
+    numbers: NDArray[Any] = np.ndarray((len(rows),), code, buffer=rows, offset=at, strides=(rows.shape[1],))
     return numbers
 
 
