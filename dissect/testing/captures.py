@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 MISTAKES: Final = (CaptureError, OSError, ValueError)
 
 #: What a name may lack.
-SUFFIXES: Final = (".pcapng", ".pcap", ".pcapng.gz", ".pcap.gz", ".s7.txt")
+SUFFIXES: Final = (
+    ".pcapng",
+    ".pcap",
+    *(f"{form}{packing}" for packing in (".gz", ".zst") for form in (".pcapng", ".pcap")),
+    ".s7.txt",
+)
 _LIKE: Final = 5
 
 
