@@ -13,6 +13,7 @@ from dissect.source.packet import CaptureError
 
 if TYPE_CHECKING:
     from dissect.golden.model import Session
+    from dissect.session import Event
 
 #: What whoever writes tests has said wrongly or has wrong on disk: told at the line of the test, without what is behind it.
 MISTAKES: Final = (CaptureError, OSError, ValueError)
@@ -37,7 +38,7 @@ class Capture:
         """Return what `dissect.analyze` gives."""
         return dissect.analyze(str(self.path), slow_ns=slow_ns)
 
-    def events(self) -> Iterator[object]:
+    def events(self) -> Iterator[Event]:
         """Yield what `dissect.open` yields without single PDUs: connections, transactions, operations, findings."""
         return dissect.open(str(self.path), pdus=False)
 
