@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -34,6 +37,44 @@ def test_the_readme_has_snippets() -> None:
 @pytest.mark.parametrize("snippet", SNIPPETS)
 def test_a_snippet_runs_and_prints(snippet: str) -> None:
     assert run("-c", snippet).strip()
+
+
+PAGES = [path.name for path in sorted((ROOT / "docs").glob("*.md"))]
+#: Pages whose Python runs as it stands, beside the captures and the files of SCD's example.
+RUNNING = ("devices.md", "golden.md", "scd-traffic.md", "scd.md", "select.md", "tags.md", "values.md")
+
+
+def python_of(page: str) -> list[str]:
+    """Return the Python of a page that is no session at a prompt."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return [block for block in re.findall(r"```python[^\n]*\n(.*?)```", text, re.DOTALL) if ">>>" not in block]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if python_of(page)])
+def test_what_a_page_imports_is_there(page: str) -> None:
+    for block in python_of(page):
+        for one in ast.walk(ast.parse(block)):
+            if isinstance(one, ast.ImportFrom) and (one.module or "").split(".")[0] == "dissect":
+                found = importlib.import_module(one.module or "")
+                assert [alias.name for alias in one.names if not hasattr(found, alias.name)] == []
+
+
+@pytest.mark.parametrize("page", RUNNING)
+def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
+    blocks = [block for block in python_of(page) if "pump.eds" not in block]  # which nobody has
+    assert blocks
+    (tmp_path / "captures").symlink_to(ROOT / "captures")
+    for path in (ROOT / "captures" / "scd").glob("plant.*"):
+        shutil.copy(path, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(blocks)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 #: Each page that shows output of commands, and how often.

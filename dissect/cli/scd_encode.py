@@ -183,13 +183,21 @@ def _message(
         message.index, message.sub = variable.address
         message.values = {variable.address: value}
     else:
-        message.index, message.sub = _address(codec.dictionary, words[0])
+        message.index, message.sub = _address(codec.dictionary, words[0], kind)
     return codec.encode_message(message)
 
 
-def _address(od: Dictionary, text: str) -> tuple[int, int]:
+def _address(od: Dictionary, text: str, kind: str) -> tuple[int, int]:
     """Return an address, also one that the dictionary does not have: a device may be asked for it, and refuse."""
+    from dissect.scd.errors import Error
+
     found = None if text in od.names else _ADDRESS.fullmatch(text)
     if found is None:
-        return od.variable(text).address
+        try:
+            return od.variable(text).address
+        except Error:
+            name, equals, _ = text.partition("=")
+            if equals and (name in od or _ADDRESS.fullmatch(name)):
+                raise click.UsageError(f"a {kind} carries no value: give {name} alone.") from None
+            raise
     return int(found[1], 16), int(found[2] or 0)
