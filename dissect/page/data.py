@@ -13,11 +13,10 @@ from dissect.inventory.rows import device_row
 from dissect.page.bins import lower_end
 from dissect.page.gathered import BANDS, Gap, Gathered
 from dissect.page.numbers import how_often
-from dissect.page.rows import OUTCOME_NAMES, host_filter
+from dissect.page.rows import OUTCOME_NAMES, Station, host_filter, selecting, station_of
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
 from dissect.report.operations import NAMES as KINDS
-from dissect.tcp.link import within
 from dissect.wire.text import printable, shortened
 
 #: Bins of time that a plot is drawn of.
@@ -44,6 +43,8 @@ _DEVICE_TEXTS: Final = {
     "vendor": "vendor",
     "asks": "sends requests to",
 }
+#: How functions begin that Wireshark does not read: a filter for `s7comm` would hide them.
+_NOT_READ: Final = ("S7comm-plus ", "SCD ")
 #: Marks of findings on the plot of rates.
 _MARKS: Final = 400
 _TEXT: Final = 160
@@ -138,14 +139,14 @@ class Data:
                 bands[number // 8] = bands.get(number // 8, 0) + count
             rows.append(
                 {
-                    "host": self._of.rows.host(host),
+                    "host": self._of.rows.station(host),
                     "function": function,
                     "count": times.count,
                     "errors": spread.errors,
                     "missed": spread.missed,
                     "min": max(0, times.smallest),
-                    "median": max(0, times.quantile(0.5)),
-                    "p95": max(0, times.quantile(0.95)),
+                    "median": max(0, spread.latencies.quantile(0.5) or 0),
+                    "p95": max(0, spread.latencies.quantile(0.95) or 0),
                     "max": max(0, times.largest),
                     "bands": [
                         [max(lower_end(band * 8), times.smallest), min(lower_end(band * 8 + 8), times.largest), count]
@@ -159,7 +160,7 @@ class Data:
         found = self._of.requests.polls()
         rows = [
             {
-                "host": self._of.rows.host(known.connection.server.host),
+                "host": self._of.rows.station(station_of(known.connection)),
                 "key": f"c{known.connection.number}",
                 "subject": shortened(known.subject, _TEXT),
                 "count": known.count,
@@ -177,18 +178,17 @@ class Data:
     def _talks(self) -> dict[str, Any]:
         pairs = sorted(self._of.talks.pairs.items(), key=lambda entry: (-entry[1].octets, entry[0]))
         shown: list[dict[str, Any]] = []
-        clients: set[str] = set()
-        servers: set[str] = set()
-        for (client, server), pair in pairs:
-            if len(clients | {client}) > _HOSTS or len(servers | {server}) > _HOSTS:
+        clients: set[Station] = set()
+        servers: set[Station] = set()
+        for (client, server, vlan), pair in pairs:
+            if len(clients | {(client, vlan)}) > _HOSTS or len(servers | {(server, vlan)}) > _HOSTS:
                 continue
-            clients.add(client)
-            servers.add(server)
+            clients.add((client, vlan))
+            servers.add((server, vlan))
             shown.append(
                 {
-                    "client": self._of.rows.host(client),
-                    "server": self._of.rows.host(server),
-                    "search": [client, server],
+                    "client": self._of.rows.station((client, vlan)),
+                    "server": self._of.rows.station((server, vlan)),
                     "connections": pair.connections,
                     "pdus": pair.pdus,
                     "octets": pair.octets,
@@ -206,10 +206,10 @@ class Data:
         lanes = [self._lane(host) for host in list(hosts)[:_HOSTS]]
         return {"lanes": lanes, "total": len(hosts), "not_drawn": of.operations_not_listed + of.modes_not_drawn}
 
-    def _lane(self, host: str) -> dict[str, Any]:
+    def _lane(self, host: Station) -> dict[str, Any]:
         of = self._of
         return {
-            "host": of.rows.host(host),
+            "host": of.rows.station(host),
             "spans": [
                 [
                     self._seconds(span.begin_ns),
@@ -238,11 +238,11 @@ class Data:
             "total": len(found),
         }
 
-    def _tag(self, name: str, host: str, steps: TagSteps) -> dict[str, Any]:
+    def _tag(self, name: str, host: Station, steps: TagSteps) -> dict[str, Any]:
         rows = self._of.rows
         return {
             "name": printable(name),
-            "host": rows.host(host),
+            "host": rows.station(host),
             "unit": printable(steps.unit),
             "width": steps.width_ns / 1e9,
             "end": self._seconds(steps.last_ns),
@@ -286,8 +286,8 @@ class Data:
     def _tables(self) -> list[dict[str, Any]]:
         of = self._of
         transactions = [
-            ("number", ID), ("time", SECONDS), ("packets", SHORT), ("from → to", TEXT), ("answer", DURATION),
-            ("function", TEXT), ("what", TEXT),
+            ("number", ID), ("time", SECONDS), ("packets", TEXT if of.rows.places.several else SHORT), ("from → to", TEXT),
+            ("answer", DURATION), ("function", TEXT), ("what", TEXT),
         ]  # fmt: skip
         listed = len(of.connections)
         return [
@@ -367,11 +367,11 @@ class Data:
                 {
                     "key": f"d{number}",
                     "cells": [
-                        within(self._of.rows.host(device.address), device.vlan), *said,
+                        self._of.rows.station((device.address, device.vlan)), *said,
                         int(told["connections"]), int(told["transactions"]),
                         int(told["median_ns"]) if told["median_ns"] else None, device.first_ns,
                     ],
-                    "show": self._of.rows.command(f"devices -Y 'host == {device.address}'"),
+                    "show": self._of.rows.command(f"devices -Y '{selecting('host', (device.address, device.vlan))}'"),
                     "filter": host_filter(device.address),
                 }
             )  # fmt: skip
@@ -389,13 +389,15 @@ class Data:
                 {
                     "key": f"f{len(rows) + 1}",
                     "cells": [
-                        self._of.rows.host(host), function, spread.total, times.count, spread.errors, spread.missed,
+                        self._of.rows.station(host), function, spread.total, times.count, spread.errors, spread.missed,
                         spread.still_open, spread.orphans, spread.alone,
-                        times.quantile(0.5) if times.count else None, times.quantile(0.95) if times.count else None,
+                        spread.latencies.quantile(0.5), spread.latencies.quantile(0.95),
                         times.largest if times.count else None,
                     ],
-                    "show": self._of.rows.command(f"transactions -Y 'server == {host}'"),
-                    "filter": f"s7comm && {host_filter(host)}",
+                    "show": self._of.rows.command(f"transactions -Y '{selecting('server', host)}'"),
+                    "filter": f"s7comm && {host_filter(host[0])}"
+                    if not function.startswith(_NOT_READ)
+                    else host_filter(host[0]),
                 }
             )  # fmt: skip
         columns = [
@@ -412,7 +414,7 @@ class Data:
                 "key": f"p{number}",
                 "cells": [
                     int(known.connection.number),
-                    self._of.rows.host(known.connection.server.host),
+                    self._of.rows.station(station_of(known.connection)),
                     shortened(known.subject, _TEXT),
                     known.count,
                     known.errors,
@@ -442,7 +444,7 @@ class Data:
             {
                 "key": f"v{number}",
                 "cells": [
-                    self._of.rows.host(host),
+                    self._of.rows.station(host),
                     shortened(address, _TEXT),
                     variable.read,
                     variable.written,
@@ -451,10 +453,12 @@ class Data:
                     ", ".join([self._of.rows.host(client) for client in sorted(variable.clients)[:3]])
                     + (f" and {len(variable.clients) - 3} more" if len(variable.clients) > 3 else ""),
                 ],
-                "show": self._of.rows.command(f"transactions -Y 'address == \"{address}\"'")
+                "show": self._of.rows.command(
+                    f"transactions -Y '{selecting('server', host)} and address == \"{address}\"'"
+                )
                 if printable(address) == address
                 else "",
-                "filter": f"s7comm && {host_filter(host)}",
+                "filter": f"s7comm && {host_filter(host[0])}",
             }
             for number, ((host, address), variable) in enumerate(order[:_VARIABLES], 1)
         ]

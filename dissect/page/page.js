@@ -69,10 +69,10 @@
   }
   const plain = (number) => (Number.isInteger(number) ? String(number) : String(Number(number.toPrecision(6))));
   const two = (number) => String(number).padStart(2, "0");
-  /** Whether times need their day: the session goes on past midnight. */
+  /** Where the day begins that times need: 10 for none, 5 for month and day past midnight, 0 for the year as well. */
   const dated = sessions.map((one) => {
-    const days = [0, one.span].map((seconds) => Math.floor((one.start_ms / 1e3 + one.offset_s + seconds) / 86400));
-    return days[0] !== days[1];
+    const days = [0, one.span].map((seconds) => new Date(one.start_ms + (one.offset_s + seconds) * 1e3)).map((when) => (Number.isNaN(when.getTime()) ? "" : when.toISOString().slice(0, 10)));
+    return days[0] === days[1] ? 10 : days[0].slice(0, 4) === days[1].slice(0, 4) ? 5 : 0;
   });
   function clock(session, seconds, step) {
     if (several) return `+${round(seconds * 1e9)}`;
@@ -81,7 +81,7 @@
     const day = `${when.getUTCFullYear()}-${two(when.getUTCMonth() + 1)}-${two(when.getUTCDate())}`;
     if (step >= 86400) return day;
     const hours = `${two(when.getUTCHours())}:${two(when.getUTCMinutes())}`;
-    const date = dated[sessions.indexOf(session)] ? `${day.slice(5)} ` : "";
+    const from = dated[sessions.indexOf(session)], date = from < 10 ? `${day.slice(from)} ` : "";
     if (step >= 60) return date + hours;
     const whole = `${date}${hours}:${two(when.getUTCSeconds())}`;
     if (step >= 1) return whole;
@@ -212,7 +212,7 @@
   const OUTCOME_CSS = ["ok", "errors", "missed", "push", "other"];
   const MARKS = { error: "M-6 0L0-6L6 0L0 6Z", warning: "M-5 5L0-5L5 5Z", note: "M-4-4H4V4H-4Z" };
   /** Rates are per second; where bins are shorter than that, per bin: one request in 1 ms is not 1000 in a second. */
-  const perSeconds = Math.min(1, sessions[0].rates.width), perWhat = perSeconds < 1 ? round(perSeconds * 1e9).replace(/^1 /, "") : "second";
+  const perSeconds = sessions.some((one) => one.rates.bins.length) ? Math.min(1, sessions[0].rates.width) : 1, perWhat = perSeconds < 1 ? round(perSeconds * 1e9).replace(/^1 /, "") : "second";
   function drawRates(width) {
     if (!sessions.some((one) => one.rates.bins.length)) return nothing("No transactions.");
     const height = 250, left = 52;
@@ -548,7 +548,8 @@
     const body = html("tbody", {}), more = html("button", { type: "button", onclick: () => { state.most += MORE; show(); } });
     const count = html("span", { class: "quiet", role: "status" }), aside = further();
     const box = html("input", { type: "search", placeholder: "search these rows", "aria-label": `Search ${table.title}`, oninput: () => { state.words = box.value.toLowerCase().split(/\s+/).filter(Boolean); state.most = FIRST; show(); } });
-    const heads = table.columns.map(([name], number) => html("th", { scope: "col", "aria-sort": "none" }, html("button", { type: "button", text: name, title: "sort", onclick: () => sort(number) })));
+    const css = (kind) => (kind === "text" ? "text" : kind === "seconds" || kind === "short" ? "short" : "figure");
+    const heads = table.columns.map(([name, kind], number) => html("th", { scope: "col", class: css(kind), "aria-sort": "none" }, html("button", { type: "button", text: name, title: "sort", onclick: () => sort(number) })));
     /** What a search looks at; made when something is searched for, because most tables never are. */
     function textOf(row) {
       if (row.text === undefined) row.text = row.cells.map((value, number) => cell(session, table.columns[number][1], value)).join(" ").toLowerCase();
@@ -582,10 +583,7 @@
       } });
       const head = html("tr", { id: lists.get(prefix + table.name) && rowsByKey.get(prefix + row.key) === table.name ? prefix + row.key : null },
         html("td", {}, opener),
-        ...row.cells.map((value, number) => {
-          const kind = table.columns[number][1];
-          return html("td", { class: kind === "text" ? "text" : kind === "seconds" || kind === "short" ? "short" : "figure", text: cell(session, kind, value) });
-        }));
+        ...row.cells.map((value, number) => html("td", { class: css(table.columns[number][1]), text: cell(session, table.columns[number][1], value) })));
       return head;
     }
     function matching() {
@@ -630,7 +628,10 @@
     return box;
   }
   /** Measures all of them before it changes one: the page is laid out once. */
-  const look = () => boxes.map(([measure, show]) => [show, measure()]).forEach(([show, found]) => show(found));
+  const look = () => {
+    boxes.forEach(([, show]) => show([false, true]));
+    boxes.map(([measure, show]) => [show, measure()]).forEach(([show, found]) => show(found));
+  };
   for (const one of document.querySelectorAll("details .scroll")) {
     const aside = further();
     one.before(aside);
@@ -757,6 +758,7 @@
   if (!place.childNodes.length) place.append(html("p", { text: "There is nothing to list." }));
   zoom(0, span);
   redraw(false);
+  document.getElementById("zoom").hidden = !figures.querySelector("svg.timed");
   let before = innerWidth;
   addEventListener("resize", () => { if (innerWidth !== before) { before = innerWidth; redraw(false); look(); } });
   /** Paper shows what is folded, too. */

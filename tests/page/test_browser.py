@@ -310,6 +310,22 @@ def test_times_past_midnight_have_their_day(browser: Browser, folder: Path) -> N
     assert re.match(r"03-04 \d\d:\d\d:\d\d", browser.texts("#table-connections td.short")[0])
 
 
+def test_times_of_several_years_have_their_year_and_names_of_files_their_room(browser: Browser, folder: Path) -> None:
+    year = 365 * 86400 * 10**9
+    paths = []
+    for number in range(2):
+        talk = begun(Flow(ports=(40004 + number, 102))).packets(start_ns=EPOCH_NS + number * year)
+        paths.append(
+            saved(folder / f"a_long_name_of_a_capture_of_the_filling_station_in_the_north_{number}.pcapng", talk)
+        )
+    browser.open(written(folder, "years", render([Side(gathered_of(paths), [path.name for path in paths])], "0")), 1400)
+    assert re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d", browser.texts("#table-connections td.short")[0])
+    touching = """return [...document.querySelectorAll('#table-slowest td')].filter((one) => one.scrollWidth > one.clientWidth)
+        .map((one) => one.textContent)"""
+    assert browser.count("#table-slowest tbody tr") == 2
+    assert browser.run(touching) == []
+
+
 def test_labels_stay_in_their_plot(browser: Browser, folder: Path) -> None:
     """Long subjects of polls and axes of a few minutes at every width: nothing leaves the figure, no two labels touch."""
     talk = begun()
@@ -432,6 +448,8 @@ def test_a_capture_without_s7_opens_too(browser: Browser, folder: Path) -> None:
     browser.open(path)
     assert browser.console() == []
     assert browser.texts("#lists p") == ["There is nothing to list."]
+    assert browser.texts("#plot-rates h3") == ["Transactions per second"]
+    assert browser.run("return document.getElementById('zoom').offsetHeight") == 0  # there is no time to zoom
 
 
 def shot(browser: Browser, name: str) -> None:
