@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from dissect.cli.main import COMMANDS
 from tests.cli.support import run as cli
 from tests.conftest import Command
 
@@ -102,3 +103,20 @@ def test_the_pictures_are_there_and_small_and_fetch_nothing() -> None:
         assert (ROOT / name).stat().st_size < 200_000, name
     assert (ROOT / named[0]).read_bytes().startswith(b"\x89PNG")
     assert re.findall(r"(?:url\(.?|href=.)https?:", (ROOT / named[1]).read_text(encoding="utf-8")) == []
+
+
+def test_the_page_of_commands_has_all_of_them_and_who_takes_which_option(s7dissect: Command) -> None:
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    cells = [line.split(" | ")[0] for line in page.split("\n\n")[1].splitlines()]
+    assert set(re.findall(r"`([a-z-]+)[ `]", "\n".join(cells))) == set(COMMANDS)
+    helps = {name: s7dissect(name, "--help").stdout.decode() for name in COMMANDS}
+    for option, told in (
+        ("--where EXPR", re.search(r"^(`analyze`, .*) take `-Y EXPR`", page, re.MULTILINE)),
+        ("--fail-on WHAT", re.search(r"^`--fail-on WHAT` \((.*);", page, re.MULTILINE)),
+    ):
+        assert told is not None
+        takes = {name for name, text in helps.items() if option in text} - {
+            "index",
+            "extcap",
+        }  # which say so themselves
+        assert set(re.findall(r"`([a-z-]+)`", told[1])) == takes
