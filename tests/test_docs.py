@@ -38,12 +38,12 @@ def test_a_snippet_runs_and_prints(snippet: str) -> None:
 
 
 #: Each page that shows output of commands, and how often.
-SHOWING = {"README.md": 16, "docs/tutorial.md": 8}
+SHOWING = {"README.md": 16, "docs/devices.md": 1, "docs/tutorial.md": 8, "docs/values.md": 2}
 OUTPUTS = [
     (name, command, shown)
     for name in SHOWING
     for command, shown in re.findall(
-        r"```\n\$ s7dissect (.*?)\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.DOTALL
+        r"```(?:console)?\n\$ s7dissect (.*?)\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.DOTALL
     )
 ]
 
@@ -73,6 +73,17 @@ def test_the_output_in_a_page_is_real(
         at = real.index(line) if at < 0 else at
         assert real[at] == line
         at += 1
+
+
+def test_the_comment_in_the_page_of_evidence_is_real(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    shown = re.search(
+        r"^    3\t(s7dissect: .*)$", (ROOT / "docs" / "evidence.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert shown is not None
+    out = tmp_path / "stop.pcapng"
+    capture = str(ROOT / "captures" / "plc-control.pcapng")
+    assert cli(capfdbinary, "cut", capture, "-o", str(out), "--finding", "security.plc_stop", "--around", "2").code == 0
+    assert shown[1].encode() in out.read_bytes()
 
 
 def test_every_command_and_option_in_the_recipes_exists(s7dissect: Command) -> None:
