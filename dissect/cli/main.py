@@ -162,7 +162,7 @@ class _Main(LazyGroup):
         """Return what may have been meant; a folder is probably to be searched through."""
         if os.path.isdir(name):  # noqa: PTH112 - a name that no path can have is simply not there
             return f" It is a folder: s7dissect index {printable(name)}"
-        return super().hint(name)
+        return super().hint(name) or (" There is no such file either." if "." in name and "://" not in name else "")
 
 
 def _equipped(command: click.Command, path: str) -> click.Command:
