@@ -209,7 +209,7 @@ MISSED: Final = 2
 PUSHED: Final = 3
 OTHER: Final = 4
 #: What people call these.
-OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "other")
+OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "still open, or without request")
 
 
 def outcome_of(transaction: Transaction) -> int:

@@ -3,6 +3,7 @@ the wire neither runs nor breaks its layout."""
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -388,14 +389,26 @@ def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str
             assert (
                 browser.run("return getComputedStyle(document.querySelector(arguments[0])).display", hidden) == "none"
             )
-        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it.
-        sheet = {"width": 720, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        printed = browser.driver.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})
+        box = re.search(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", base64.b64decode(printed["data"]))
+        assert box is not None
+        assert float(box[1]) > float(box[2])  # the widest tables have 13 columns
+        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it, and addresses and times are whole.
+        sheet = {"width": 1047, "height": 700, "deviceScaleFactor": 1, "mobile": False}
         browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", sheet)
         browser.run("dispatchEvent(new Event('beforeprint'))")
         assert browser.count("details .scroll table") > 1
         wider = """return [...document.querySelectorAll('.scroll table')]
             .filter((one) => one.getBoundingClientRect().right > innerWidth).map((one) => one.textContent.slice(0, 40))"""
         assert browser.run(wider) == []
+        broken = """return [...document.querySelectorAll('#lists td.short')].filter((one) => {
+            const range = document.createRange();
+            range.selectNodeContents(one);
+            const lines = new Set([...range.getClientRects()].map((box) => box.top)).size;
+            return lines > one.textContent.split(' ').length;
+        }).map((one) => one.textContent)"""
+        assert browser.count("#table-connections td.short") == 6
+        assert browser.run(broken) == []
     finally:
         browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
