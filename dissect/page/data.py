@@ -268,13 +268,24 @@ class Data:
         return [self._seconds(gap.begin_ns), self._seconds(gap.end_ns), f"{where}{gap.why}"]
 
     def _marks(self) -> dict[str, Any]:
-        """When findings were made: (seconds, severity, slug, detail), the heaviest kept where there are too many."""
+        """When findings were made: (seconds, severity, slug, detail).
+
+        Where there are too many, one of each severity is kept for each stretch of time: none of these looks as if all was well.
+        """
         rules = by_weight(self._of.analysis)
         order = {rule.slug: number for number, rule in enumerate(rules)}
         found = sorted(self._of.analysis.findings, key=lambda finding: (order[finding.slug], int(finding.time_ns)))
+        for stretches in (_MARKS, _MARKS // 2, _MARKS // 4):
+            if len(found) <= _MARKS:
+                break
+            kept: dict[tuple[str, int], Any] = {}
+            for one in found:
+                stretch = (int(one.time_ns) - self._start) * stretches // (self._end - self._start + 1)
+                kept.setdefault((one.severity, stretch), one)
+            found = list(kept.values())
         marks = [
             [self._seconds(int(one.time_ns)), one.severity, one.slug, shortened(one.detail or one.rule.sentence, _TEXT)]
-            for one in found[:_MARKS]
+            for one in found
         ]
         return {
             "marks": sorted(marks, key=lambda mark: mark[0]),
@@ -405,7 +416,7 @@ class Data:
             ("no answer", NUMBER), ("still open", RARE), ("no request", RARE), ("push or one-way", RARE),
             ("median", DURATION), ("95 %", DURATION), ("longest", DURATION),
         ]  # fmt: skip
-        return self._table("functions", "Functions by PLC", columns, rows, len(rows) + self._of.spreads_not_told_apart)
+        return self._table("functions", "Functions by PLC", columns, rows, len(rows) + len(self._of.further))
 
     def _requests(self) -> dict[str, Any]:
         found = self._of.requests.polls()

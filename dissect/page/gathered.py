@@ -38,6 +38,8 @@ MAX_OPERATIONS: Final = 1000
 MAX_BLOCKS: Final = 500
 #: Pairs of PLC and function whose answer times are told apart.
 MAX_SPREADS: Final = 200
+#: Further ones that are counted.
+MAX_FURTHER: Final = 10_000
 #: Gaps drawn, and changes of the operating mode.
 MAX_GAPS: Final = 1000
 MAX_MODES: Final = 1000
@@ -156,6 +158,8 @@ class Gathered(Observer):
         self.answer_times = Bins()
         self.spreads: dict[tuple[Station, str], SpreadOf] = {}
         self.spreads_not_told_apart = 0
+        #: Further pairs of PLC and function, at most `MAX_FURTHER`: what these transactions are of.
+        self.further: set[tuple[Station, str]] = set()
         self.requests = Requests()
         self.talks = Talks()
         self.tags = Tags(tags)
@@ -348,6 +352,8 @@ class Gathered(Observer):
         if spread is None:
             if len(self.spreads) >= MAX_SPREADS:
                 self.spreads_not_told_apart += 1
+                if len(self.further) < MAX_FURTHER:
+                    self.further.add(key)
                 return
             spread = self.spreads.setdefault(key, SpreadOf())
         spread.total += 1

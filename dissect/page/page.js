@@ -277,7 +277,7 @@
     const bands = !several && session.gaps.length ? [["gap", "missing from the capture"]] : [];
     const kinds = several ? [["outline s0", "A"], ["outline s1", "B (dashed)"]] : session.rates.names.map((name, column) => [OUTCOME_CSS[column], name]).filter((_, column) => session.rates.bins.some((bin) => bin[column + 1]));
     const marked = session.marks.marks.length, made = session.marks.total;
-    const note = `${!several && made > marked ? `The ${marked} most severe of ${integer(made)} findings are marked. ` : ""}Counted in bins of ${round(session.rates.width * 1e9)}. Failures point down, on a scale of their own.`;
+    const note = `${!several && made > marked ? `Of ${integer(made)} findings ${integer(marked)} are marked. ` : ""}Counted in bins of ${round(session.rates.width * 1e9)}. Failures point down, on a scale of their own.`;
     return [root, legend([...kinds, ...bands, ...marks]), html("p", { class: "quiet", text: note })];
   }
 

@@ -393,7 +393,7 @@ def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str
         box = re.search(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", base64.b64decode(printed["data"]))
         assert box is not None
         assert float(box[1]) > float(box[2])  # the widest tables have 13 columns
-        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it, and addresses and times are whole.
+        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it, addresses and times whole.
         sheet = {"width": 1047, "height": 700, "deviceScaleFactor": 1, "mobile": False}
         browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", sheet)
         browser.run("dispatchEvent(new Event('beforeprint'))")

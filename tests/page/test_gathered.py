@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from dissect.page import data as drawing
 from dissect.page import gathered as room
 from dissect.page import tag_steps
 from dissect.page.data import Data
@@ -204,8 +205,21 @@ def test_tables_are_bounded_and_count_what_they_leave_out(tmp_path: Path, monkey
     found = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
     assert (len(found.slowest()), len(found.failed), found.failed_in_all) == (3, 2, 5)
     assert found.spreads_not_told_apart == 9
+    (functions,) = [table for table in Data(found, "").as_dict()["tables"] if table["name"] == "functions"]
+    assert (len(functions["rows"]), functions["total"]) == (1, 2)  # Setup communication, and Read Var, nine times
     latencies = [row["cells"][4] for row in found.slowest()]
     assert latencies == sorted(latencies, reverse=True)
+
+
+def test_too_many_marks_are_thinned_out_over_all_of_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "_MARKS", 8)
+    talk = begun()
+    for ref in range(1, 40):
+        read(talk, ref, WORD, 0x0A)
+    data = Data(gathered_of([saved(tmp_path / "a.pcapng", talk.packets())]), "").as_dict()
+    times = [mark[0] for mark in data["marks"]["marks"]]
+    assert len(times) <= 8 < data["marks"]["total"]
+    assert times[-1] > data["span"] * 0.7
 
 
 def test_modes_and_operations_of_a_plant_are_on_its_lane() -> None:
