@@ -6,6 +6,7 @@ Times are in seconds after ``start_ns``, as numbers that JavaScript holds exactl
 from __future__ import annotations
 
 import time
+from shlex import quote
 from typing import Any, Final
 
 from dissect.findings.catalogue import CATALOGUE
@@ -17,6 +18,7 @@ from dissect.page.rows import OUTCOME_NAMES, Station, host_filter, selecting, st
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
 from dissect.report.operations import NAMES as KINDS
+from dissect.select.getters import function_names
 from dissect.wire.text import printable, shortened
 
 #: Bins of time that a plot is drawn of.
@@ -394,8 +396,10 @@ class Data:
 
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
+        known = frozenset(function_names())  # what -Y takes; others have only a number, or are of a dictionary
         for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0])):
             times = spread.times
+            where = selecting("answered_by", host) + (f' and function == "{function}"' if function in known else "")
             rows.append(
                 {
                     "key": f"f{len(rows) + 1}",
@@ -405,18 +409,18 @@ class Data:
                         spread.latencies.quantile(0.5), spread.latencies.quantile(0.95),
                         times.largest if times.count else None,
                     ],
-                    "show": self._of.rows.command(f"transactions -Y '{selecting('server', host)}'"),
+                    "show": self._of.rows.command("transactions -Y " + quote(where)),
                     "filter": f"s7comm && {host_filter(host[0])}"
                     if not function.startswith(_NOT_READ)
                     else host_filter(host[0]),
                 }
             )  # fmt: skip
         columns = [
-            ("PLC", TEXT), ("function", TEXT), ("count", NUMBER), ("answered", NUMBER), ("with errors", NUMBER),
+            ("answered by", TEXT), ("function", TEXT), ("count", NUMBER), ("answered", NUMBER), ("with errors", NUMBER),
             ("no answer", NUMBER), ("still open", RARE), ("no request", RARE), ("push or one-way", RARE),
             ("median", DURATION), ("95 %", DURATION), ("longest", DURATION),
         ]  # fmt: skip
-        return self._table("functions", "Functions by PLC", columns, rows, len(rows) + len(self._of.further))
+        return self._table("functions", "Functions by device", columns, rows, len(rows) + len(self._of.further))
 
     def _requests(self) -> dict[str, Any]:
         found = self._of.requests.polls()

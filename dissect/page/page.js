@@ -385,7 +385,7 @@
     }
     const host = hostOf(rows);
     const text = (row) => `${several ? `${letters[row.side]} ` : ""}${host(row)}${row.function} (${integer(row.count)})`;
-    const root = ranged(width, rows, "Answer times by PLC and function", Math.min(...rows.map((row) => Math.max(row.min, 1))), Math.max(...rows.map((row) => row.max)), text, (into, row, x, y) => {
+    const root = ranged(width, rows, "Answer times by device and function", Math.min(...rows.map((row) => Math.max(row.min, 1))), Math.max(...rows.map((row) => row.max)), text, (into, row, x, y) => {
       const most = Math.max(...row.bands.map((band) => band[2]));
       const said = `${text(row)}\nmedian ${duration(row.median)}, 95 % within ${duration(row.p95)}, longest ${duration(row.max)}` + (row.errors ? `\n${integer(row.errors)} with errors` : "") + (row.missed ? `\n${integer(row.missed)} without answer` : "");
       const group = svg("a", { class: "hit", href: "#table-functions", "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[row.side]}functions`).search(`${row.host} ${row.function}`) });
@@ -399,7 +399,7 @@
       into.append(group);
     });
     const total = sessions.reduce((all, one) => all + one.spreads.total, 0);
-    return [root, html("p", { class: "quiet", text: `Line: median; dashed line: 95 %.${total > rows.length ? ` Shown are the ${rows.length} with most answers of ${integer(total)}; the table Functions by PLC lists the others.` : ""}` })];
+    return [root, html("p", { class: "quiet", text: `Line: median; dashed line: 95 %.${total > rows.length ? ` Shown are the ${rows.length} with most answers of ${integer(total)}; the table Functions by device lists the others.` : ""}` })];
   }
   function drawPolls(width) {
     const rows = sessions.flatMap((session, side) => session.polls.rows.map((row) => ({ ...row, side })));
@@ -735,7 +735,7 @@
 
   figure("rates", `Transactions per ${perWhat}`, "", drawRates, { timed: true, wide: true });
   figure("times", "Answer times", "", drawTimes, { timed: true, wide: true });
-  figure("spreads", "Answer times by PLC and function", "", drawSpreads);
+  figure("spreads", "Answer times by device and function", "", drawSpreads);
   figure("polls", "Polling periods and jitter", "", drawPolls);
   sessions.forEach((session, side) => {
     const name = (text) => `${several ? `${letters[side]}: ` : ""}${text}`;

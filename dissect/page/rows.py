@@ -128,7 +128,6 @@ class Rows:
 
     def operation(self, operation: Operation) -> dict[str, Any]:
         """Return an operation."""
-        show, display = self.packets([operation.first_frame, operation.last_frame])
         return {
             "key": f"o{operation.number}",
             "cells": [
@@ -141,13 +140,11 @@ class Rows:
                 operation.octets or None,
                 result_of(operation),
             ],
-            "show": show,
-            "filter": display,
+            **self._carrying(operation),
         }
 
     def block(self, block: CarvedBlock, operation: Operation, number: int) -> dict[str, Any]:
         """Return a block that was loaded or read out, as far as it passed."""
-        show, display = self.packets([operation.first_frame, operation.last_frame])
         texts = (block.label, block.name, block.language, block.author, block.version, block.code_time)
         label, name, language, author, version, changed = [shortened(text, _CELL) for text in texts]
         return {
@@ -165,9 +162,16 @@ class Rows:
                 version,
                 changed,
             ],
-            "show": show,
-            "filter": display,
+            **self._carrying(operation),
         }
+
+    def _carrying(self, operation: Operation) -> dict[str, str]:
+        """Return the command that shows an operation, and the Wireshark filter for its first and its last packet.
+
+        The first one need not complete a message, so that `show` might have nothing to say of it.
+        """
+        _, display = self.packets([operation.first_frame, operation.last_frame])
+        return {"show": self.command(f"operations -Y 'number == {operation.number}'"), "filter": display}
 
     def connection(self, connection: Connection) -> dict[str, Any]:
         """Return a connection."""
@@ -192,9 +196,14 @@ class Rows:
                 connection.refused
                 or (endings.phrase(connection, self.places) if connection.ending is not None else "open"),
             ],
-            "show": self.command(f"transactions --connection {connection.number}"),
+            "show": self.command(f"{'transactions' if _asks(connection) else 'show'} --connection {connection.number}"),
             "filter": f"{host_filter(client.host, server.host)} && tcp.port == {client.port} && tcp.port == {server.port}",
         }
+
+
+def _asks(connection: Connection) -> bool:
+    """Return whether a connection has transactions; others may still have messages."""
+    return bool(connection.answered or connection.unanswered or connection.orphans or connection.unsolicited)
 
 
 def time_of(transaction: Transaction) -> int:

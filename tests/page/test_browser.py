@@ -263,6 +263,7 @@ def test_time_can_be_zoomed(browser: Browser, busy: tuple[Path, dict[str, Any]])
 def test_it_is_used_by_keyboard(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.ui import WebDriverWait
 
     path, _ = busy
     browser.open(path)
@@ -273,7 +274,8 @@ def test_it_is_used_by_keyboard(browser: Browser, busy: tuple[Path, dict[str, An
     browser.run("arguments[0].focus()", point)
     assert "Read Var" in browser.texts("#tip")[0] or "Setup" in browser.texts("#tip")[0]
     point.send_keys(Keys.ENTER)
-    assert browser.count("tr.found") == 1
+    # The page follows once the browser says that the place has changed.
+    WebDriverWait(browser.driver, 10).until(lambda _driver: browser.count("tr.found") == 1)
 
 
 def test_nothing_leaves_the_page_and_nothing_overflows(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
