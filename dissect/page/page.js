@@ -308,6 +308,8 @@
     const [low, high, ticks] = decades(Math.max(lowest, SHORTEST), cells.reduce((all, cell) => Math.max(all, cell[2]), 0));
     const y = logScale(low, high, bottom, 8);
     vertical(root, left, 8, bottom, ticks, y, axis, right);
+    const most = cells.reduce((all, cell) => Math.max(all, cell[3]), 1);
+    const shadeOf = (count) => Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
     sessions.forEach((session, side) => {
       const w = session.times.width;
       if (several) {
@@ -320,13 +322,12 @@
         if (path) root.append(svg("path", { class: `line s${side}`, d: path }));
         return;
       }
-      const most = session.times.cells.reduce((all, cell) => Math.max(all, cell[3]), 1);
       const shades = ["", "", "", "", ""], drawnCells = [];
       for (const one of session.times.cells) {
         const [seconds, from, to, count] = one;
         if (!inside(seconds, seconds + w)) continue;
         const begin = Math.max(left, x(seconds)), end = Math.min(right, x(seconds + w));
-        const shade = Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
+        const shade = shadeOf(count);
         const box = [at(begin), at(y(to)), at(Math.max(2, end - begin)), at(Math.max(2, y(from) - y(to)))];
         shades[shade] += `M${box[0]} ${box[1]}h${box[2]}v${box[3]}h${-box[2]}Z`;
         drawnCells.push([...box, one]);
@@ -336,7 +337,7 @@
         const found = drawnCells.find((box) => px >= box[0] && px <= box[0] + box[2] && py >= box[1] && py <= box[1] + box[3]);
         if (!found) return "";
         const [seconds, from, to, count] = found[4];
-        return `${integer(count)} answers in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${round(w * 1e9)}`;
+        return `${integer(count)} answer${count === 1 ? "" : "s"} in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${round(w * 1e9)}`;
       };
       for (const [seconds, ns, key, what] of session.points) {
         if (!inside(seconds, seconds)) continue;
@@ -344,7 +345,7 @@
       }
     });
     const note = several ? `Medians in bins of ${round(sessions[0].times.width * 1e9)}; no line means no answer.` : `Density in bins of ${round(sessions[0].times.width * 1e9)}; the ${sessions[0].points.length} slowest answers are points that lead to their rows.${lowest < SHORTEST ? " At the lower edge: answers captured before their requests." : ""}`;
-    return [root, several ? legend([["outline s0", "A"], ["outline s1", "B (dashed)"]]) : legend([["heat h2", "few answers"], ["heat h5", "many answers"], ["point", "one of the slowest"]]), html("p", { class: "quiet", text: note })];
+    return [root, several ? legend([["outline s0", "A"], ["outline s1", "B (dashed)"]]) : legend([[`heat h${shadeOf(1) + 1}`, "1 answer"], ...(most > 1 ? [["heat h5", `${integer(most)} answers`]] : []), ["point", "one of the slowest"]]), html("p", { class: "quiet", text: note })];
   }
 
   // ---- rows on a logarithmic axis (a label names the host where there are several): distributions and polls -------------------------------------------------------------

@@ -155,7 +155,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
         root.querySelector('.ground').dispatchEvent(new PointerEvent('pointermove', {bubbles: true,
             clientX: frame.left + (arguments[0] + 1) * ratio, clientY: frame.top + (arguments[1] + 1) * ratio}));
         return document.getElementById('tip').textContent;"""
-    assert re.match(r"\d+ answers in ", browser.run(hover, float(box[1]), float(box[2])))
+    assert re.match(r"(1 answer|\d+ answers) in ", browser.run(hover, float(box[1]), float(box[2])))
     assert browser.count("#plot-times circle.point") == len(data["points"]) >= 5
     assert browser.count("#plot-spreads a.hit") == len(data["spreads"]["rows"]) == 4
     assert browser.count("#plot-polls a.hit") == len(data["polls"]["rows"]) == 2
@@ -171,6 +171,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
     assert path_of_steps.startswith("M")
     assert browser.count("#plot-rates a[href='#f-transaction.item_error']") >= 1
     browser.open(written(path.parent, "plant", page_of(PLANT, tags=['DB1."setpoint"'])))
+    assert browser.texts("#plot-times .legend li") == ["1 answer", "one of the slowest"]  # no cell has more
     assert browser.count("#plot-lanes svg.timed rect.span") == 7
     assert browser.texts("#plot-lanes g text") == ["STOP", "RUN"]
     assert "the polling of S7comm-plus are among the operations" in browser.texts("#plot-polls p")[0]
