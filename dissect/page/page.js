@@ -536,7 +536,7 @@
   const rowsByKey = new Map();
   const FIRST = 25, MORE = 200;
   function cell(session, kind, value) {
-    if (kind === "duration") return duration(value);
+    if (kind === "duration") return value < 0 ? "?" : duration(value);  // captured before its request: nobody can say
     if (kind === "size") return size(value);
     if (kind === "seconds") return moment(session, value);
     if (kind === "number") return value === null ? "–" : integer(value);

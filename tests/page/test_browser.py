@@ -330,6 +330,15 @@ def test_times_of_several_years_have_their_year_and_names_of_files_their_room(br
     assert browser.run(touching) == []
 
 
+def test_an_answer_captured_before_its_request_took_nobody_knows_how_long(browser: Browser, folder: Path) -> None:
+    packets = read(begun(Flow(ports=(40006, 102))), 1).packets()
+    early, late = packets[-2:]
+    turned = [*packets[:-2], late._replace(time_ns=early.time_ns), early._replace(time_ns=late.time_ns)]
+    browser.open(written(folder, "turned", page_of(saved(folder / "turned.pcapng", turned))))
+    rows = browser.texts("#table-functions tbody tr")
+    assert [row.endswith("???") for row in rows if "Read Var" in row] == [True]
+
+
 def test_labels_stay_in_their_plot(browser: Browser, folder: Path) -> None:
     """Long subjects of polls and axes of a few minutes at every width: nothing leaves the figure, no two labels touch."""
     talk = begun()
