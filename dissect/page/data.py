@@ -191,6 +191,7 @@ class Data:
                 {
                     "client": self._of.rows.station((client, vlan)),
                     "server": self._of.rows.station((server, vlan)),
+                    "search": self._of.rows.searched(client, server, vlan),
                     "connections": pair.connections,
                     "pdus": pair.pdus,
                     "octets": pair.octets,
@@ -375,6 +376,7 @@ class Data:
         rows = []
         for number, device in enumerate(inventory.devices, 1):
             told = device_row(device, self._of.rows.places)
+            told["asks"] = ", ".join([self._of.rows.host(talk.server) for talk in device.asks])
             said = [shortened(told[column], _TEXT) for column in _DEVICE_TEXTS]
             rows.append(
                 {

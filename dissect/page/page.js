@@ -440,7 +440,7 @@
       for (const pair of pairs) {
         const from = place(clients, pair.client), to = place(servers, pair.server), bend = (right - left) * 0.45;
         const said = `${pair.client} → ${pair.server}\n${size(pair.octets)}, ${integer(pair.pdus)} PDUs, ${integer(pair.connections)} connection${pair.connections === 1 ? "" : "s"}` + (pair.errors ? `\n${integer(pair.errors)} with errors` : "") + (pair.missed ? `\n${integer(pair.missed)} without answer` : "") + `\nworst finding: ${pair.worst || "none"}`;
-        root.append(svg("a", { class: "hit", href: `#${prefixes[side]}table-connections`, "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[side]}connections`).search(`${pair.client} ${pair.server}`) },
+        root.append(svg("a", { class: "hit", href: `#${prefixes[side]}table-connections`, "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[side]}connections`).search(pair.search) },
           svg("path", { class: `edge ${pair.worst}`, "stroke-width": at(1.5 + 14 * Math.sqrt(pair.octets / most)), d: `M${at(left)} ${at(from)}C${at(left + bend)} ${at(from)} ${at(right - bend)} ${at(to)} ${at(right)} ${at(to)}` })));
       }
       const cut = (name) => fitted(name, room - 16);

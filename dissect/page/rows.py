@@ -75,6 +75,12 @@ class Rows:
         """Return a machine for a person: its name of the settings or its address, and its VLAN."""
         return within(self.host(station[0]), station[1])
 
+    def searched(self, client: str, server: str, vlan: int) -> str:
+        """Return what finds the connections of two machines in their table: 10.0.0.1: is not 10.0.0.10:."""
+        named = [(host, self.host(host)) for host in (client, server)]
+        found = " ".join([f"{name}]:" if name == host and ":" in host else f"{name}:" for host, name in named])
+        return within(found, vlan)
+
     def talk(self, connection: Connection, asked_by: int) -> str:
         """Return who asks whom on a connection, with their VLAN."""
         ends = connection.tcp.ends

@@ -227,9 +227,22 @@ def test_plots_rows_and_findings_lead_to_each_other(browser: Browser, busy: tupl
     pair = data["talks"]["pairs"][0]
     assert (
         browser.run("return document.querySelector('#table-connections input').value")
-        == f"{pair['client']} {pair['server']}"
+        == f"{pair['client']}: {pair['server']}:"
     )
     assert browser.count("#table-connections tbody tr:not(.how)") == 1
+
+
+def test_a_pair_of_hosts_leads_to_its_connections_only(browser: Browser, folder: Path) -> None:
+    ends = [("10.0.0.1", "10.0.0.2"), ("10.0.0.10", "10.0.0.2"), ("10.0.0.1", "10.0.0.20"), ("fe80::1", "fe80::2")]
+    packets = [packet for client, server in ends for packet in begun(Flow(client, server)).packets()]
+    browser.open(written(folder, "pairs", page_of(saved(folder / "pairs.pcapng", sorted(packets)))))
+    for number, (client, server) in enumerate(ends, 1):
+        browser.run(
+            """[...document.querySelectorAll('#plot-talks a.hit')].find((one) => one.dataset.tip.startsWith(arguments[0]))
+               .dispatchEvent(new MouseEvent('click', {bubbles: true}))""",
+            f"{client} → {server}\n",
+        )
+        assert len(browser.texts("#table-connections tbody tr")) == 1, number
 
 
 def test_durations_are_written_as_the_commands_write_them(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:

@@ -16,9 +16,10 @@ from typing import Any
 import pytest
 
 from dissect import analyze
+from dissect.page.data import Data
 from dissect.page.rendering import embedded
 from tests.cli.support import run
-from tests.page.support import NAUGHTY, data_of, page_of, session_of
+from tests.page.support import NAUGHTY, data_of, gathered_of, page_of, session_of
 from tests.report.schemas import ROOT
 
 STYLE = files("dissect.page").joinpath("page.css").read_text(encoding="utf-8")
@@ -196,3 +197,11 @@ def test_functions_are_of_who_answers_and_commands_name_both() -> None:
     (row,) = [row for row in table["rows"] if row["cells"][1] == "Download block"]
     assert row["cells"][0] == "192.0.2.10"
     assert """'answered_by == 192.0.2.10 and function == "Download block"'""" in row["show"]
+
+
+def test_hosts_have_their_names_wherever_they_stand_in_a_table() -> None:
+    names = {"192.0.2.20": "Press", "192.0.2.10": "Desk", "192.0.2.30": "Panel"}
+    gathered = gathered_of([ROOT / "captures" / "crafted" / "plus-plant.pcapng"], hosts=names)
+    for table in Data(gathered, "").as_dict()["tables"]:
+        for row in table["rows"]:
+            assert not [cell for cell in row["cells"] if isinstance(cell, str) and "192.0.2." in cell], table["name"]
