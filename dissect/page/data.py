@@ -12,7 +12,7 @@ from typing import Any, Final
 from dissect.findings.catalogue import CATALOGUE
 from dissect.inventory.rows import device_row
 from dissect.page.bins import lower_end
-from dissect.page.gathered import BANDS, Gap, Gathered
+from dissect.page.gathered import BANDS, Gap, Gathered, SpreadOf
 from dissect.page.numbers import how_often
 from dissect.page.rows import OUTCOME_NAMES, Station, host_filter, selecting, station_of
 from dissect.page.tag_steps import TagSteps
@@ -134,6 +134,7 @@ class Data:
         answered = [entry for entry in self._of.spreads.items() if entry[1].times.count]
         found = sorted(answered, key=lambda entry: (-entry[1].times.count, entry[0]))
         rows = []
+        keys = {name: f"f{number}" for number, (name, _) in enumerate(self._all_functions(), 1)}
         for (host, function), spread in found[:_SPREADS]:
             times = spread.times
             bands: dict[int, int] = {}
@@ -141,6 +142,7 @@ class Data:
                 bands[number // 8] = bands.get(number // 8, 0) + count
             rows.append(
                 {
+                    "key": keys[host, function],
                     "host": self._of.rows.station(host),
                     "function": function,
                     "count": times.count,
@@ -163,7 +165,7 @@ class Data:
         rows = [
             {
                 "host": self._of.rows.station(station_of(known.connection)),
-                "key": f"c{known.connection.number}",
+                "key": f"p{number}",
                 "subject": shortened(known.subject, _TEXT),
                 "count": known.count,
                 "p5": known.periods.quantile(0.05),
@@ -173,7 +175,7 @@ class Data:
                 "max": known.periods.largest,
                 "jitter": known.periods.deviation,
             }
-            for known in found[:_POLLS]
+            for number, known in enumerate(found[:_POLLS], 1)
         ]
         return {"rows": rows, "total": len(found), "not_followed": self._of.requests.not_followed}
 
@@ -396,10 +398,14 @@ class Data:
         ]  # fmt: skip
         return self._table("devices", "Devices", columns, rows, len(rows) + inventory.devices_not_listed)
 
+    def _all_functions(self) -> list[tuple[tuple[Station, str], SpreadOf]]:
+        """Return who answered which function, the most frequent first: the rows of their table."""
+        return sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0]))
+
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
         known = frozenset(function_names())  # what -Y takes; others have only a number, or are of a dictionary
-        for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0])):
+        for (host, function), spread in self._all_functions():
             times = spread.times
             where = selecting("answered_by", host) + (f' and function == "{function}"' if function in known else "")
             rows.append(

@@ -389,7 +389,7 @@
     const root = ranged(width, rows, "Answer times by device and function", Math.min(...rows.map((row) => Math.max(row.min, 1))), Math.max(...rows.map((row) => row.max)), text, (into, row, x, y) => {
       const most = Math.max(...row.bands.map((band) => band[2]));
       const said = `${text(row)}\nmedian ${duration(row.median)}, 95 % within ${duration(row.p95)}, longest ${duration(row.max)}` + (row.errors ? `\n${integer(row.errors)} with errors` : "") + (row.missed ? `\n${integer(row.missed)} without answer` : "");
-      const group = svg("a", { class: "hit", href: "#table-functions", "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[row.side]}functions`).search(`${row.host} ${row.function}`) });
+      const group = svg("a", { class: "hit", href: `#${prefixes[row.side]}${row.key}`, "data-tip": said, "aria-label": said });
       for (const [from, to, count] of row.bands) {
         const shade = 1 + Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
         const high = 4 + 12 * (count / most);
@@ -413,7 +413,7 @@
     const text = (row) => `${several ? `${letters[row.side]} ` : ""}${host(row)}${row.subject}`;
     const root = ranged(width, rows, "Polling periods", Math.min(...rows.map((row) => Math.max(row.min, 1))), Math.max(...rows.map((row) => row.max)), text, (into, row, x, y) => {
       const said = `${text(row)}\n${integer(row.count)} times, one in ${duration(row.median)} (median)\n90 % between ${duration(row.p5)} and ${duration(row.p95)}\nshortest ${duration(row.min)}, longest ${duration(row.max)}\njitter (standard deviation) ${duration(row.jitter)}`;
-      into.append(svg("a", { class: "hit", href: `#${prefixes[row.side]}table-polls`, "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[row.side]}polls`).search(row.subject) },
+      into.append(svg("a", { class: "hit", href: `#${prefixes[row.side]}${row.key}`, "data-tip": said, "aria-label": said },
         svg("line", { class: "whisker", x1: at(x(row.min)), x2: at(x(row.max)), y1: y, y2: y }),
         svg("line", { class: `range s${row.side}`, x1: at(x(row.p5)), x2: at(Math.max(x(row.p95), x(row.p5) + 2)), y1: y, y2: y }),
         svg("line", { class: "tick", x1: at(x(row.median)), x2: at(x(row.median)), y1: y - 8, y2: y + 8 })));

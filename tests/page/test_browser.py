@@ -245,6 +245,20 @@ def test_a_pair_of_hosts_leads_to_its_connections_only(browser: Browser, folder:
         assert len(browser.texts("#table-connections tbody tr")) == 1, number
 
 
+def test_distributions_and_polls_lead_to_their_rows(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, data = busy
+    for plot, rows, said in (
+        ("spreads", data["spreads"]["rows"], lambda row: [row["host"], row["function"]]),
+        ("polls", data["polls"]["rows"], lambda row: [row["host"], row["subject"]]),
+    ):
+        for number, row in enumerate(rows):
+            link = f"return document.querySelectorAll('#plot-{plot} a.hit')[{number}].getAttribute('href')"
+            browser.open(path)
+            browser.open(path, fragment=browser.run(link))
+            cells = browser.texts("tr.found td")
+            assert [cell for cell in said(row) if cell in cells] == said(row), cells
+
+
 def test_durations_are_written_as_the_commands_write_them(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
     path, data = busy
     browser.open(path)
