@@ -123,6 +123,7 @@ class Run:
         if self._joined:
             return
         self._joined = True
+        self.files[-1].first_ns = time_ns
         gap = time_ns - self.pipeline.now_ns
         if not 0 <= gap <= CONTINUES_NS:
             self.pipeline.finish()
@@ -147,6 +148,10 @@ class Run:
         self._reader = None
         file.packets = reader.packets
         file.octets = reader.octets
+        if file.packets:
+            file.last_ns = self.pipeline.now_ns
+            if file is self.files[0]:  # which is not joined to anything
+                file.first_ns = self.pipeline.first_ns
         file.damage = reader.damage
         file.rejected = reader.rejected
         file.notes = list(reader.notes)

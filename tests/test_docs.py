@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from dissect.cli.main import COMMANDS
 from tests.cli.support import run as cli
 from tests.conftest import Command
 
@@ -78,12 +79,12 @@ def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
 
 
 #: Each page that shows output of commands, and how often.
-SHOWING = {"README.md": 16, "docs/tutorial.md": 8}
+SHOWING = {"README.md": 16, "docs/devices.md": 1, "docs/tutorial.md": 8, "docs/values.md": 2}
 OUTPUTS = [
     (name, command, shown)
     for name in SHOWING
     for command, shown in re.findall(
-        r"```\n\$ s7dissect (.*?)\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.DOTALL
+        r"```(?:console)?\n\$ s7dissect (.*?)\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.DOTALL
     )
 ]
 
@@ -115,6 +116,17 @@ def test_the_output_in_a_page_is_real(
         at += 1
 
 
+def test_the_comment_in_the_page_of_evidence_is_real(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    shown = re.search(
+        r"^    3\t(s7dissect: .*)$", (ROOT / "docs" / "evidence.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert shown is not None
+    out = tmp_path / "stop.pcapng"
+    capture = str(ROOT / "captures" / "plc-control.pcapng")
+    assert cli(capfdbinary, "cut", capture, "-o", str(out), "--finding", "security.plc_stop", "--around", "2").code == 0
+    assert shown[1].encode() in out.read_bytes()
+
+
 def test_every_command_and_option_in_the_recipes_exists(s7dissect: Command) -> None:
     tutorial = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
     recipes = re.findall(r"`s7dissect (\w+) ([^`]*)`", README) + re.findall(
@@ -143,3 +155,20 @@ def test_the_pictures_are_there_and_small_and_fetch_nothing() -> None:
         assert (ROOT / name).stat().st_size < 200_000, name
     assert (ROOT / named[0]).read_bytes().startswith(b"\x89PNG")
     assert re.findall(r"(?:url\(.?|href=.)https?:", (ROOT / named[1]).read_text(encoding="utf-8")) == []
+
+
+def test_the_page_of_commands_has_all_of_them_and_who_takes_which_option(s7dissect: Command) -> None:
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    cells = [line.split(" | ")[0] for line in page.split("\n\n")[1].splitlines()]
+    assert set(re.findall(r"`([a-z-]+)[ `]", "\n".join(cells))) == set(COMMANDS)
+    helps = {name: s7dissect(name, "--help").stdout.decode() for name in COMMANDS}
+    for option, told in (
+        ("--where EXPR", re.search(r"^(`analyze`, .*) take `-Y EXPR`", page, re.MULTILINE)),
+        ("--fail-on WHAT", re.search(r"^`--fail-on WHAT` \((.*);", page, re.MULTILINE)),
+    ):
+        assert told is not None
+        takes = {name for name, text in helps.items() if option in text} - {
+            "index",
+            "extcap",
+        }  # which say so themselves
+        assert set(re.findall(r"`([a-z-]+)`", told[1])) == takes

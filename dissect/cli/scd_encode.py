@@ -32,12 +32,20 @@ _KINDS: Final[dict[str, tuple[Service, Phase]]] = {
     "pdo": ("pdo", "push"),
 }
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}))?")
-_NUMBERS: Final = ("tid", "err", "port", "src", "dst", "seq")
+#: Fields of an envelope that an option gives, and what they are.
+_NUMBERS: Final = {
+    "tid": "number of the transaction",
+    "err": "error code, 0 for none",
+    "port": "port of the application",
+    "src": "source, where the envelope has one",
+    "dst": "destination, where the envelope has one",
+    "seq": "sequence number, where the envelope has one",
+}
 
 
 def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
-    for name in reversed(_NUMBERS):
-        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"With --message: its {name}.")(
+    for name, meaning in reversed(_NUMBERS.items()):
+        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"With --message: {meaning}.")(
             command
         )
     return command

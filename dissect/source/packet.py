@@ -67,13 +67,18 @@ class CaptureError(Exception):
 
 
 class SourceFile:
-    """One file of a run: its name, the number of its first packet in the run, what was read of it, its damage."""
+    """One file of a run: its name, the number of its first packet in the run, what was read of it, its damage.
+
+    ``first_ns`` and ``last_ns`` are the times of its first and last packet, nanoseconds since 1970; 0 before they are read.
+    """
 
     def __init__(self, name: str, first_frame: i64) -> None:
         self.name: str = name
         self.first_frame: i64 = first_frame
         self.packets: i64 = 0
         self.octets: i64 = 0
+        self.first_ns: i64 = 0
+        self.last_ns: i64 = 0
         self.damage: str = ""
         self.rejected: i64 = 0
         self.notes: list[str] = []
