@@ -80,7 +80,7 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
     except ValueError:
         raise click.BadParameter(f"expected milliseconds, got {ms!r}.", ctx, param) from None
     if not 0 <= number <= 1e9:
-        raise click.BadParameter(f"{ms} is not between 0 and 1000000000.", ctx, param)
+        raise click.BadParameter(f"expected 0 to 1000000000 milliseconds, got {ms}.", ctx, param)
     return int(number * 1e6)
 
 
