@@ -92,6 +92,18 @@ def test_what_follows_a_finding_continues_under_its_first_word() -> None:
         assert all([one.startswith(" " * 8) and one[8] != " " for one in rest])
 
 
+@pytest.mark.parametrize(("count", "told"), [(1, 1), (2, 1), (14, 1), (14, 2), (3, 3), (14, 3), (14, 14)])
+def test_what_is_told_and_what_is_counted_add_up(count: int, told: int) -> None:
+    """Of some rules only the first time is told."""
+    rule = CATALOGUE["ip.bad_header"]
+    found = [Finding(rule, 0, [number], 0, "seen") for number in range(1, told + 1)]
+    lines = [line.text for line in finding_lines(rule, count, found, Places([SourceFile("a.pcap", 1)], False))]
+    shown = [line for line in lines if line.startswith("      packet ")]
+    more = [int(line.split()[1]) for line in lines if line.startswith("      and ")]
+    assert len(shown) == min(told, 3)
+    assert len(shown) + sum(more) == count
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [
