@@ -73,7 +73,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
 
 
 @click.command("monitor", epilog=_EXIT_CODES)
-@click.argument("file", required=False, type=click.Path(), metavar="[FILE]")
+@click.argument("file", required=False, type=click.Path(readable=False), metavar="[FILE]")
 @click.option("-i", "--interface", "interface", metavar="NAME", help="Interface to watch (see `s7dissect interfaces`).")
 @click.option(
     "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture filter, for example 'tcp port 102'."

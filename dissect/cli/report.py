@@ -70,7 +70,7 @@ def _two_captures(ctx: click.Context, param: click.Parameter, both: tuple[str, s
     "--diff",
     "both",
     nargs=2,
-    type=click.Path(),
+    type=click.Path(readable=False),
     default=None,
     callback=_two_captures,
     metavar="A B",

@@ -58,10 +58,12 @@ def _files(_ctx: click.Context, _param: click.Parameter, files: tuple[str, ...])
 
 
 #: The files to read: `-` is standard input, a pattern or a range of days what it finds.
-files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...", callback=_files)
+files_argument = click.argument(
+    "files", nargs=-1, required=True, type=click.Path(readable=False), metavar="FILE...", callback=_files
+)
 #: The same where a command does without.
 files_if_any: Final[Callable[[Any], Any]] = click.argument(
-    "files", nargs=-1, type=click.Path(), metavar="FILE...", callback=_files
+    "files", nargs=-1, type=click.Path(readable=False), metavar="FILE...", callback=_files
 )
 
 
