@@ -19,7 +19,6 @@ from dissect.transactions.open_requests import FEW_JOBS, GIVEN_UP_NS
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.codes import CodeTable
-from dissect.wire.text import duration_text
 
 #: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
 _MIN_PDU_LENGTH: Final = 64
@@ -202,8 +201,7 @@ def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
         if tsap is not None:
             said += f", called TSAP {tsap.describe()}"
     elif ending.oldest is not None:
-        age = duration_text(int(ending.time_ns - ending.oldest_ns))
-        said += f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {age} old"
+        said += f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {ending.age()}"
         said += ending.last_heard()
     frames = [frame for frame in (ending.oldest_frame, ending.frame) if frame]
     judge.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)

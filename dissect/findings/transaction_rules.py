@@ -74,7 +74,7 @@ from dissect.transactions.transaction import (
     Transaction,
 )
 from dissect.wire.octets import u16
-from dissect.wire.text import count, distance_text, duration_text, over_limit
+from dissect.wire.text import count, duration_text, over_limit
 
 #: Areas that have an element of their own, by the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
@@ -260,9 +260,9 @@ def _why(transaction: Transaction) -> str:
     connection = transaction.connection
     ending = connection.ending
     if transaction.reason == CONNECTION_CLOSED and ending is not None:
-        deed = ending.deed(connection)
+        deed = ending.deed_after(connection, transaction.request_frame, transaction.request_ns)
         if deed:
-            return f"{deed} {distance_text(int(transaction.request_ns - ending.time_ns))}"
+            return deed
     return REASON_TEXTS[transaction.reason]
 
 

@@ -54,10 +54,9 @@ def _before(ending: Ending, places: Places) -> str:
     oldest = ending.oldest
     if oldest is not None:
         at = places.phrase([int(ending.oldest_frame)])
-        age = words.duration(int(ending.time_ns - ending.oldest_ns))
         first = "" if ending.open_requests == 1 else "the oldest is "
         open_then = words.count(ending.open_requests, "request")
-        parts = f" with {open_then} pending: {first}{oldest.subject} ({at}), {age} old"
+        parts = f" with {open_then} pending: {first}{oldest.subject} ({at}), {ending.age()}"
     elif ending.how in {FIN, DISCONNECT, OPEN}:
         return ""
     return parts + ending.last_heard(

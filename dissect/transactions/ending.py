@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.wire.text import distance_text
+from dissect.wire.text import distance_text, duration_text
 
 if TYPE_CHECKING:
     from dissect.s7.parameters import Parameters
@@ -150,7 +150,29 @@ class Ending:
         if self.how not in _DEEDS:
             return ""
         then = f", the {connection.role(self.reset_side)} reset it," if self.reset_frame else ""
-        return f"the {connection.role(self.side)} {_DEEDS[self.how]}{then}"
+        return f"{self._first_deed(connection)}{then}"
+
+    def deed_after(self, connection: Connection, asked_frame: i64, asked_ns: i64) -> str:
+        """Say the same and when, beside a request, empty when neither did: ``the server reset the connection 1.20 s later``."""
+        if self.how not in _DEEDS:
+            return ""
+        if asked_ns > self.time_ns:
+            if asked_frame < self.frame:
+                return self.deed(connection).removesuffix(",")  # the clock ran backwards between the two
+            return f"sent {duration_text(asked_ns - self.time_ns)} after {self._first_deed(connection)}"
+        return f"{self.deed(connection)} {distance_text(asked_ns - self.time_ns)}"
+
+    def age(self) -> str:
+        """Say how old the oldest request was at the end, ``1.20 s old``; a side may still ask after the FIN of the other."""
+        asked_ns = self.oldest_ns
+        if asked_ns > self.time_ns:
+            if self.oldest_frame < self.frame or not self.frame:
+                return "of unknown age, the clock ran backwards"
+            return f"sent {duration_text(asked_ns - self.time_ns)} after the end had begun"
+        return f"{duration_text(self.time_ns - asked_ns)} old"
+
+    def _first_deed(self, connection: Connection) -> str:
+        return f"the {connection.role(self.side)} {_DEEDS[self.how]}"
 
     @property
     def cut(self) -> bool:
