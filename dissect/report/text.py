@@ -276,7 +276,7 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
         yield Line(f"     {said}", PLAIN, 5)
     if connection.refused:
         yield Line(f"     REFUSED: {connection.refused}", "error", 5)
-    granted, asked = connection.granted, connection.setup_asked
+    granted, asked = connection.granted, connection.granted_for or connection.setup_asked
     if granted is not None:
         wish = (
             f" (requested {asked.pdu_length})" if asked is not None and asked.pdu_length != granted.pdu_length else ""

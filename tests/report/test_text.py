@@ -202,6 +202,10 @@ def test_less_than_asked_is_granted() -> None:
     talk.send(0, dt(messages.setup(messages.JOB, 1, 8, 960))).send(1, dt(messages.setup(messages.ACK_DATA, 1, 3, 240)))
     told = connection_of(talk.packets())
     assert told[2] == "PDU length 240 (requested 960), parallel jobs (AmQ): client 3, server 3"
+    # A second setup that is refused changes nothing of it.
+    refused = messages.pdu(messages.ACK_DATA, 2, b"", b"", 0x8104)
+    talk.send(0, dt(messages.setup(messages.JOB, 2, 8, 480))).send(1, dt(refused))
+    assert connection_of(talk.packets())[2] == told[2]
 
 
 def test_an_unknown_client_is_no_arrow() -> None:
