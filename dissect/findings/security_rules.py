@@ -257,6 +257,8 @@ class SecurityWatch:
         body = transaction.request_body
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
+        if slug == "security.unknown_service" and _is_cut_short(transaction, name):
+            return
         if slug == "security.plc_start":
             self.tell(slug, transaction, f"{_named(transaction)}{accepted(transaction)}")
         elif slug:
@@ -464,6 +466,12 @@ def accepted(transaction: Transaction, code: int = -1) -> str:
     refused = transaction.error_code if code < 0 else code
     answered = transaction.outcome in {ANSWERED, ORPHAN}
     return ", accepted" if answered and not refused else ""
+
+
+def _is_cut_short(transaction: Transaction, name: str) -> bool:
+    """Return whether the name of a PI service is the beginning of one that is known, in a request that was captured in part."""
+    request = transaction.request
+    return request is not None and bool(request.malformed) and any([row.startswith(name) for row in PI_SERVICES])
 
 
 def _service_slug(name: str) -> str:
