@@ -68,12 +68,12 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     except ValueError:
         raise click.BadParameter(f"expected seconds, got {value!r}.", ctx, param) from None
     if not 0 < number <= 1e9:
-        raise click.BadParameter(f"{value} is not between 0 and 1000000000.", ctx, param)
+        raise click.BadParameter(f"expected more than 0 and at most 1000000000 seconds, got {value}.", ctx, param)
     return int(number * 1e9)
 
 
 @click.command("monitor", epilog=_EXIT_CODES)
-@click.argument("file", required=False, type=click.Path(), metavar="[FILE]")
+@click.argument("file", required=False, type=click.Path(readable=False), metavar="[FILE]")
 @click.option("-i", "--interface", "interface", metavar="NAME", help="Interface to watch (see `s7dissect interfaces`).")
 @click.option(
     "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture filter, for example 'tcp port 102'."

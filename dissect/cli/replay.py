@@ -60,7 +60,7 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
 
 
 @click.command("replay", epilog=_EXIT_CODES)
-@click.argument("file", metavar="FILE", type=click.Path())
+@click.argument("file", metavar="FILE", type=click.Path(readable=False))
 @click.option("--to", "to", metavar="HOST[:PORT]", help="The server (default port 102). Required unless --dry-run.")
 @click.option("--allow-remote", is_flag=True, help="Allow a --to address on another machine.")
 @click.option("--allow-write", is_flag=True, help="Also send Write Var.")

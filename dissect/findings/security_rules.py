@@ -257,6 +257,8 @@ class SecurityWatch:
         body = transaction.request_body
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
+        if slug == "security.unknown_service" and _is_cut_short(transaction, name):
+            return
         if slug:
             self.tell(slug, transaction)
 
@@ -458,6 +460,12 @@ def _forced(transaction: Transaction) -> str:
     """Return the function, and which variables it sets to which value; empty where the request does not say it."""
     said = items_said(transaction.connection.naming, transaction.results(), True, _NAMED)
     return f"{transaction.function_name} {said}" if said else ""
+
+
+def _is_cut_short(transaction: Transaction, name: str) -> bool:
+    """Return whether the name of a PI service is the beginning of one that is known, in a request that was captured in part."""
+    request = transaction.request
+    return request is not None and bool(request.malformed) and any([row.startswith(name) for row in PI_SERVICES])
 
 
 def _service_slug(name: str) -> str:

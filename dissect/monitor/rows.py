@@ -230,7 +230,7 @@ def _took(entry: Entry) -> str:
         return "-"
     if isinstance(what, Transaction):
         return words.answer_time(what.latency_ns)
-    return words.duration(what.duration_ns)
+    return words.answer_time(what.duration_ns)
 
 
 def _frames(entry: Entry) -> str:

@@ -56,7 +56,7 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     return (
         f"{clock.moment(operation.begin_ns)}  #{operation.number:<4} {frames:<12}"
         f" {places.end(ends[operation.asked_by])} → {places.end(ends[1 - operation.asked_by])}"
-        f"  {words.duration(operation.duration_ns):>8}  {NAMES[operation.kind]}  {said}"
+        f"  {words.answer_time(operation.duration_ns):>8}  {NAMES[operation.kind]}  {said}"
     )
 
 
@@ -78,7 +78,8 @@ def _carried(operation: Operation) -> str:
     each = operation.push_interval_ns
     if operation.kind == POLLING and operation.parts > 1:
         each = operation.duration_ns // int(operation.parts - 1)
-    if operation.pushes > 1 or (operation.kind == POLLING and operation.parts > 1):
+    # Below zero the clock of the capture ran backwards.
+    if each >= 0 and (operation.pushes > 1 or (operation.kind == POLLING and operation.parts > 1)):
         parts.append(f"one in {words.duration(each)} on average")
     if operation.octets:
         announced = f" of {operation.announced}" if operation.announced not in {-1, operation.octets} else ""

@@ -80,3 +80,19 @@ def test_a_subscription_that_ran_to_the_end_of_its_connection_ended_with_it() ->
         talk.finish()
         said.append(line(talk.operations[-1]).rpartition("  ")[2])
     assert said == ["ended with the connection", "running (capture ends)"]
+
+
+def test_what_a_clock_that_ran_backwards_cannot_tell_is_left_out() -> None:
+    talk = begun()
+    talk.ask(events.asks(1, 2, 1, events.CYCLIC))
+    talk.tell(events.tells(1, 2, 1, events.CYCLIC_VALUES, sequence=5))
+    for number in range(3):
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5), after_ns=-(10**9) if number else 10**6)
+    talk.finish()
+    operation = only(talk)
+    assert (operation.pushes, operation.push_interval_ns) == (3, -(10**9))
+    said = line(operation)
+    assert "3 pushes of them, " in said
+    assert "on average" not in said
+    operation.end_ns = operation.begin_ns - 1
+    assert line(operation).partition(":102")[2].startswith("         ?  cyclic reading")

@@ -25,7 +25,7 @@ _PERIOD = re.compile(r"([0-9]{1,6})(s|min|h)")
 _HOUR = 3600 * 1_000_000_000
 _PERIODS = {"s": 1_000_000_000, "min": 60_000_000_000, "h": _HOUR}
 _LEAST = 10_000_000_000
-_FILE = click.Path(dir_okay=False)
+_FILE = click.Path(dir_okay=False, readable=False)
 #: Octets of the ring that are written together; what is gathered is written several times a second in any case.
 _BATCH = 64 * 1024
 
