@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -14,6 +13,7 @@ from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.second_pass import check_out
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError, Session
 from dissect.report import words
@@ -181,7 +181,10 @@ def command(
         raise click.UsageError("missing --to HOST:PORT, the server (or --dry-run).")
     if dry_run and format_ is not formats_for(DIFFERENCES)[0]:
         raise click.UsageError("--dry-run writes text only; -T applies to the result of a replay.")
-    _check_output(file, output)
+    if output == "-":
+        raise click.UsageError("-w needs a file: standard output is used for the differences.")
+    if output is not None and not dry_run:
+        check_out((file,), output, force)
     recorded = load_recorded(file, decoder)
     plan = make_plan(recorded, numbers, _place(tsap, rack, slot))
     if not one_by_one:
@@ -206,13 +209,6 @@ def _place(tsap: bytes | None, rack: int | None, slot: int | None) -> bytes | tu
     if tsap is not None or rack is None or slot is None:
         raise click.UsageError("--rack and --slot must be given together, and without --tsap.")
     return rack, slot
-
-
-def _check_output(file: str, output: str | None) -> None:
-    if output == "-":
-        raise click.UsageError("-w needs a file: standard output is used for the differences.")
-    if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
-        raise click.UsageError("-w would overwrite the recording.")
 
 
 def _replayed(

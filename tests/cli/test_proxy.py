@@ -294,7 +294,7 @@ def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path, capfdbinary: py
     path = tmp_path / "precious.pcapng"
     path.write_bytes(b"precious")
     told = refused(capfdbinary, "--to", "127.0.0.1", "--listen", "127.0.0.1:0", "-w", path)
-    assert told == f"s7dissect: {path}: File exists; choose another name\n"
+    assert told.endswith(f"Error: {path} exists; --force overwrites it.\n")
     assert path.read_bytes() == b"precious"
     with plc() as server, proxy(server.port, "-w", path, "--force") as made:
         used(made.port)

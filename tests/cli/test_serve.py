@@ -121,6 +121,22 @@ def test_wrong_use(s7dissect: Command, arguments: list[str], why: str) -> None:
     assert told.stdout == b""
 
 
+def test_the_recording_and_what_is_there_are_not_written_over(s7dissect: Command, tmp_path: Path) -> None:
+    recording, other = tmp_path / "recording.pcapng", tmp_path / "other.pcapng"
+    recording.write_bytes((CAPTURES / "szl-python.pcapng").read_bytes())
+    before = recording.read_bytes()
+    other.write_bytes(b"precious")
+    serve = ("serve", recording, "--listen", "127.0.0.1:0", "-w")
+    for out, force, says in (
+        (recording, ("--force",), "is both input and output; choose another OUT."),
+        (other, (), "exists; --force overwrites it."),
+    ):
+        ran = s7dissect(*serve, out, *force)
+        assert ran.returncode == 2
+        assert f"{out} {says}" in ran.stderr.decode()
+    assert (recording.read_bytes(), other.read_bytes()) == (before, b"precious")
+
+
 def test_files_that_cannot_be_served(s7dissect: Command, tmp_path: Path) -> None:
     told = s7dissect("serve", CAPTURES / "refused-port.pcapng")
     assert (told.returncode, told.stdout) == (2, b"")
