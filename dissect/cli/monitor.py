@@ -68,13 +68,28 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     except ValueError:
         raise click.BadParameter(f"expected seconds, got {value!r}.", ctx, param) from None
     if not 0 < number <= 1e9:
-        raise click.BadParameter(f"{value} is not between 0 and 1000000000.", ctx, param)
+        raise click.BadParameter(f"expected more than 0 and at most 1000000000 seconds, got {value!r}.", ctx, param)
     return int(number * 1e9)
+
+
+def _one(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> str | None:
+    """Return the interface: of several, which the capture programs take, all but the last would go unseen."""
+    if len(values) > 1:
+        raise click.BadParameter("only one interface can be watched: start a monitor for each.", ctx, param)
+    return values[0] if values else None
 
 
 @click.command("monitor", epilog=_EXIT_CODES)
 @click.argument("file", required=False, type=click.Path(), metavar="[FILE]")
-@click.option("-i", "--interface", "interface", metavar="NAME", help="Interface to watch (see `s7dissect interfaces`).")
+@click.option(
+    "-i",
+    "--interface",
+    "interface",
+    multiple=True,
+    callback=_one,
+    metavar="NAME",
+    help="Interface to watch (see `s7dissect interfaces`).",
+)
 @click.option(
     "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture filter, for example 'tcp port 102'."
 )

@@ -235,6 +235,11 @@ class LiveRun:
         return int(self._source.octets)
 
     @property
+    def notes(self) -> list[str]:
+        """What a live source has said so far, in sentences; a file says it when it was read (``file.notes``)."""
+        return self._source.notes if self._live is not None else []
+
+    @property
     def now_ns(self) -> int:
         """The time by the clock of the capture; that of this machine while nothing was captured yet."""
         if not self.pipeline.frames:

@@ -88,6 +88,7 @@ class Session:
         self._thread: threading.Thread | None = None
         self._stop_asked = False
         self._failures_told = 0
+        self._notes_told = 0
         self._patient = False
         self.engine = ""
         self.error: Exception | None = None
@@ -205,6 +206,9 @@ class Session:
         for told in run.failures[self._failures_told :]:
             fresh.append(Event(PROBLEM, run.now_ns, told))
             self._failures_told += 1
+        for note in run.notes[self._notes_told :]:
+            fresh.append(Event(PROBLEM, run.now_ns, note))
+            self._notes_told += 1
         if not fresh:
             return
         self._collector.fresh = []
