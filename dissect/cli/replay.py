@@ -11,9 +11,10 @@ import click
 from dissect.cli.diff import Comparison
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import write_text
-from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
+from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.second_pass import check_out
+from dissect.cli.watching import Interruption
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError, Session
 from dissect.report import words
@@ -32,7 +33,8 @@ REPLAY_SCHEMA: Final = "s7dissect.replay/1"
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the answers match the recording, 1 they differ, 2 wrong use, an unreadable or damaged file, or a target that "
-    "is not allowed or cannot be reached, 5 the output could not be written, 130 interrupted."
+    "is not allowed or cannot be reached, 5 the output could not be written, 130 interrupted by SIGINT or SIGTERM (with "
+    "results)."
 )
 _TSAP: Final = re.compile(r"[0-9A-Fa-f]{2}(?:\.?[0-9A-Fa-f]{2})*")
 _MAX_TSAP: Final = 32
@@ -220,11 +222,14 @@ def _replayed(
     decoder: PayloadDecoder | None,
 ) -> Outcome:
     from dissect.playback.client import places_of, replay
+    from dissect.playback.client.watch import Watch
 
     places = places_of(*where)
     writer = _writer(*out) if out[0] is not None else None
+    watch = Watch()
     try:
-        return replay(recorded, plan, places, where[0], *how, writer, decoder)
+        with Interruption(watch.halt):
+            return replay(recorded, plan, places, where[0], *how, writer, decoder, watch)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
 
@@ -251,6 +256,9 @@ def _report(outcome: Outcome, options: DiffOptions, format_: Format, most: int) 
     if outcome.file_trouble:
         _say(f"the capture file is incomplete: {outcome.file_trouble}")
         return EXIT_OUTPUT
+    if outcome.interrupted:
+        _say("interrupted")
+        return EXIT_INTERRUPTED
     if outcome.unreachable or outcome.expected.damage:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK
