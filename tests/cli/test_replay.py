@@ -201,20 +201,9 @@ def test_a_signal_ends_it_in_order_and_what_was_sent_until_then_is_told(number: 
     """Requests may have written: who breaks a replay off has to know how far it came."""
     path, out = CAPTURES / "nodes7-poll.pcapng", tmp_path / "out.pcapng"
     with Server(path, faults=["drop:3"]) as server:
-        command = [
-            sys.executable,
-            "-m",
-            "dissect",
-            "replay",
-            path,
-            "--to",
-            f"127.0.0.1:{server.port}",
-            "--timeout",
-            "60",
-        ]
-        with subprocess.Popen(
-            [*command, "-w", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        ) as process:
+        to = ["--to", f"127.0.0.1:{server.port}", "--timeout", "60"]
+        command = [sys.executable, "-m", "dissect", "replay", str(path), *to, "-w", str(out)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             end = time.monotonic() + 60
             while len(server.requests) < 3:
                 assert time.monotonic() < end
