@@ -114,6 +114,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
             ["-i", "lo", "--only", "nothing"],
             "expected connections, transactions, operations, findings, devices, scd, got 'nothing'",
         ),
+        (["-i", "lo", "--only", ""], "devices, scd, got ''"),
         (["-i", "lo", "-b", "files:3"], "files:N sets"),
         (["-i", "lo", "-b", "filesize:3"], "need -w, where"),
         (["-i", "lo", "--keep-around", "error", "30s"], "need -w, where"),
@@ -354,6 +355,14 @@ name = "refused"
 when = "finding"
 finding = "transaction.item_error"
 """
+
+
+def test_rules_that_need_a_baseline_name_the_option(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text('[[rule]]\nname = "n"\nwhen = "new"\n', encoding="utf-8")
+    ran = run(capfdbinary, "monitor", simple(tmp_path / "a.pcapng"), "--alerts", rules)
+    assert ran.code == 2
+    assert ran.err.endswith("\"new\" of 'n' needs a baseline: give one with --baseline.\n")
 
 
 def test_alerts_are_raised(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

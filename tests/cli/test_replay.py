@@ -88,7 +88,7 @@ def test_another_machine_is_refused_before_any_packet(
     monkeypatch.setattr(socket, "socket", _never)
     told = run(capfdbinary, "replay", path, "--to", "192.0.2.1", "-w", tmp_path / "out.pcapng")
     assert (told.code, told.out) == (2, "")
-    assert "192.0.2.1:102 is not on this machine: nothing was sent; add --allow-remote" in told.err
+    assert "192.0.2.1:102 is not a loopback address of this machine: nothing was sent; add --allow-remote" in told.err
     assert not (tmp_path / "out.pcapng").exists()
 
 
@@ -101,7 +101,7 @@ def test_a_name_of_another_machine_is_refused_before_any_packet(
     monkeypatch.setattr(socket, "socket", _never)
     told = run(capfdbinary, "replay", path, "--to", "plc-7", "-w", tmp_path / "out.pcapng")
     assert told.code == 2
-    assert "plc-7:102 is 192.0.2.7, not on this machine" in told.err
+    assert "plc-7:102 is 192.0.2.7, not a loopback address of this machine" in told.err
     assert not (tmp_path / "out.pcapng").exists()
 
 
@@ -179,7 +179,7 @@ def test_a_dry_run_opens_nothing_and_lists_everything(
 def test_a_dry_run_refuses_another_machine_too(capfdbinary: Capture, tmp_path: Path) -> None:
     told = run(capfdbinary, "replay", mixed(tmp_path / "m.pcapng"), "--to", "192.0.2.1", "--dry-run")
     assert (told.code, told.out) == (2, "")
-    assert "is not on this machine" in told.err
+    assert "is not a loopback address of this machine" in told.err
 
 
 def test_what_is_exchanged_is_kept_and_never_overwrites_what_is_there(capfdbinary: Capture, tmp_path: Path) -> None:

@@ -106,6 +106,7 @@ def test_several_files_are_one_recording(tmp_path: Path) -> None:
     ("arguments", "why"),
     [
         (["--listen", "0.0.0.0:0"], "0.0.0.0:0 can be reached from other machines, which would mistake it for a PLC"),
+        (["--listen", "0.0.0.0:4711"], "listen on 127.0.0.1:4711, or add --allow-remote"),
         (["--listen", "nowhere"], "is not an address"),
         (["--fault", "break:3"], "is not a fault"),
         (["--latency", "soon"], "expected recorded, none, or milliseconds"),

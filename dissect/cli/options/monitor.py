@@ -231,7 +231,7 @@ class Beside:
     def _alerts(self, path: str) -> Companion:
         from dissect.alerts.dispatcher import Dispatcher
         from dissect.alerts.engine import AlertEngine
-        from dissect.alerts.loading import load_rules
+        from dissect.alerts.loading import RuleError, load_rules
         from dissect.baseline.loading import load_baseline
         from dissect.live.alerting import AlertCompanion
         from dissect.scd.user_file import FileError
@@ -241,7 +241,11 @@ class Beside:
             baseline = load_baseline(self._baseline) if self._baseline is not None else None
             dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
             self.made += dispatcher.prepare()
-            return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
+            try:
+                engine = AlertEngine(rules, baseline, dispatcher.submit)
+            except RuleError as error:
+                raise click.UsageError(f"{error} with --baseline.") from None
+            return AlertCompanion(engine, dispatcher)
         except FileError as error:
             raise click.ClickException(str(error)) from None
 
