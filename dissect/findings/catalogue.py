@@ -57,8 +57,7 @@ class Rule:
 _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     # The capture itself.
     ("capture.damaged", WARNING, CAPTURE, "The capture is damaged, or ended too early.",
-     "Everything before that was analyzed. Of a file: copy it again, or stop the capture cleanly before copying. Of a live "
-     "capture: check the interface, or the program that captures.", ""),
+     "All before that was analyzed. Copy the file again after a clean stop; of a live capture, check the interface.", ""),
     ("capture.dropped", WARNING, CAPTURE, "Packets were lost while capturing.",
      "This can cause gaps and unanswered requests. Filter out what you do not need (-f), or capture on a faster machine.", ""),
     ("capture.cut_frames", WARNING, CAPTURE, "The capture kept only the beginning of some packets (snaplen).",
