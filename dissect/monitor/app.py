@@ -92,7 +92,7 @@ class MonitorApp(App[bool]):
     """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times.
 
     Of what rolls by only that is shown which ``where`` selects, until another expression is asked for. ``places`` names hosts.
-    ``wanted`` variables are watched from the beginning; without them all are, from the moment their values are asked for.
+    ``wanted`` variables are watched from the beginning; without them all are, once their values are asked for.
     """
 
     ENABLE_COMMAND_PALETTE = False
