@@ -343,7 +343,7 @@ def test_evidence_that_fails_later_is_told_and_the_rest_goes_on(tmp_path: Path) 
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert ran.returncode == 5
-    assert "PROBLEM the ring of files failed and was switched off: " in ran.stdout
+    assert "PROBLEM  the ring of files failed and was switched off: " in ran.stdout
     assert ran.stdout.count("Read Var") >= 300
     assert "s7dissect: the ring of files failed and was switched off: " in ran.stderr
     assert "Traceback" not in ran.stderr

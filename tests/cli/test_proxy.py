@@ -136,7 +136,7 @@ def test_a_server_that_is_not_there_is_told() -> None:
             snap7.client.Client().connect("127.0.0.1", 0, 2, made.port)
         code, lines, told = made.ended()
     assert code == 0
-    assert any("PROBLEM 127.0.0.1:" in line and "cannot be reached: Connection refused" in line for line in lines)
+    assert any("PROBLEM  127.0.0.1:" in line and "cannot be reached: Connection refused" in line for line in lines)
     assert "s7dissect: 0 connections relayed, 1 more failed to connect; " in told
 
 
