@@ -239,7 +239,7 @@ class Beside:
         try:
             rules = load_rules(path)
             baseline = load_baseline(self._baseline) if self._baseline is not None else None
-            dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
+            dispatcher = Dispatcher(rules.actions, write=self._alert, tell=self._say)
             self.made += dispatcher.prepare()
             try:
                 engine = AlertEngine(rules, baseline, dispatcher.submit)
@@ -264,8 +264,17 @@ class Beside:
         Path(directory).mkdir(parents=True, exist_ok=True)
         return ReportCompanion(directory, self._every_ns, name, __version__, clock(), hosts())
 
+    def _alert(self, line: str) -> None:
+        """Show the line of an alert where it will be seen; on the screens, whose clock stands above, without its time."""
+        if self._shown and self._session is not None:
+            from dissect.live.events import ALERT
+
+            self._session.say(line.partition("  ")[2], ALERT)
+        else:
+            self._say(line)
+
     def _say(self, line: str) -> None:
-        """Show an alert, or a message about one, where it will be seen."""
+        """Show a message about alerts where it will be seen."""
         if self._shown and self._session is not None:
             self._session.say(line)
             return
