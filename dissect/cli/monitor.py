@@ -195,7 +195,7 @@ def command(
         scrape.watch(session)
         beside.watch(session, on_screens)
         if on_screens:
-            code = _on_screens(session, slow_ns, chosen, wanted)
+            code = _on_screens(session, slow_ns, chosen, wanted, beside)
         else:
             code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics, chosen)
     return gate(session.run, fail_on, code)
@@ -300,7 +300,7 @@ def _screens_will_do() -> bool:
     return will_do()
 
 
-def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None) -> int:
+def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None, beside: Beside) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.monitor.terminal import NoKeyboardError, keyboard
     from dissect.report.words import Places
@@ -321,6 +321,7 @@ def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSe
             try:
                 interrupted = run_app(session, slow_ns, clock(), chosen.where, Places([], False, hosts()), wanted)
             finally:
+                beside.watch(session, False)  # what is said from now on, nobody would see there
                 session.close()
     except NoKeyboardError as error:
         raise click.ClickException(f"the screens need a terminal for the keys ({error}); use --plain") from None
