@@ -49,7 +49,9 @@ def test_another_machine_is_refused_without_looking_anything_up(text: str, monke
     monkeypatch.delattr(socket, "getaddrinfo")
     monkeypatch.delattr(socket, "socket")
     for refuse in (expect_allowed, places_of):
-        with pytest.raises(ReplayError, match="not a loopback address of this machine: nothing was sent; add --allow-remote"):
+        with pytest.raises(
+            ReplayError, match="not a loopback address of this machine: nothing was sent; add --allow-remote"
+        ):
             refuse(read_target(text), False)
 
 
