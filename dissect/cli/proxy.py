@@ -196,7 +196,7 @@ class _Lines:
         sent = " and ".join(
             [f"{octets} bytes from {who}" for octets, who in zip(relay.octets, ("clients", "the PLC"), strict=True)]
         )
-        unreached = f", {relay.failed} more failed to connect" if relay.failed else ""
+        unreached = f", {relay.failed} failed to connect" if relay.failed else ""
         _say(f"{words.count(relay.connections, 'connection')} relayed{unreached}; {sent}")
         for line in summary_lines(status, "file"):
             _say(line)
