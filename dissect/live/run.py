@@ -302,7 +302,7 @@ class LiveRun:
             self._close(companion)
 
     def _let_silence_count(self) -> None:
-        """End at the present time where the line was silent: what is open has been waiting until now, not until the last packet.
+        """End at the present time where the line was silent: what is open has waited until now, not until the last packet.
 
         A recording that came through a pipe ends with its last packet.
         """
