@@ -351,7 +351,8 @@ class SecurityWatch:
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
             within = duration_text(int(now_ns - since))
-            detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
+            who = f"{connection.client} and {connection.server}"
+            detail = f"{PACE} messages within {within} between {who}, both directions together"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:

@@ -294,9 +294,7 @@ _BY: Final = 16
 def watched_heads(title: str, width: int) -> str:
     """Return the heads of the columns, the title where the names stand."""
     name, trend = _watched_sizes(width)
-    return " ".join(
-        [fit(title, name), fit("value", _VALUE), fit("changed", _WHEN), fit("by", _BY), fit("trend", trend)]
-    )
+    return " ".join([fit(title, name), fit("value", _VALUE), fit("since", _WHEN), fit("by", _BY), fit("trend", trend)])
 
 
 def watched_row(facts: WatchedFacts, width: int, clock: Clock, look: Look, now_ns: int) -> list[Piece]:

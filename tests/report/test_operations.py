@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dissect.report.operations import operation_line
 from dissect.report.words import Places
+from dissect.report.writers.text import transaction_line
 from dissect.source.packet import SourceFile
 from dissect.transactions.operation import Operation
 from dissect.wire.text import Clock
@@ -42,9 +43,21 @@ def long_answer(group: int, subfunction: int, question: bytes, content: bytes) -
 def test_a_long_answer_names_what_it_lists_and_how_many_more() -> None:
     blocks = b"".join([bytes((0, number, 0x22, 1)) for number in range(1, 7)])
     assert line(long_answer(3, 2, b"0A", blocks)) == (
-        "2020-09-13 12:26:40.008000 UTC  #2    8→11         10.0.0.1:50000 → 10.0.0.2:102   3.00 ms  long answer"
+        "2020-09-13 12:26:40.008000 UTC  #2     8→11         10.0.0.1:50000 → 10.0.0.2:102   3.00 ms  long answer"
         "  DB → 1 (AWL/STL), 2 (AWL/STL), 3 (AWL/STL) and 3 more  2 transactions, 24 bytes  done"
     )
+
+
+def test_the_columns_of_an_operation_are_those_of_a_transaction() -> None:
+    """Both stand below each other in what is watched live."""
+    talk = begun()
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1, 7, 300))
+    talk.close()
+    of_transaction = transaction_line(talk.transactions[-1], Clock(), PLACES)
+    of_operation = line(only(talk))
+    assert of_operation.index("10.0.0.1:50000") == of_transaction.index("10.0.0.1:50000")
+    assert of_operation.index("  upload") == of_transaction.index("  Start upload")
 
 
 def test_a_long_subject_ends_in_dots() -> None:
