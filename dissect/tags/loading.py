@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from dissect.config.hints import close_to
+from dissect.config.hints import close_names, close_to
 from dissect.s7.tables import DB
 from dissect.s7plus.program import Program
 from dissect.source.files import compression
 from dissect.source.pcap import PCAP_MAGICS
 from dissect.source.pcapng import PCAPNG_MAGIC
 from dissect.tags.captures import read_capture
-from dissect.tags.csv_tables import looks_like_table, read_csv
+from dissect.tags.csv_tables import first_line, has_header, looks_like_table, read_csv
 from dissect.tags.declarations import Block, Shape, essence, looks_like_source, read_declarations
 from dissect.tags.decoding import EncodingError, decode_text
 from dissect.tags.json_lists import read_json
@@ -24,7 +24,7 @@ from dissect.tags.layout import Layout, LayoutError, type_names
 from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming
 from dissect.tags.problems import ERROR, Problem
-from dissect.tags.symbol_tables import TIA_FIELDS, is_asc, read_asc, read_dif, read_sdf, read_seq
+from dissect.tags.symbol_tables import TIA_FIELDS, V5_FIELDS, is_asc, read_asc, read_dif, read_sdf, read_seq
 from dissect.tags.tag_file import TagFile
 from dissect.tags.types import unknown
 from dissect.tags.xlsx_files import is_workbook, read_xlsx
@@ -175,7 +175,7 @@ def _missing(path: str, what: str, library: str) -> ImportError:
 
 
 def _text(text: str, file: TagFile) -> None:
-    first = next((line for line in text.splitlines() if line.strip()), "")
+    first = first_line(text)
     if first.lstrip().startswith(("{", "[")) and not looks_like_source(text):
         read_json(text, file)
     elif is_asc(first):
@@ -184,7 +184,14 @@ def _text(text: str, file: TagFile) -> None:
         read_seq(text, file)
     elif first.strip().upper() == "TABLE":
         read_dif(text, file)
-    elif first.startswith('"') and first.count('","') in {3, TIA_FIELDS - 1}:
+    elif (
+        first.startswith('"')
+        and (marks := first.count('","') + 1) in {V5_FIELDS, TIA_FIELDS}
+        and not (
+            marks == V5_FIELDS
+            and has_header(first)  # a table whose cells all have quotes: symbol tables of V5 have no header
+        )
+    ):
         read_sdf(text, file)
     elif looks_like_table(first):
         read_csv(text, file)
@@ -284,7 +291,7 @@ class _Joining:
                 f'DB "{block.name}" has S7_Optimized_Access TRUE: its members have no fixed addresses; '
                 "export it after switching optimised access off",
             )
-            file.skipped["members of optimised blocks"] += 1
+            file.skipped["optimised blocks"] += 1
             return
         number = self._number(block)
         if number is None:
@@ -373,13 +380,13 @@ class _Joining:
         for placed in file.placed:
             shape = self._shape(placed.type)
             if shape is None:
-                names = list(self._types)
-                near = close_to(placed.type, names) if names else ""
-                file.problems.error(
-                    placed.line,
-                    f"{placed.name[:60]}: {unknown(placed.type)}, nor declared in one of the files{near}: "
-                    "name its source (.udt) too",
+                near = close_names(placed.type.lower(), self._types)
+                meant = (
+                    f"the files declare {near[0]!r}"
+                    if near
+                    else "if the program declares it, name its source (.udt) too"
                 )
+                file.problems.error(placed.line, f"{placed.name[:60]}: {unknown(placed.type)}; {meant}")
                 continue
             try:
                 layout = Layout(shape, self._shape, self._constant)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Final, NamedTuple
 
@@ -164,18 +165,23 @@ def parse_scale(text: str) -> Scale:
             low, high = _range(raw)
             bottom, top = _range(scaled)
             factor = (top - bottom) / (high - low)
-            return Scale(factor, bottom - low * factor)
+            return _checked(factor, bottom - low * factor)
         cut = max(written.rfind("+"), written.rfind("-"))
         if cut > 0 and written[cut - 1] not in "eE":
-            return Scale(float(written[:cut]), float(written[cut:]))
-        factor = float(written)
-        if factor:
-            return Scale(factor)
+            return _checked(float(written[:cut]), float(written[cut:]))
+        return _checked(float(written))
     except (ValueError, ZeroDivisionError):
         pass
     raise ValueError(
         f"scale {text.strip()[:40]!r}: expected a factor (0.1), factor and shift (0.1-40), or 0..27648 = 0..100"
     )
+
+
+def _checked(factor: float, shift: float = 0.0) -> Scale:
+    """Return a scale that gives every value one of its own. Raises ValueError for 0, "nan" and "inf"."""
+    if not factor or not math.isfinite(factor) or not math.isfinite(shift):
+        raise ValueError
+    return Scale(factor, shift)
 
 
 def _range(text: str) -> tuple[float, float]:

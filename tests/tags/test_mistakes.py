@@ -72,7 +72,7 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
     ),
     "10 a bit above seven": ("tags.csv", HEAD + "M 10.8,BOOL,a\n", "error", 2, "M 10.8: bits are 0-7"),
     "11 a word with a bit": ("tags.csv", HEAD + "%MW10.1,WORD,a\n", "error", 2, "%MW10.1: a word has no bit"),
-    "11 a bit without one": ("tags.csv", HEAD + "%MB10,BOOL,a\n", "error", 2, "the bit is missing for BOOL"),
+    "11 a bit without one": ("tags.csv", HEAD + "%MB10,BOOL,a\n", "error", 2, "the bit is missing for BOOL, for example M10.0"),
     "11 a number with a bit": ("tags.csv", HEAD + "%M10.1,INT,a\n", "error", 2, "INT has no bit: expected MW10"),
     "12 a width that does not fit": ("tags.csv", HEAD + "%MW4,Real,a\n", "error", 2, "%MW4 with REAL: REAL needs MD4"),
     "13 German and international names": (
@@ -111,6 +111,10 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
     "21 a semicolon that is missing": (
         "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : INT := 3\nb : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
         "warning", 3, "the semicolon behind 'a' is missing",
+    ),
+    "22 no header at all": (
+        "tags.csv", "DB1.DBW0,INT,A\nDB1.DBW2,INT,B\n", "error", 1,
+        "the header is 'DB1.DBW0, INT, A': expected columns Name and Address",
     ),
     "22 a header that is not there": (
         "tags.csv", "Nom,Type,Adresse\nx,INT,MW0\n", "error", 1, "the header is 'Nom, Type, Adresse': expected columns Name and Address",
@@ -208,6 +212,21 @@ def test_a_constant_is_a_bound_where_it_is_a_number(value: str, tmp_path: Path) 
     found = read_tags([written(tmp_path, "b.scl", source)])
     said = [problem.text for problem in found.problems]
     assert said == [] if value == "5" else "the array bound 'N' is a constant that no file declares" in said[0]
+
+
+@each("length", ["LEN", "#LEN", '"LEN"'])
+def test_the_length_of_a_string_may_be_a_constant(length: str, tmp_path: Path) -> None:
+    source = f"DATA_BLOCK DB 1\nSTRUCT\na : STRING[{length}];\nb : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n"
+    paths = [
+        written(tmp_path, "b.scl", source),
+        written(tmp_path, "k.sdf", sdf_line("Len", "CONSTANT", "Int", value="10")),
+    ]
+    assert [(tag.address, tag.type) for tag in load_tags(paths).tags] == [
+        ("DB1.DBB0", "STRING[10]"),
+        ("DB1.DBW12", "INT"),
+    ]
+    with pytest.raises(TagError, match="a: the length 'LEN' is a constant that no file declares: name the tag table"):
+        load_tags(paths[:1])
 
 
 @each("name", CASES)
