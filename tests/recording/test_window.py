@@ -29,6 +29,7 @@ MIDNIGHT = 1_454_976_000 * NS
         ("23:59:58..23:59:55", FIRST + 8 * NS, FIRST + 5 * NS + DAY),
         ("2016-02-08T23:59:51..2016-02-09 00:00:00.000000001Z", FIRST + NS, MIDNIGHT + 1),
         ("..2016-02-29T12:00:00Z", 0, MIDNIGHT + 20 * DAY + DAY // 2),
+        ("2016-02-08 23:59:51 UTC..2016-02-09T00:00:00.5UTC", FIRST + NS, MIDNIGHT + NS // 2),
         ("5..5", FIRST + 5 * NS, FIRST + 5 * NS),
         ("20..10", FIRST + 20 * NS, FIRST + 10 * NS),
     ],
