@@ -70,6 +70,15 @@ class TagSet:
             programs = {host: next(iter(programs.values()))}
         return TagNaming(self.tags, programs)
 
+    def has_block(self, name: str) -> bool:
+        """Tell whether a file declares a data block of this name, in upper or lower case."""
+        return name.lower() in [each.lower() for each in self.block_names]
+
+    @property
+    def block_names(self) -> list[str]:
+        """The names of all data blocks that the files declare."""
+        return [block.name for file in self.files for block in file.blocks if block.kind == "DATA_BLOCK"]
+
     @property
     def programs(self) -> dict[str, Program]:
         """The variables of S7comm-plus that captures among the files tell, by the host of their CPU."""
@@ -91,29 +100,41 @@ class TagSet:
 
 
 def load_tags(
-    paths: Sequence[str | os.PathLike[str]], encoding: str = "", numbers: Mapping[str, int] | None = None
+    paths: Sequence[str | os.PathLike[str]],
+    encoding: str = "",
+    numbers: Mapping[str, int] | None = None,
+    more: bool = False,
 ) -> TagSet:
     """Return the tags of files, which are used together or not at all.
 
-    ``encoding`` is the code page of those that nothing tells it of; ``numbers`` gives data blocks their number by name.
+    ``encoding`` is the code page of those that nothing tells it of; ``numbers`` gives data blocks their number by name, all
+    of which are in these files, or with ``more`` perhaps in those of another PLC.
     Raises `TagError` with everything that is wrong with them, OSError where there is no reading one, ImportError (whose text
     says what to install) for a format that needs a library, LookupError for an unknown encoding.
     """
-    found = read_tags(paths, encoding, numbers)
+    found = read_tags(paths, encoding, numbers, more)
     if any([problem.severity == ERROR for problem in found.problems]):
         raise TagError(found.problems)
     return found
 
 
 def read_tags(
-    paths: Sequence[str | os.PathLike[str]], encoding: str = "", numbers: Mapping[str, int] | None = None
+    paths: Sequence[str | os.PathLike[str]],
+    encoding: str = "",
+    numbers: Mapping[str, int] | None = None,
+    more: bool = False,
 ) -> TagSet:
     """Return what `load_tags` does, whatever is wrong with the files. Raises OSError, ImportError, LookupError."""
     if encoding:
         codecs.lookup(encoding)
     files = [_read(os.fspath(path), encoding) for path in paths]
     found = TagSet(files)
-    _Joining(found, {name.lower(): number for name, number in (numbers or {}).items()}).join()
+    numbers = numbers or {}
+    for name in [name for name in numbers if files and not more and not found.has_block(name)]:
+        files[0].problems.error(
+            0, f"--tags-db {name}: no file has a data block of that name{close_to(name, found.block_names)}"
+        )
+    _Joining(found, {name.lower(): number for name, number in numbers.items()}).join()
     return found
 
 
@@ -236,12 +257,6 @@ class _Joining:
         for file in self._set.files:
             for block in file.blocks:
                 self._declare(block, file)
-        for name in self._numbers:
-            known = [block.name for file in self._set.files for block in file.blocks if block.kind == "DATA_BLOCK"]
-            if name not in [each.lower() for each in known] and self._set.files:
-                self._set.files[0].problems.error(
-                    0, f"--tags-db {name}: no file has a data block of that name{close_to(name, known)}"
-                )
         for file in self._set.files:
             for block in file.blocks:
                 if block.kind == "DATA_BLOCK":

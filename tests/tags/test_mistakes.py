@@ -112,6 +112,10 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : INT := 3\nb : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
         "warning", 3, "the semicolon behind 'a' is missing",
     ),
+    "15 one name twice in an object of JSON": (
+        "tags.json", '{"A": "DB1,INT0", "B": "DB1,INT4",\n"A": "DB1,INT2"}', "error", 0,
+        "'A' stands in one object twice, with two values: which one is right?",
+    ),
     "22 no header at all": (
         "tags.csv", "DB1.DBW0,INT,A\nDB1.DBW2,INT,B\n", "error", 1,
         "the header is 'DB1.DBW0, INT, A': expected columns Name and Address",
