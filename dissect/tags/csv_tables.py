@@ -11,6 +11,7 @@ from dissect.config.hints import close_names
 from dissect.tags.symbol_tables import add_constant
 from dissect.tags.tag_file import Row, Scale, TagFile, parse_scale
 from dissect.tags.types import TypeNameError, tag_type
+from dissect.wire.text import uncell
 
 _DELIMITERS: Final = (",", ";", "\t")
 #: What a column holds, by its header in lower case.
@@ -225,8 +226,8 @@ def _take(head: Head, row: Sequence[str], line: int, into: TagFile, decimal_comm
         return
     if into.name_block(name, address, type_, line):
         return
-    comment, unit = head.cell(row, "comment"), head.cell(row, "unit")
-    into.add(Row(line, name, address, "" if kepware else type_, comment, unit, scale), foreign=kepware)
+    comment, unit = uncell(head.cell(row, "comment")), uncell(head.cell(row, "unit"))
+    into.add(Row(line, uncell(name), address, "" if kepware else type_, comment, unit, scale), foreign=kepware)
 
 
 def _scale(head: Head, row: Sequence[str], decimal_comma: bool) -> Scale:

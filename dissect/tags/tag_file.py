@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from typing import Final, NamedTuple
 
@@ -15,6 +16,10 @@ from dissect.tags.types import DataType, TypeNameError, tag_type
 
 #: Most tags of one file.
 MAX_TAGS: Final = 500_000
+
+
+#: A factor, and a shift with its sign; either may have an exponent, which has a sign as well.
+_FACTOR_AND_SHIFT: Final = re.compile(r"([+-]?[0-9.]+(?:e[+-]?[0-9]+)?)([+-][0-9.]+(?:e[+-]?[0-9]+)?)", re.IGNORECASE)
 
 
 class Symbol(NamedTuple):
@@ -166,9 +171,8 @@ def parse_scale(text: str) -> Scale:
             bottom, top = _range(scaled)
             factor = (top - bottom) / (high - low)
             return _checked(factor, bottom - low * factor)
-        cut = max(written.rfind("+"), written.rfind("-"))
-        if cut > 0 and written[cut - 1] not in "eE":
-            return _checked(float(written[:cut]), float(written[cut:]))
+        if parts := _FACTOR_AND_SHIFT.fullmatch(written):
+            return _checked(float(parts[1]), float(parts[2]))
         return _checked(float(written))
     except (ValueError, ZeroDivisionError):
         pass

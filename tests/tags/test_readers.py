@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from dissect.tags import TagError, load_tags
 from dissect.tags.converting import table_lines
 from dissect.tags.loading import TagSet, read_tags
+from dissect.tags.model import Tag
 from dissect.tags.tag_file import parse_scale
 from tests.tags.support import TANK, TANK_AWL, TIA_HEAD, asc_line, example_files, sdf_line, tank_file, tia_row, workbook
 
@@ -262,6 +263,15 @@ def test_what_is_converted_reads_back_to_the_same(tmp_path: Path) -> None:
     assert rows[0] == rows[1]
 
 
+@pytest.mark.parametrize("name", ["-K1", "=A1+S1-K1", "+B2;-K1", "@x", "'quoted'", "#1", 'plain, "x"; y'])
+def test_a_name_reads_back_whatever_a_spreadsheet_would_take_it_for(name: str, tmp_path: Path) -> None:
+    # Devices are called so (IEC 81346); in the table a formula is made harmless.
+    tag = Tag(name, 0x84, 1, 0, "INT", "INT", 16)
+    tag.comment, tag.factor, tag.shift = name, 0.5, -1e-05
+    again = load_tags([tank_file(tmp_path, "\n".join(table_lines([tag])), "again.csv")]).tags[0]
+    assert (again.name, again.comment, again.factor, again.shift) == (name, name, 0.5, -1e-05)
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=300))
 def test_content_of_any_kind_gives_problems_and_no_errors(tmp_path: Path, octets: bytes) -> None:
@@ -310,6 +320,7 @@ def test_tokens_of_a_source_in_any_order_give_problems_and_no_errors(tmp_path: P
         ("0.1-40", (0.1, -40)),
         ("1e-3", (0.001, 0)),
         ("2+1e2", (2, 100)),
+        ("-2e-3-1e-5", (-0.002, -1e-5)),
         ("0..10 = 0..5", (0.5, 0)),
     ],
 )
