@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
@@ -137,7 +138,7 @@ def read_csv(text: str, into: TagFile) -> None:
 def _read_csv(text: str, into: TagFile) -> None:
     first = first_line(text)
     delimiter = delimiter_of(first)
-    rows = csv.reader(text.splitlines(keepends=True), delimiter=delimiter)
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)  # a comment may hold other ends of lines
     numbered = ((rows.line_num, row) for row in rows if row and not _aside(row[0]))
     if delimiter == ";":
         into.problems.note(1, "cells are separated by semicolons; decimal commas are read as points")
@@ -155,6 +156,7 @@ def _read_csv(text: str, into: TagFile) -> None:
 def read_rows(rows: Iterable[tuple[int, Sequence[str]]], into: TagFile, *, decimal_comma: bool = False) -> None:
     """Read the rows of a table, (line, cells) each, of which the first that is not empty is the header."""
     head: Head | None = None
+    columns = 0
     for line, row in rows:
         if not any([cell.strip() for cell in row]):
             continue
@@ -162,7 +164,14 @@ def read_rows(rows: Iterable[tuple[int, Sequence[str]]], into: TagFile, *, decim
             head = find_head(row, line, into)
             if head is None:
                 return
+            columns = len(row)
             continue
+        if any([cell.strip() for cell in row[columns:]]):
+            into.problems.warning(
+                line,
+                f"{len(row)} cells where the header has {columns}: is a cell that holds a separator without quotes? "
+                f"{row[columns].strip()[:40]!r} and what follows was left out",
+            )
         _take(head, row, line, into, decimal_comma)
 
 

@@ -116,6 +116,13 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "tags.json", '{"A": "DB1,INT0", "B": "DB1,INT4",\n"A": "DB1,INT2"}', "error", 0,
         "'A' stands in one object twice, with two values: which one is right?",
     ),
+    "5 UTF-16 without its mark": (
+        "tags.csv", (HEAD + "DB1.DBW0,INT,a\n").encode("utf-16-le"), "error", 1, "try --tags-encoding utf-16-le",
+    ),
+    "22 a comma in a cell without quotes": (
+        "tags.csv", "address,type,name,comment\nDB1.DBW0,INT,a,slow, then fast\n", "warning", 2,
+        "5 cells where the header has 4: is a cell that holds a separator without quotes? 'then fast' and what follows",
+    ),
     "22 no header at all": (
         "tags.csv", "DB1.DBW0,INT,A\nDB1.DBW2,INT,B\n", "error", 1,
         "the header is 'DB1.DBW0, INT, A': expected columns Name and Address",

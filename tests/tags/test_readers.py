@@ -204,10 +204,11 @@ def test_a_block_that_is_one_array_has_its_elements(tmp_path: Path) -> None:
         ("sep=;\nName;Datentyp;Adresse\nA;Int;DB1.DBW0\n", "A|DB1.DBW0|INT"),
         ('"sep=,"\nname,type,address\nA,Int,DB1.DBW0\n', "A|DB1.DBW0|INT"),
         ('"address","type","name","unit"\n"DB1.DBW0","INT","A","bar"\n', "A|DB1.DBW0|INT"),
+        ("name,address,comment\nA,DB1.DBW0,one\u2028line\nB,DB1.DBW2,an\x85other\n", "A|DB1.DBW0|WORD B|DB1.DBW2|WORD"),
         ("# a list; of nodes7\nDB1,W0;A\n# off; now\nDB1,W2;B\n", "A|DB1.DBW0|WORD B|DB1.DBW2|WORD"),
     ],
 )
-def test_what_stands_before_a_table_does_not_hide_it(content: str, rows: str, tmp_path: Path) -> None:
+def test_what_stands_before_or_in_a_table_does_not_hide_its_rows(content: str, rows: str, tmp_path: Path) -> None:
     path = tmp_path / "tags.csv"
     path.write_text(content, encoding="utf-8")
     assert text(load_tags([path])) == rows
