@@ -26,7 +26,7 @@ from dissect.tags.naming import TagNaming
 from dissect.tags.problems import ERROR, Problem
 from dissect.tags.symbol_tables import TIA_FIELDS, V5_FIELDS, is_asc, read_asc, read_dif, read_sdf, read_seq
 from dissect.tags.tag_file import TagFile
-from dissect.tags.types import unknown
+from dissect.tags.types import meant, unknown
 from dissect.tags.xlsx_files import is_workbook, read_xlsx
 from dissect.tags.xml_files import XmlError, parse_xml, read_xml
 
@@ -130,7 +130,9 @@ def read_tags(
     files = [_read(os.fspath(path), encoding) for path in paths]
     found = TagSet(files)
     numbers = numbers or {}
-    for name in [name for name in numbers if files and not more and not found.has_block(name)]:
+    # A block that cannot be read is told of by itself.
+    whole = files and not any([problem.severity == ERROR for problem in found.problems])
+    for name in [name for name in numbers if whole and not more and not found.has_block(name)]:
         files[0].problems.error(
             0, f"--tags-db {name}: no file has a data block of that name{close_to(name, found.block_names)}"
         )
@@ -364,10 +366,9 @@ class _Joining:
                 else:
                     waiting.append(inner)
         for name, line in missing.items():
-            file.problems.error(
-                line,
-                f"{block.name}: type {name!r} is not in this or the other files; export it too (.udt) and name both files",
-            )
+            written = meant(name)
+            hint = f"is {written} meant?" if written else "export it too (.udt) and name both files"
+            file.problems.error(line, f"{block.name}: type {name!r} is not in this or the other files; {hint}")
         return bool(missing)
 
     def _fields(self, layout: Layout, title: str, area: int, db: int, base: int, file: TagFile) -> None:

@@ -192,10 +192,15 @@ def require(written: str) -> DataType:
     return found
 
 
+def meant(written: str) -> str:
+    """Return the type that a German word or a word of another tool stands for, empty for none."""
+    return _MEANT.get(written.upper(), "")
+
+
 def unknown(written: str) -> str:
     """Return what is wrong with a type that is none, and which is close to it."""
     name = written.strip().strip('"').upper()
-    meant = _MEANT.get(name)
-    near = [meant] if meant else close_names(name, [*TYPES, *ALIASES, "STRING[20]", "WSTRING[20]"])
+    known = meant(name)
+    near = [known] if known else close_names(name, [*TYPES, *ALIASES, "STRING[20]", "WSTRING[20]"])
     hint = f"; close to it: {', '.join(near)}" if near else ""
     return f"type {written.strip()[:60]!r} is not a type of S7{hint}"

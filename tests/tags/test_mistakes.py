@@ -44,6 +44,10 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "block.awl", 'DATA_BLOCK DB 1\nSTRUCT\na : INT;\nb : "Job";\nc : UDT 7;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n',
         "error", 5, "type 'UDT 7' is not in this or the other files",
     ),
+    "3 a type in German": (
+        "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : Ganzzahl;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n",
+        "error", 3, "DB 1: type 'Ganzzahl' is not in this or the other files; is INT meant?",
+    ),
     "4 types in circles": (
         "block.awl",
         'TYPE "A"\nSTRUCT\nb : "B";\nEND_STRUCT\nEND_TYPE\nTYPE "B"\nSTRUCT\na : "A";\nEND_STRUCT\nEND_TYPE\n'
@@ -223,6 +227,15 @@ def test_a_constant_is_a_bound_where_it_is_a_number(value: str, tmp_path: Path) 
     found = read_tags([written(tmp_path, "b.scl", source)])
     said = [problem.text for problem in found.problems]
     assert said == [] if value == "5" else "the array bound 'N' is a constant that no file declares" in said[0]
+
+
+def test_a_block_that_cannot_be_read_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    path = written(tmp_path, "b.db", 'DATA_BLOCK "Tank"\nSTRUCT\na Int;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n')
+    assert [problem.line for problem in read_tags([path], numbers={"Tank": 1}).problems] == [3]
+    path.write_text('DATA_BLOCK "Tank"\nSTRUCT\na : Int;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n', encoding="utf-8")
+    assert [problem.text for problem in read_tags([path], numbers={"Tank": 1, "Tnak": 2}).problems] == [
+        "--tags-db Tnak: no file has a data block of that name; close to it: 'Tank'"
+    ]
 
 
 @each("length", ["LEN", "#LEN", '"LEN"'])
