@@ -87,6 +87,9 @@ class TagFile:
         if not row.name.strip():
             complain(row.line, f"the tag at {row.address.strip()[:60]!r} has no name")
             return
+        if not row.address.strip():
+            complain(row.line, f"{row.name.strip()[:60]!r} has no address")
+            return
         if len(self.tags) >= MAX_TAGS:
             if len(self.tags) == MAX_TAGS:
                 self.problems.error(row.line, f"more than {MAX_TAGS} tags in one file: split it")

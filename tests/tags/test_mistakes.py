@@ -75,6 +75,9 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "error", 2, "tabs instead of blanks: an editor changed the columns",
     ),
     "10 a bit above seven": ("tags.csv", HEAD + "M 10.8,BOOL,a\n", "error", 2, "M 10.8: bits are 0-7"),
+    "10 no address at all": (
+        "tags.xml", "<Tagtable><Tag type='Real' addr=''>leer</Tag></Tagtable>", "error", 1, "'leer' has no address",
+    ),
     "11 a word with a bit": ("tags.csv", HEAD + "%MW10.1,WORD,a\n", "error", 2, "%MW10.1: a word has no bit"),
     "11 a bit without one": ("tags.csv", HEAD + "%MB10,BOOL,a\n", "error", 2, "the bit is missing for BOOL, for example M10.0"),
     "11 a number with a bit": ("tags.csv", HEAD + "%M10.1,INT,a\n", "error", 2, "INT has no bit: expected MW10"),
