@@ -178,7 +178,8 @@ def test_list_and_convert_write_what_was_read(capfdbinary: Capture, tmp_path: Pa
 def test_the_number_of_a_block_is_that_of_whichever_plc_has_it(capfdbinary: Capture, tmp_path: Path) -> None:
     source = tmp_path / "tank.awl"
     source.write_text('DATA_BLOCK "Tank"\nSTRUCT\nlevel : REAL;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n', encoding="utf-8")
-    call = ["transactions", tank_capture(tmp_path), "--tags", tank_file(tmp_path), "--tags", f"10.0.0.2={source}"]
+    call: list[str | Path] = ["transactions", tank_capture(tmp_path), "--tags", tank_file(tmp_path)]
+    call += ["--tags", f"10.0.0.2={source}"]
     ran = run(capfdbinary, *call, "--tags-db", "Tank=1")
     assert ran.code == 0
     assert "Tank.level = 3.5" in ran.out
