@@ -150,7 +150,7 @@ def _read_csv(text: str, into: TagFile) -> None:
             if len(row) > 1 and any([cell.strip() for cell in row]):
                 into.add(Row(line, row[name].rstrip(","), row[address]))  # commas that a spreadsheet left behind
         return
-    read_rows(numbered, into, decimal_comma=delimiter == ";")
+    read_rows(numbered, into, decimal_comma=delimiter != ",")
 
 
 def read_rows(rows: Iterable[tuple[int, Sequence[str]]], into: TagFile, *, decimal_comma: bool = False) -> None:

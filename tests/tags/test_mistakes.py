@@ -322,6 +322,10 @@ def test_23_semicolons_and_decimal_commas_are_detected_and_told(tmp_path: Path) 
     found = load_tags([written(tmp_path, "tags.csv", "Adresse;Datentyp;Name;Einheit;scale\nDB1.DBW0;INT;a;°C;0,1\n")])
     assert (found.tags[0].factor, found.tags[0].unit) == (0.1, "°C")
     assert "decimal commas are read as points" in found.problems[0].text
+    # What Excel calls Unicode text.
+    path = tmp_path / "unicode.txt"
+    path.write_text("Adresse\tDatentyp\tName\tscale\nDB1.DBW0\tINT\ta\t0,1\n", encoding="utf-16")
+    assert load_tags([path]).tags[0].factor == 0.1
 
 
 def test_24_a_workbook_of_hmi_tags_is_named(tmp_path: Path) -> None:
