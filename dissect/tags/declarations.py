@@ -170,6 +170,8 @@ class _Reader:
                 self._at = found.end()
                 continue
             token = self._next()
+            if token.upper not in _BLOCKS:
+                continue  # a longer word: DATA_BLOCK-1
             try:
                 block = self._block(token)
             except SourceError as error:

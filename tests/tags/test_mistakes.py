@@ -111,6 +111,10 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : ARRAY[0..32768] OF INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
         "error", 3, "a has 65538 bytes: at most 65536",
     ),
+    "20 a word that begins like a block": (
+        "b.awl", "DATA_BLOCK#1\nDATA_BLOCK DB 1\nSTRUCT\na INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
+        "error", 4, "expected NAME : TYPE",
+    ),
     "20 a block that is not closed": (
         "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : STRUCT\nb : INT;\nEND_STRUCT;\nEND_DATA_BLOCK\n",
         "error", 2, "END_STRUCT is missing: STRUCT of line 2 is still open at END_DATA_BLOCK",
