@@ -41,6 +41,7 @@ SELECTED: Final[list[tuple[str, list[int]]]] = [
     ("function >= 5", [1, 6, 7, 8]),
     ("function contains setup", [1]),
     ('function matches "^write"', [6, 7, 8]),
+    ('function matches "[[w]rite"', [6, 7, 8]),  # Python warns of it
     ("function.name eq write", [6, 7, 8]),
     ("failed", [2, 3, 4, 5, 6, 7, 8]),
     ("not failed", [1]),
