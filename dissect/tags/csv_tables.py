@@ -18,11 +18,11 @@ _DELIMITERS: Final = (",", ";", "\t")
 #: What a column holds, by its header in lower case.
 COLUMNS: Final[dict[str, str]] = {
     **dict.fromkeys(("name", "tag", "tag name", "varname", "variable", "symbol"), "name"),
-    **dict.fromkeys(("address", "addr", "logical address", "adresse", "logische adresse", "code"), "address"),
-    **dict.fromkeys(("type", "data type", "datatype", "datentyp"), "type"),
+    **dict.fromkeys(("address", "addr", "logical address", "adresse", "logische adresse", "operand", "code"), "address"),
+    **dict.fromkeys(("type", "data type", "datatype", "datentyp", "typ"), "type"),
     **dict.fromkeys(("comment", "description", "kommentar", "beschreibung", "remark"), "comment"),
     **dict.fromkeys(("unit", "eng units", "einheit"), "unit"),
-    **dict.fromkeys(("scale", "factor"), "scale"),
+    **dict.fromkeys(("scale", "factor", "skalierung", "faktor"), "scale"),
     "db": "db",
     "offset": "offset",
     "bit": "bit",

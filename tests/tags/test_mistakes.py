@@ -323,8 +323,8 @@ def test_22_a_sheet_with_moved_and_missing_columns_is_read_and_one_without_the_n
 
 
 def test_23_semicolons_and_decimal_commas_are_detected_and_told(tmp_path: Path) -> None:
-    found = load_tags([written(tmp_path, "tags.csv", "Adresse;Datentyp;Name;Einheit;scale\nDB1.DBW0;INT;a;°C;0,1\n")])
-    assert (found.tags[0].factor, found.tags[0].unit) == (0.1, "°C")
+    found = load_tags([written(tmp_path, "tags.csv", "Adresse;Typ;Name;Einheit;Skalierung\nDB1.DBW0;INT;a;°C;0,1\n")])
+    assert (found.tags[0].type, found.tags[0].factor, found.tags[0].unit) == ("INT", 0.1, "°C")
     assert "decimal commas are read as points" in found.problems[0].text
     # What Excel calls Unicode text.
     path = tmp_path / "unicode.txt"
