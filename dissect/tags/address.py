@@ -247,7 +247,7 @@ def _check_width(shown: str, address: TagAddress, base: DataType, several: bool)
     """Raise `AddressError` when the width letter or bit of an address does not fit a declared type."""
     if base.kind == "BOOL":
         if address.bit < 0:
-            raise AddressError(f"{shown}: the bit is missing for BOOL, for example {shown.replace('DBB', 'DBX')}.0")
+            raise AddressError(f"{shown}: the bit is missing for BOOL, for example {_right(address, base)}")
         return
     lettered = base.bits in _LETTERED and not several and base.kind not in {"STRING", "FSTRING", "OCTETS"}
     if address.bit >= 0 and not address.loose and (lettered or address.bit):

@@ -269,7 +269,8 @@ def select_options(
             if numbers_of:
                 also.append(f"connection in {{{', '.join([str(number) for number in numbers_of])}}}")
             if window is not None:
-                also.append(f"time in {{{window}}}")
+                stretch = f'"{window}"' if " " in window else window  # a date and a time may have a blank between
+                also.append(f"time in {{{stretch}}}")
             return command(
                 *arguments,
                 chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns, numbers_of, window),
