@@ -13,8 +13,6 @@ from typing import Any, Final
 
 from dissect.tcp.stream import ACK, FIN, RST, SYN, Endpoint
 
-#: LINKTYPE number of the frames.
-ETHERNET: Final = 1
 #: Octets of payload that fit an IPv4 packet: 65,535 less a header of IP and one of TCP, 20 octets each.
 MAX_SEGMENT: Final = 65_495
 #: Octets after which the other side acknowledges even when it has nothing to send.
