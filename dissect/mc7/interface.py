@@ -72,8 +72,6 @@ _SIZES: Final[dict[int, int]] = {
     0x14: 6,
     0x16: 10,
 }
-#: Types whose parameter is a pointer to a pointer, in an FC.
-COMPLEX: Final = frozenset((0x0E, 0x10, 0x11, 0x13, 0x14, 0x16))
 
 HEAD: Final = 7
 _HAS_START: Final = 0x08

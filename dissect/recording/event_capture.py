@@ -47,7 +47,6 @@ class EventCapture(PacketSink):
         max_octets: int = 64 * 1024 * 1024,
         slugs: Collection[str] = (),
         application: str = "",
-        hardware: str = "",
         os_name: str = "",
     ) -> None:
         if before_ns < 0 or after_ns < 0:
@@ -62,7 +61,7 @@ class EventCapture(PacketSink):
         self._before_ns = before_ns
         self._after_ns = after_ns
         self._slugs = frozenset(slugs)
-        self._about = (hardware, os_name, application)
+        self._about = (os_name, application)
         self._recent = RecentPackets(max_octets, before_ns)
         self._latest: KeptPacket | None = None  # not written yet, even when a file is open
         self._comments: list[str] = []

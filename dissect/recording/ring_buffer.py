@@ -166,7 +166,6 @@ class RingBuffer(PacketSink):
         limits: RingLimits | None = None,
         name: str = "s7dissect",
         application: str = "",
-        hardware: str = "",
         os_name: str = "",
         batch: int = 0,
     ) -> None:
@@ -176,7 +175,7 @@ class RingBuffer(PacketSink):
         self._limits = limits if limits is not None else RingLimits()
         self.finished: deque[Path] = deque(maxlen=None if self._limits.files else _REMEMBERED)
         self._name = names.file_word(name)
-        self._about = (hardware, os_name, application)
+        self._about = (os_name, application)
         self._batch = batch
         self._number = 0
         self._path: Path | None = None
