@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.bindings.pushes import LatestEnd
 from dissect.scd.codec import Codec
-from dissect.scd.ranges import is_mapping
+from dissect.scd.ranges import STRUCTURE_SUB, is_mapping
 
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
@@ -125,7 +125,7 @@ class Devices:
 
 def is_rewritten(dictionary: Dictionary, key: Key) -> bool:
     """Return whether a value is that of a mapping object of the dictionary, sub-index 0 or an element."""
-    return isinstance(key, tuple) and is_mapping(key[0]) and key[0] in dictionary.objects and key[1] != 255
+    return isinstance(key, tuple) and is_mapping(key[0]) and key[0] in dictionary.objects and key[1] != STRUCTURE_SUB
 
 
 def _default(value: object) -> int:

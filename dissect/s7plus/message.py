@@ -29,8 +29,9 @@ from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 _HEADER: Final = 4
-#: Size of the digest in the integrity part of V3.
+#: Size of the digest in the integrity part of V3, and of that part, which begins with the size.
 DIGEST_SIZE: Final = 32
+INTEGRITY_SIZE: Final = 33
 #: Subscriptions of S7-1200 with old firmware have ids below this. Their notifications have no credit; a sequence number of one
 #: octet stands in its place.
 SHORT_HEADS: Final = 0x70000000

@@ -12,11 +12,12 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.contents import Made
+from dissect.s7plus.ending import FILL
 from dissect.s7plus.message import parsed
 from dissect.s7plus.noted import Noted, latest_noted
 from dissect.s7plus.objects import PlusObject, objects_at
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
-from dissect.s7plus.skimming import FILL, SOUND, Body, free_body
+from dissect.s7plus.skimming import SOUND, Body, free_body
 from dissect.s7plus.tables import REQUEST, RESPONSE
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ64, read_varint
