@@ -31,6 +31,8 @@ MAX_FILES: Final = 1000
 class EventCapture(PacketSink):
     """Keeps ``before_ns`` and ``after_ns`` (capture time) around each trigger, in ``directory``. An `OSError` names its file.
 
+    Raises ValueError for a time below 0.
+
     ``slugs`` are the findings that trigger; `trigger` may be called for other reasons too. A trigger while a file is open
     keeps it open for longer. No more than ``max_octets`` of packets wait in memory: where that is less than ``before_ns``, the
     file tells so. ``finished`` names the last files made; ``files`` counts all, ``triggers`` all triggers,

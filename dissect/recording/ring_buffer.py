@@ -111,7 +111,10 @@ _MAX_FILES: Final = 100_000
 
 
 class RingLimits:
-    """When a file of a ring is full: ``octets`` of file, ``duration_ns`` of capture time; ``files`` are kept. 0: no limit."""
+    """When a file of a ring is full: ``octets`` of file, ``duration_ns`` of capture time; ``files`` are kept. 0: no limit.
+
+    Raises ValueError for a number of files without one of the other limits.
+    """
 
     def __init__(self, octets: int = 0, duration_ns: int = 0, files: int = 0) -> None:
         if files and not (octets or duration_ns):

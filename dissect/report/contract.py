@@ -40,7 +40,10 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
 
 
 def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator[tuple[str, object]]:
-    """Yield the names and values of `analysis_as_dict`; a long list is an iterator, whose objects are made one by one."""
+    """Yield the names and values of `analysis_as_dict`; a long list is an iterator, whose objects are made one by one.
+
+    Raises ValueError for an analysis that was not filled by a run.
+    """
     pipeline = analysis.pipeline
     if pipeline is None:
         raise ValueError("this Analysis is empty: call take() first, or use dissect.analyze()")

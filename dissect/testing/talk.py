@@ -168,7 +168,7 @@ class Talk:
         return self
 
     def unanswered(self) -> Self:
-        """The oldest open request of the client is not answered any more."""
+        """The oldest open request of the client is not answered any more. Raises ValueError where none is open."""
         if not self._open[CLIENT]:
             raise ValueError("the client has no pending request")
         self._open[CLIENT].popleft()

@@ -67,7 +67,10 @@ class Assembler:
         self._items.append((code, k, yes, no))
 
     def assemble(self) -> list[Instruction]:
-        """Return the program. A comparison reaches 255 instructions far: farther ones go by a jump of their own."""
+        """Return the program. A comparison reaches 255 instructions far: farther ones go by a jump of their own.
+
+        Raises `TooLongError`.
+        """
         far: set[int] = set()
         while True:
             starts, size = [], 0
