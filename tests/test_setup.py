@@ -69,6 +69,14 @@ def test_an_image_gets_all_that_a_build_reads(setup: ModuleType) -> None:
     assert [path for path in sorted(read) if not (ROOT / path).is_file() or ignored(path)] == []
 
 
+def test_a_change_of_what_a_build_reads_makes_another_one(setup: ModuleType) -> None:
+    """The environment is made anew where its fingerprint differs."""
+    script = (ROOT / "scripts" / "environment.sh").read_text("utf-8")
+    program = script[script.index("fingerprint()") : script.index("hexdigest()")]
+    read = ("setup.py", "pyproject.toml", setup.SHIM, setup.TRAINING, "scripts/man_pages.py")
+    assert [path for path in read if f'"{path}"' not in program] == []
+
+
 def statements(node: ast.AST) -> Iterator[ast.AST]:
     """Give every statement below a node; `ast.walk` would look into each expression as well."""
     for part in ("body", "orelse", "finalbody", "handlers", "cases"):
