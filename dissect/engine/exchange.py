@@ -93,14 +93,14 @@ class PayloadDecoder:
 class Watch:
     """Sees what is more than polling: all transactions but reads and writes; makes operations, findings and facts of them."""
 
-    def __init__(self, observer: Observer, judge: Reporter) -> None:
+    def __init__(self, observer: Observer, reporter: Reporter) -> None:
         self._observer = observer
-        self._judge = judge
+        self._reporter = reporter
         self.operations = Operations()
-        self.security = SecurityWatch(judge)
-        self.plus = PlusWatch(judge, self.security, self.operations)
+        self.security = SecurityWatch(reporter)
+        self.plus = PlusWatch(reporter, self.security, self.operations)
         self._blocks: BlockWatch | None = None
-        self.stations = StationWatch(judge, observer.own_book)
+        self.stations = StationWatch(reporter, observer.own_book)
 
     def opened(self, connection: Connection) -> None:
         """A connection was recognised."""
@@ -119,9 +119,9 @@ class Watch:
         self.operations.take(transaction)
         head = transaction.parameters.userdata
         if head is not None and head.group == GROUP_CPU:
-            judge_szl(self._judge, transaction)
+            judge_szl(self._reporter, transaction)
         if transaction.flags:
-            judge_strays(self._judge, transaction)
+            judge_strays(self._reporter, transaction)
         self.security.take(transaction)
         if head is not None and head.group in TELLING:
             self._facts(self.stations.take(transaction))
@@ -134,12 +134,12 @@ class Watch:
         if connection.plus is not None:
             self.plus.end(connection)
         if connection.has_loaded:
-            judge_loaded(self._judge, connection, reason)
+            judge_loaded(self._reporter, connection, reason)
         self._tell()
 
     def forget(self) -> None:
         """Nothing more comes: forget what stations said; it was kept to find contradictions."""
-        self.stations = StationWatch(self._judge)
+        self.stations = StationWatch(self._reporter)
 
     def _tell(self) -> None:
         over = self.operations.over
@@ -148,7 +148,7 @@ class Watch:
         self.operations.over = []
         for operation in over:
             if operation.oddities or operation.result != DONE:  # the rule is not compiled, and each setup comes here
-                judge_operation(self._judge, operation)
+                judge_operation(self._reporter, operation)
             if not operation.begun and operation.kind == DOWNLOAD:
                 self.security.loaded(operation)
             if operation.content and operation.kind in TRANSFERS:
@@ -168,7 +168,7 @@ class Watch:
         if self._blocks is None:
             from dissect.findings.block_rules import BlockWatch  # late: few captures have blocks
 
-            self._blocks = BlockWatch(self._judge)
+            self._blocks = BlockWatch(self._reporter)
         self._blocks.take(operation)
 
 
