@@ -122,9 +122,8 @@ class Inventory(Observer):
         self._book = Book()
         self._found: dict[str, Device] = {}
         self._talks: dict[tuple[str, str], Talk] = {}  # by the names of their ends
-        self._joined: dict[
-            tuple[str, int], int
-        ] = {}  # stations in a VLAN that are those of the same address in another one
+        # By address and VLAN: the VLAN in which the same station was found before.
+        self._joined: dict[tuple[str, int], int] = {}
         self._open: dict[int, Traffic] = {}
         self._targets = 0
         self._code = 0

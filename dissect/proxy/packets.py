@@ -138,9 +138,8 @@ class Conversation:
             0,
             0,
         )
-        pseudo = (
-            source + target + struct.pack(">II", size, _TCP)
-        )  # RFC 9293 3.1; the sum is that of IPv4's form as well
+        # The pseudo header of RFC 9293 3.1 in the form of IPv6; its sum is that of IPv4's form as well.
+        pseudo = source + target + struct.pack(">II", size, _TCP)
         check = struct.pack(">H", _checksum(b"".join((pseudo, head, options, payload))))
         tcp = b"".join((head[:16], check, head[18:], options, payload))
         return b"".join((_MACS[1 - side], _MACS[side], self._ip_head(source, target, size), tcp))

@@ -389,9 +389,8 @@ def _gone(session: PlusSession, events: list[Event], object_id: int, session_id:
 
 def _created(session: PlusSession, events: list[Event], asked: Made, told: Made | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
-    these = (
-        asked.objects or asked.begun
-    )  # of a PDU that is too long, or lies further on, its first objects say what it is
+    # The first objects say what it is, where a PDU is too long to be read whole, or lies further on.
+    these = asked.objects or asked.begun
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
         if told is not None and good:

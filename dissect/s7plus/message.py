@@ -88,9 +88,8 @@ class PlusPdu:
         self.cut = False
         self.version = -1
         self.frames = 0
-        self.frame_starts: dict[
-            int, int
-        ] = {}  # where frames but the first begin, within ``data`` and within ``octets``
+        # Where all frames but the first begin: within ``data``, and within ``octets``.
+        self.frame_starts: dict[int, int] = {}
         self._places: tuple[list[int], list[int]] | None = None  # the same, to be searched
         self.whole = False
         self.integrity = b""

@@ -39,9 +39,8 @@ class Assembler:
     """Instructions with labels for what they jump to. Labels are numbers from `label`; jumps go forward only."""
 
     def __init__(self) -> None:
-        self._items: list[
-            tuple[int, int, int, int]
-        ] = []  # code, k, label if yes, label if no (-1: the next instruction)
+        # Code, k, label if yes, label if no (-1: the next instruction).
+        self._items: list[tuple[int, int, int, int]] = []
         self._places: dict[int, int] = {}
         self._labels = 0
 
