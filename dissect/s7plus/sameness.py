@@ -13,7 +13,7 @@ from mypy_extensions import i64
 
 from dissect.s7plus.ending import FILL
 from dissect.s7plus.message import SHORT_HEADS
-from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
+from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, SESSION_AT, one_frame
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -31,7 +31,6 @@ from dissect.wire.varint import VLQ, VLQ64, read_varint
 #: Octets of the longest PDU that is looked at.
 _LONGEST: Final = 4096
 _BIT_7: Final = 0x80
-_SESSION: Final = 9
 _FLAGS: Final = 9  # of a response, whose return value follows
 _CREDIT: Final = 11
 _ID: Final = 4
@@ -122,7 +121,7 @@ class Seen:
         return True
 
     def _request_of(self, octets: bytes, at: i64, end: i64, function: i64) -> bool:
-        self.session = (u32(octets, at + _SESSION) << 8 | octets[at + REQUEST_SIZE - 1]) << 8 | self.version
+        self.session = (u32(octets, at + SESSION_AT) << 8 | octets[at + REQUEST_SIZE - 1]) << 8 | self.version
         stop: i64 = end
         if self.version == V3:
             if function in _OPEN_REQUESTS:
