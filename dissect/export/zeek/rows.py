@@ -119,7 +119,7 @@ class S7:
     def service(self) -> str | None:
         """Return the PI service of a PLC Control job, as the octets are."""
         octets = self.octets
-        if self.rosctr != 1 or self.parameters[:1] != bytes((PI_SERVICE,)) or len(octets) < 21:
+        if self.rosctr != JOB or self.parameters[:1] != bytes((PI_SERVICE,)) or len(octets) < 21:
             return None
         at = 20 + int.from_bytes(octets[18:20], "big")
         return text(octets[at + 1 : at + 1 + octets[at]]) if at < len(octets) else None
