@@ -306,6 +306,9 @@ def parse_interface(octets: bytes) -> Interface:
         interface.fault = (
             interface.fault or f"{interface.declared} bytes of declarations, {len(octets) - HEAD} are there"
         )
+    elif interface.start_length > len(octets) - behind:
+        there = f"{len(octets) - behind} are there"
+        interface.fault = interface.fault or f"{interface.start_length} bytes of start values, {there}"
     interface.starts = octets[behind : behind + interface.start_length]
     interface.rest = octets[behind + interface.start_length :]
     name_declarations(interface.declarations)

@@ -6,7 +6,7 @@ import time
 from typing import Final
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.mc7.assembler import AssemblyError, assemble
@@ -194,7 +194,21 @@ def test_any_damage_to_a_block_is_borne(data: st.DataObject) -> None:
         assert assemble_block(block_source(block))[: len(octets)].startswith(b"pp")
 
 
-@given(st.binary(max_size=200))
+def changed(drawn: tuple[bytes, int, int]) -> bytes:
+    """Return octets with another one at a place, which counts from the start again behind the end."""
+    octets, at, octet = bytearray(drawn[0]), drawn[1], drawn[2]
+    octets[at % len(octets)] = octet
+    return bytes(octets)
+
+
+INTERFACES: Final = [parse_block(octets).interface_octets for octets in (ob1(), fc5(), fb7())]
+
+
+@given(
+    st.binary(max_size=200)
+    | st.tuples(st.sampled_from(INTERFACES), st.integers(0, 100), st.integers(0, 255)).map(changed)
+)
+@example(INTERFACES[2])
 def test_any_octets_are_an_interface_read_as_far_as_it_goes(octets: bytes) -> None:
     interface = parse_interface(octets)
     if not interface.fault and len(octets) >= 7:
@@ -206,6 +220,15 @@ def test_any_octets_are_tables(octets: bytes) -> None:
     tables = parse_tables(octets)
     if not tables.cut:
         assert tables_octets(tables) == octets
+
+
+def test_start_values_that_are_cut_off_are_told() -> None:
+    octets = ob1()
+    size = len(parse_block(octets).code)
+    head = HEADER.size + size
+    stated = octets[: head + 5] + (300).to_bytes(2, "little") + octets[head + 7 :]
+    (fact,) = [fact for fact in all_facts(parse_block(stated)) if fact.slug == "interface"]
+    assert "300 bytes of start values, 0 are there" in fact.text
 
 
 def test_hostile_interfaces_are_bounded() -> None:
