@@ -314,8 +314,12 @@ _VALUES: Final = st.one_of(
 )
 
 
+#: Bindings that are right, unless two of them are for the same port.
+_SOUND: Final = st.fixed_dictionaries({"udp": st.integers(1, 65535).map(str), "holds": st.just('"messages"')})
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.dictionaries(_PIECES, _VALUES, max_size=6), min_size=1, max_size=3))
+@given(st.lists(st.dictionaries(_PIECES, _VALUES, max_size=6) | _SOUND, min_size=1, max_size=3))
 def test_nothing_else_is_raised(load: Load, rows: list[dict[str, str]]) -> None:
     text = "".join(table(*(f"{key} = {value}" for key, value in row.items())) for row in rows)
     try:
