@@ -1,12 +1,12 @@
-"""What waits for time to pass: segments for those before them, responses for their requests, closed connections for stragglers.
+"""`Timers`: segments that wait for those before them, responses that wait for their requests, closed connections that linger.
 
-Driven by the clock of the capture: packets move it, and while none arrive `Pipeline.tick` does. The pipeline compares
-``deadline_ns`` with each packet, which costs one comparison; what is behind it is looked at here.
+The clock of the capture drives them: packets move it, and `Pipeline.tick` does while none arrive. The pipeline compares
+``deadline_ns`` with the time of each packet, one comparison; what is due then is looked at here.
 
 `OverdueWatch` reports requests that have waited too long while they are still waiting. A capture may hold thousands of
 connections, and most requests are answered at once, so nothing is stored for a request. A side that sends a request is looked
-at when that request is due, and again when the next of its open requests is; a side with none is left alone until it sends
-one. So a polling side costs one look per `Options.overdue_ns`. What the capture does not show counts against nobody: a
+at when that request is due, and again when the next of its open requests is due; a side with none is left alone until it
+sends one. So a polling side costs one look per `Options.overdue_ns`. What the capture does not show counts against nobody: a
 response lost in a gap, or a side of which nothing was captured.
 """
 
@@ -30,17 +30,17 @@ from dissect.transactions.table import MAX_CONNECTIONS
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
 
-#: Sides looked at in one go, and open requests; the others have to wait for the next one.
+#: Sides, and open requests, that are looked at in one go; the others have to wait for the next one.
 _SIDES_AT_ONCE: Final = 1024
 _REQUESTS_AT_ONCE: Final = 8192
 #: A side whose requests stay open is not looked at again before this.
 _PAUSE_NS: Final = 50_000_000
-#: Sides are sought out of those whose connection is over when there are this many; more than can be open.
+#: When there are this many sides, more than can be open, those whose connection is over are dropped.
 _MANY: Final = 8 * MAX_CONNECTIONS
 
 
 class _Entry:
-    """A side, and when it is looked at."""
+    """A side, and the time at which it is looked at."""
 
     __slots__ = ("due_ns", "side")
 
@@ -55,15 +55,15 @@ class _Entry:
 class OverdueWatch:
     """Looks at the sides that have asked, in the order in which their requests become overdue."""
 
-    def __init__(self, judge: Reporter, dialogue: Dialogue, limit_ns: i64) -> None:
-        self._judge: Reporter = judge
+    def __init__(self, reporter: Reporter, dialogue: Dialogue, limit_ns: i64) -> None:
+        self._reporter: Reporter = reporter
         self._dialogue: Dialogue = dialogue
         self._limit_ns: i64 = limit_ns
         self._due: list[_Entry] = []
         dialogue.watching = True
 
     def look(self, now_ns: i64) -> None:
-        """It is ``now_ns``: tell the requests that are overdue by now and were not told before."""
+        """It is ``now_ns``: report the requests that are overdue by now and were not reported before."""
         self._take_new()
         due = self._due
         sides: i64 = 0
@@ -81,7 +81,7 @@ class OverdueWatch:
             heapq.heappush(due, _Entry(self._look_at(side, now_ns), side))
 
     def _take_new(self) -> None:
-        """Take over the sides that asked since the last look; each is due when the latest request of its connection is."""
+        """Add the sides that asked since the last look; each is due when the latest request of its connection is."""
         fresh = self._dialogue.asking
         if not fresh:
             return
@@ -93,7 +93,7 @@ class OverdueWatch:
             heapq.heapify(self._due)
 
     def _look_at(self, side: Side, now_ns: i64) -> i64:
-        """Tell what is overdue of a side; return when to look at it again."""
+        """Report the overdue requests of a side; return when to look at it again."""
         answering = side.peer
         if answering is None or answering.stream.held is not None:
             return now_ns + _PAUSE_NS  # packets are missing, or out of order: the answer may be among them
@@ -110,18 +110,18 @@ class OverdueWatch:
 
     def _tell(self, transaction: Transaction, now_ns: i64) -> None:
         connection = transaction.connection
-        if self._judge.wants("transaction.overdue", connection.number):
+        if self._reporter.wants("transaction.overdue", connection.number):
             frame: int = transaction.request_frame
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
             detail = f"{subject(transaction)}: sent {ago} ago in packet {frame}, still unanswered"
-            self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
+            self._reporter.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
-#: How often (capture time) what waits is looked at: at multiples of this, whatever else waits, so that what is found of a
-#: connection does not depend on the others in the capture.
+#: How often what waits is looked at, in capture time: always at multiples of this, so that what is found of a connection does
+#: not depend on the other ones in the capture.
 TICK_NS: Final = 50_000_000
-#: Sides that wait are sought out of those whose connection is over when the list has grown to this.
+#: When the list of sides that wait has grown to this, those whose connection is over are dropped.
 _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
 #: The deadline while nothing waits.
 FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
@@ -133,13 +133,13 @@ def next_tick(now_ns: i64) -> i64:
 
 
 class Timers:
-    """Keeps the sides that wait, and passes their octets on when it is time."""
+    """Keeps the sides on which something waits, and passes it on, or gives it up, when it is time."""
 
     def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64) -> None:
         self._counters: Counters = counters
         self._exchange: Exchange = exchange
         self._waiting: list[Side] = []  # sides with held segments or held answers
-        self._doubts: list[Side] = []  # of connections whose end is in doubt, if they sent since that was looked at
+        self._doubts: list[Side] = []  # sides whose end is in doubt, and that sent something since the last look
         self._overdue: OverdueWatch | None = None
         self._rest_ns: i64 = FAR_FUTURE  # the deadline while nothing waits
         if overdue_ns:
@@ -183,7 +183,7 @@ class Timers:
     def _pass_on(self, side: Side, chunk: Chunk, cut: bool) -> None:
         """Hand octets to the protocol of a connection, or tell it of a gap."""
         if not chunk.hole and side.at_rest:
-            # What is whole in these octets was so when they came, whatever had to come before them.
+            # These octets begin with a whole message: what they complete was complete with their own packet.
             chunk.frame = chunk.own_frame
             chunk.time_ns = chunk.own_ns
         side.end_seq = chunk.end_seq
@@ -246,7 +246,7 @@ class Timers:
             exchange.beside(self._counters.frames, self._counters.now_ns)
 
     def passing(self, side: Side, peer: Side, ack: i64, acknowledges: bool) -> None:
-        """Something of this connection waits: the packet at hand may be what it waited for."""
+        """Take a packet of a connection on which something waits: it may be what that waited for."""
         now_ns: i64 = self._counters.now_ns
         if side.tcp.doubt is not None:
             ends.look(self._counters, side)
@@ -277,9 +277,9 @@ class Timers:
             side.waiting = side.stream.time_bound or asked.orphans is not None
 
     def look_at_ends(self) -> None:
-        """Look at the connections whose end is in doubt, and that something came of since the last look.
+        """Look at the connections whose end is in doubt, and on which something passed since the last look.
 
-        Of the others nothing more can be known: there may be thousands, for as long as the capture goes on.
+        Nothing new can be known of the others, of which there may be thousands until the end of the capture.
         """
         held: list[Side] = []
         for side in self._doubts:
@@ -301,13 +301,13 @@ class Timers:
             self._overdue.look(self._counters.now_ns)
 
     def settle(self, lingering: bool) -> None:
-        """Forget the sides that wait no longer; rest when nothing does, and no closed connection is kept (``lingering``)."""
+        """Forget the sides on which nothing waits any longer; rest when none is left, unless closed connections linger."""
         self._waiting = [side for side in self._waiting if side.waiting]
         if self._overdue is None and not self._waiting and not self._doubts and not lingering:
             self.deadline_ns = FAR_FUTURE
 
     def oldest_held(self) -> i64:
-        """Return the first packet of which a segment or an answer is held back, 0 when nothing is."""
+        """Return the first packet whose segment or answer is held back, 0 when nothing is held back."""
         oldest: i64 = 0
         for side in self._waiting:
             held = side.stream.held

@@ -191,7 +191,10 @@ _NEGATED: Final = {"!=": "==", "!==": "=="}
 
 
 def comparison_test(condition: Comparison, field: Field, context: Context) -> Test:
-    """Return the test of one value; of `!=` and `!==` that of `==`."""
+    """Return the test of one value; for `!=` and `!==` that of `==`.
+
+    Raises `SelectError` where the field cannot be compared so.
+    """
     operator = condition.operator
     if operator not in field.kind.operators:
         takes = ", ".join(field.kind.operators)

@@ -20,13 +20,13 @@ class TcpConnection:
     """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
 
     ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is
-    open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``: what came first.
+    open, then what came first: ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``.
     ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
-    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``macs`` are the Ethernet addresses of both
-    sides at its beginning, six octets each, empty where the link has none; ``heard`` has a bit for each side that sent with
-    its own, and was not only sent to. ``doubt`` is there while ``ended`` is of a packet that its receiver need not have taken.
-    ``vlan`` is the VLAN key (`link.find_ip`) of its first packet, ``also`` are those of others, if any, in which packets of it
-    were captured.
+    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``doubt`` is set while ``ended`` rests on a
+    packet that its receiver may have ignored. ``macs`` are the Ethernet addresses of both sides at the beginning, six octets
+    each, empty where the link has none; ``heard`` has a bit for each side that was captured sending, so that its address is
+    certain. ``vlan`` is the VLAN key (`link.find_ip`) of the first packet, ``also`` those of other VLANs in which packets of
+    the connection were captured.
     """
 
     __slots__ = (
@@ -62,7 +62,7 @@ class TcpConnection:
         self.vlan: i64 = vlan
         self.also: tuple[int, ...] = ()
         self._streams: list[HalfStream] | None = [HalfStream(), HalfStream()]
-        self._first_octets: i64 = 0  # what is kept of the streams once they are let go, as the next ones
+        self._first_octets: i64 = 0  # this and the next three are what is kept of the streams once they are let go
         self._first_position: i64 = 0
         self._second_octets: i64 = 0
         self._second_position: i64 = 0
@@ -86,7 +86,7 @@ class TcpConnection:
 
     @property
     def streams(self) -> list[HalfStream]:
-        """What each side sent; of a connection that was let go they know ``octets`` and ``position`` only."""
+        """What each side sent; once the connection was let go, only ``octets`` and ``position`` are right."""
         found = self._streams
         if found is not None:
             return found
@@ -96,7 +96,7 @@ class TcpConnection:
         return [first, second]
 
     def let_go(self) -> None:
-        """It is over: keep how much passed, and nothing that streams work with. Results keep a thousand connections."""
+        """The connection is over: keep how much passed, and forget the streams, because results keep many connections."""
         streams = self._streams
         if streams is None:
             return
@@ -108,12 +108,12 @@ class TcpConnection:
         self._streams = None
 
     def note_vlan(self, vlan: int) -> None:
-        """Packets of it were captured in this VLAN, too."""
+        """Take a VLAN in which packets of the connection were captured as well."""
         if vlan != self.vlan and vlan not in self.also:
             self.also = (*self.also, vlan)
 
     def note_link(self, side: i64, addresses: bytes) -> None:
-        """Take the Ethernet addresses of a packet that ``side`` sent: that of its receiver in front, as on the wire."""
+        """Take the Ethernet addresses of a packet that ``side`` sent, the receiver's in front, as on the wire."""
         if len(addresses) != 12:
             return
         if side == 1 and (self.heard == 0 or addresses == self.macs):  # in the order that they are kept in
@@ -127,7 +127,7 @@ class TcpConnection:
         self.heard |= 1 << side
 
     def mac(self, side: i64) -> bytes:
-        """Return the Ethernet address of a side; empty where it is not known, or stands for no station or for many."""
+        """Return the Ethernet address of a side; empty where it is not known, all zeros, or that of a group."""
         found = self.macs[6 * side : 6 * side + 6]
         return found if found and found != _NO_MAC and not found[0] & 1 else b""
 
@@ -150,10 +150,11 @@ class TcpConnection:
         return stream.start_seq != ((isn + 1) & MASK)
 
     def note_fin(self, side: i64, end_seq: i64, frame: i64, time_ns: i64, read: bool = True) -> bool:
-        """A FIN was seen; the first one says who closed. False when it is far from what is expected, as with `note_reset`.
+        """Take a FIN; the first one says who closed. False when it is far from what is expected, and is ignored.
 
-        ``end_seq`` is the sequence number after the octets it came with. It may be further away than a reset: the octets
-        before it may be missing from the capture. ``read``: the octets of the connection are, so that it may be doubted.
+        ``end_seq`` is the sequence number after the octets that it came with. It may be further away than that of a reset,
+        because octets before it may be missing from the capture. ``read``: the octets of the connection are followed, so that
+        the FIN can be doubted.
         """
         if not self._fits(side, end_seq, FAR_AHEAD):
             return False
@@ -161,7 +162,7 @@ class TcpConnection:
         return True
 
     def _note_end(self, how: str, side: i64, seq: i64, frame: i64, time_ns: i64, read: bool) -> None:
-        """Take an end that is believed, as far as it is exactly where it is expected; of others the first may be doubted."""
+        """Take an end: one with the expected sequence number is certain, the first of any others is in doubt."""
         silent: i64 = 3 if how == "reset" else 1 << side
         stream = self.streams[side]
         if self.ended:
@@ -177,7 +178,7 @@ class TcpConnection:
         self._silent |= silent
 
     def withdraw(self) -> None:
-        """The end that was in doubt is none: what ended the connection since then does, if anything did."""
+        """The end that was in doubt was none: what ended the connection since then, if anything did, takes its place."""
         doubt = self.doubt
         if doubt is None:
             return
@@ -199,7 +200,7 @@ class TcpConnection:
         return -window <= stream.distance(seq) <= window
 
     def note_reset(self, side: i64, seq: i64, frame: i64, time_ns: i64) -> bool:
-        """A RST was seen; False when its sequence number is far from what is expected, so that it is ignored."""
+        """Take a RST; False when its sequence number is far from what is expected, so that it is ignored."""
         if not self._fits(side, seq, _RESET_WINDOW):
             return False
         self._note_end("reset", side, seq, frame, time_ns, True)

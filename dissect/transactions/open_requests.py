@@ -24,16 +24,16 @@ from dissect.transactions.transaction import Transaction
 MAX_ORPHANS: Final = 64
 ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
-#: So many times as long while a message of the asking side is unfinished: a request may be whole in it, as the next one shows.
+#: They are held this many times longer while a message of the asking side is unfinished, because a whole request may be in it.
 UNFINISHED_HOLD: Final = 10
 #: Identical requests that may wait under one reference, and how long after the one before them they may come.
 MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
-#: A client that has got nothing for so long does not ask beside a request, but gave it up: of several it sends one soon after
-#: the other, or when it was answered something.
+#: A client that got nothing for this long and asks again gave its request up: clients that have several open send one soon
+#: after the other, or after an answer.
 BESIDE_NS: Final = 200_000_000
-#: Requests of a side that may wait behind others of their reference: those of a client whose packets all come first. Each
-#: answer looks at them all.
+#: Requests of a side that may wait behind others with their reference, as where all packets of a client were captured first.
+#: Each answer looks at all of them.
 MAX_BEHIND: Final = 256
 #: Clients wait two seconds at least before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
@@ -73,15 +73,15 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
 
 
 def no_answer(request: Transaction, before: Transaction) -> bool:
-    """Return whether a client got nothing for so long since the request ``before`` that it gave that one up."""
+    """Return whether a client gave the request ``before`` up, because it had got nothing since when it sent ``request``."""
     return request.request_ns - before.request_ns > BESIDE_NS and request.request_ack == before.request_ack
 
 
 class OpenRequests:
-    """The open requests of one asking side, and the answers to it that found none.
+    """The open requests of one asking side, and the answers to it that found none of them.
 
-    Most clients wait for each answer, or have two requests open: the two that were asked last need no dictionary and no key as
-    an int object, even beside others whose answers were not captured.
+    Most clients wait for each answer, or have two requests open. So the two that were asked last need no dictionary and no int
+    object as a key, even where others are open whose answers were not captured.
     """
 
     __slots__ = (

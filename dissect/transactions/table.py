@@ -26,12 +26,12 @@ LOOK_AT_ONCE: Final = 64
 #: The longest idle ones that a round finds; the next round has to begin while this many of them are left.
 MAX_FOUND: Final = 512
 _FEW_LEFT: Final = 160
-#: Of those found, looked at for one that is idle still.
+#: How many of those found are looked at for one that is still idle.
 _TRIED: Final = 16
 
 
 class _Idle:
-    """A connection as it was when it was looked at."""
+    """How idle a connection was when it was looked at."""
 
     __slots__ = ("first_frame", "last_ns", "side")
 
@@ -41,7 +41,7 @@ class _Idle:
         self.first_frame: i64 = side.tcp.first_frame
 
     def look(self, side: Side) -> None:
-        """Stand for another connection."""
+        """Take another connection instead."""
         self.side = side
         self.last_ns = side.tcp.last_ns
         self.first_frame = side.tcp.first_frame
@@ -220,14 +220,14 @@ class Attempt:
         self.told: bool = False
 
     def again(self, frame: i64, time_ns: i64) -> None:
-        """It came again; what comes at once was captured twice."""
+        """The SYN came again; one that comes at once was captured twice, and is not counted."""
         if time_ns - self.last_ns >= _REPEATED_NS:
             self.repeats += 1
             self.last_frame = frame
             self.last_ns = time_ns
 
     def give_up(self, repeats: i64) -> bool:
-        """Return whether it was repeated so often; True once only."""
+        """Return whether the SYN was repeated ``repeats`` times or more; True only once."""
         if self.told or self.repeats < repeats:
             return False
         self.told = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.recording.window import parse_window
@@ -61,6 +61,7 @@ def test_what_is_no_window_is_told(text: str, said: str) -> None:
 
 
 @given(st.text(alphabet="0123456789.:-TZs ", max_size=30))
+@example("23:59:55..5")
 def test_nothing_else_is_raised(text: str) -> None:
     try:
         begin, end = parse_window(text).resolve(FIRST, LAST)

@@ -93,13 +93,13 @@ class Chosen:
         if len(files) > 1:
             self.context.number = places_of(run, files).number
 
-    def sieve(self, observer: Observer, at_once: bool = False) -> Observer:
-        """Return what tells ``observer`` of what is selected only, or itself where all is; ``at_once`` as `Sieve` has it."""
+    def sieve(self, observer: Observer) -> Observer:
+        """Return what tells ``observer`` of what is selected only, or itself where all is."""
         if self.where is None:
             return observer
         from dissect.select.sieve import Sieve
 
-        self._sieve = Sieve(observer, self.where, at_once)
+        self._sieve = Sieve(observer, self.where)
         return self._sieve
 
     @property
