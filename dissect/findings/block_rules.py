@@ -95,7 +95,7 @@ class BlockWatch:
 
     def _judge_code(self, block: CarvedBlock, before: CarvedBlock | None, operation: Operation, plc: str) -> None:
         code = self._rules()
-        for slug, what in code.reporter(block):
+        for slug, what in code.judge(block):
             self._note(slug, operation, None, what)
         if operation.kind == DOWNLOAD:
             running = self._running(plc) if before is not None else []
