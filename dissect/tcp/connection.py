@@ -1,4 +1,4 @@
-"""A TCP connection: its two ends and their streams, how it began and how it ended."""
+"""`TcpConnection`: the two ends of a TCP connection and their streams, how it began and how it ended."""
 
 from __future__ import annotations
 
@@ -9,24 +9,26 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.tcp.doubt import Doubt
 from dissect.tcp.stream import FAR_AHEAD, MASK, Endpoint, HalfStream
 
-#: A reset is believed this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
+#: A reset counts if it is at most this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
 _RESET_WINDOW: Final = 65536
-#: An Ethernet address that stands for none.
+#: The Ethernet address where there is none, as on loopback.
 _NO_MAC: Final = bytes(6)
 
 
-@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header of the garbage collector
 class TcpConnection:
     """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
 
     ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is
-    open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``: what came first.
-    ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
-    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``macs`` are the Ethernet addresses of both
-    sides at its beginning, six octets each, empty where the link has none; ``heard`` has a bit for each side that sent with
-    its own, and was not only sent to. ``doubt`` is there while ``ended`` is of a packet that its receiver need not have taken.
-    ``vlan`` is the VLAN key (`link.find_ip`) of its first packet, ``also`` are those of others, if any, in which packets of it
-    were captured.
+    open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``, whichever came first.
+    ``ended_by`` is the side that began to close, -1 for neither. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
+    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``doubt`` is there while ``ended`` comes
+    from a RST or FIN that its receiver need not have accepted.
+
+    ``macs`` are the Ethernet addresses of sides 0 and 1 at the beginning of the connection, six octets each, empty where the
+    link has none. ``heard`` has a bit for each side that sent a packet with its address; that of the other side is then only
+    known from packets to it. ``vlan`` is the VLAN key (`link.find_ip`) of the first packet; ``also`` are the keys of further
+    VLANs in which packets of the connection were captured.
     """
 
     __slots__ = (
@@ -62,7 +64,8 @@ class TcpConnection:
         self.vlan: i64 = vlan
         self.also: tuple[int, ...] = ()
         self._streams: list[HalfStream] | None = [HalfStream(), HalfStream()]
-        self._first_octets: i64 = 0  # what is kept of the streams once they are let go, as the next ones
+        # The next four are what is kept of the two streams after `let_go`.
+        self._first_octets: i64 = 0
         self._first_position: i64 = 0
         self._second_octets: i64 = 0
         self._second_position: i64 = 0
@@ -86,7 +89,7 @@ class TcpConnection:
 
     @property
     def streams(self) -> list[HalfStream]:
-        """What each side sent; of a connection that was let go they know ``octets`` and ``position`` only."""
+        """The streams of sides 0 and 1. After `let_go` they have only ``octets`` and ``position``."""
         found = self._streams
         if found is not None:
             return found
@@ -96,7 +99,7 @@ class TcpConnection:
         return [first, second]
 
     def let_go(self) -> None:
-        """It is over: keep how much passed, and nothing that streams work with. Results keep a thousand connections."""
+        """The connection is over: keep only how much passed, because results keep many connections."""
         streams = self._streams
         if streams is None:
             return
@@ -108,15 +111,15 @@ class TcpConnection:
         self._streams = None
 
     def note_vlan(self, vlan: int) -> None:
-        """Packets of it were captured in this VLAN, too."""
+        """Packets of the connection were captured in this VLAN as well."""
         if vlan != self.vlan and vlan not in self.also:
             self.also = (*self.also, vlan)
 
     def note_link(self, side: i64, addresses: bytes) -> None:
-        """Take the Ethernet addresses of a packet that ``side`` sent: that of its receiver in front, as on the wire."""
+        """Take the Ethernet addresses of a packet that ``side`` sent, destination first, as on the wire."""
         if len(addresses) != 12:
             return
-        if side == 1 and (self.heard == 0 or addresses == self.macs):  # in the order that they are kept in
+        if side == 1 and (self.heard == 0 or addresses == self.macs):  # `macs` has the address of side 0 first
             self.macs = addresses
             self.heard |= 2
             return
@@ -127,7 +130,7 @@ class TcpConnection:
         self.heard |= 1 << side
 
     def mac(self, side: i64) -> bytes:
-        """Return the Ethernet address of a side; empty where it is not known, or stands for no station or for many."""
+        """Return the Ethernet address of a side; empty where it is unknown, all zero, or a multicast address."""
         found = self.macs[6 * side : 6 * side + 6]
         return found if found and found != _NO_MAC and not found[0] & 1 else b""
 
@@ -139,7 +142,7 @@ class TcpConnection:
 
     @property
     def known_start(self) -> bool:
-        """True when the SYN was captured, so that nothing before can have been missed."""
+        """True when the SYN was captured, so that the capture has the beginning of the connection."""
         return self.initiator >= 0
 
     def is_new_connection(self, side: i64, isn: i64) -> bool:
@@ -150,10 +153,11 @@ class TcpConnection:
         return stream.start_seq != ((isn + 1) & MASK)
 
     def note_fin(self, side: i64, end_seq: i64, frame: i64, time_ns: i64, read: bool = True) -> bool:
-        """A FIN was seen; the first one says who closed. False when it is far from what is expected, as with `note_reset`.
+        """Take a FIN; return False, and ignore it, when its sequence number is far from what is expected.
 
-        ``end_seq`` is the sequence number after the octets it came with. It may be further away than a reset: the octets
-        before it may be missing from the capture. ``read``: the octets of the connection are, so that it may be doubted.
+        ``end_seq`` is the sequence number after the octets that it came with. It may be further away than that of a reset,
+        because the octets before it may be missing from the capture. ``read``: the octets of the connection are followed, so
+        that the expected number is known and the FIN may be in doubt.
         """
         if not self._fits(side, end_seq, FAR_AHEAD):
             return False
@@ -161,7 +165,7 @@ class TcpConnection:
         return True
 
     def _note_end(self, how: str, side: i64, seq: i64, frame: i64, time_ns: i64, read: bool) -> None:
-        """Take an end that is believed, as far as it is exactly where it is expected; of others the first may be doubted."""
+        """Take an end. The first one counts; it is in doubt if its sequence number ``seq`` is not the one expected."""
         silent: i64 = 3 if how == "reset" else 1 << side
         stream = self.streams[side]
         if self.ended:
@@ -177,7 +181,7 @@ class TcpConnection:
         self._silent |= silent
 
     def withdraw(self) -> None:
-        """The end that was in doubt is none: what ended the connection since then does, if anything did."""
+        """The end in doubt did not happen. If a certain end came after it, that one takes its place."""
         doubt = self.doubt
         if doubt is None:
             return
@@ -192,14 +196,14 @@ class TcpConnection:
             self.reset_by, self.reset_frame, self.reset_ns = self.ended_by, self.ended_frame, self.ended_ns
 
     def _fits(self, side: i64, seq: i64, window: i64) -> bool:
-        """Return whether a sequence number is within ``window`` of what is expected from ``side``."""
+        """Return whether a sequence number is within ``window`` of the one expected from ``side``."""
         stream = self.streams[side]
         if stream.next_seq < 0:
             return True
         return -window <= stream.distance(seq) <= window
 
     def note_reset(self, side: i64, seq: i64, frame: i64, time_ns: i64) -> bool:
-        """A RST was seen; False when its sequence number is far from what is expected, so that it is ignored."""
+        """Take a RST; return False, and ignore it, when its sequence number is far from what is expected."""
         if not self._fits(side, seq, _RESET_WINDOW):
             return False
         self._note_end("reset", side, seq, frame, time_ns, True)
