@@ -1,13 +1,14 @@
-"""What waits for time to pass: segments for those before them, responses for their requests, closed connections for stragglers.
+"""`Timers`: everything that waits for time to pass, and `OverdueWatch`, which reports requests that wait too long.
 
-Driven by the clock of the capture: packets move it, and while none arrive `Pipeline.tick` does. The pipeline compares
-``deadline_ns`` with each packet, which costs one comparison; what is behind it is looked at here.
+Segments wait for those before them, responses for their requests, and closed connections for late packets. Time is the clock of
+the capture: packets move it, and while none arrive `Pipeline.tick` does. The pipeline compares the time of each packet with
+``deadline_ns``, and calls these classes when it is reached.
 
-`OverdueWatch` reports requests that have waited too long while they are still waiting. A capture may hold thousands of
-connections, and most requests are answered at once, so nothing is stored for a request. A side that sends a request is looked
-at when that request is due, and again when the next of its open requests is; a side with none is left alone until it sends
-one. So a polling side costs one look per `Options.overdue_ns`. What the capture does not show counts against nobody: a
-response lost in a gap, or a side of which nothing was captured.
+`OverdueWatch` reports a request that is overdue while it is still open. A capture may hold thousands of connections, and most
+requests are answered at once, so nothing is stored for a request. Instead, a side that sends a request is looked at when that
+request is due, and again when its next open request is; a side without open requests is not looked at until it sends one. So a
+polling side costs one look per `Options.overdue_ns`. A request is not reported if the capture may just not show its answer: the
+answering side has a gap, or nothing of it was captured.
 """
 
 from __future__ import annotations
@@ -29,17 +30,17 @@ from dissect.transactions.table import MAX_CONNECTIONS
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
 
-#: Sides looked at in one go, and open requests; the others have to wait for the next one.
+#: How many sides and open requests are looked at with one call; the others wait for the next one.
 _SIDES_AT_ONCE: Final = 1024
 _REQUESTS_AT_ONCE: Final = 8192
-#: A side whose requests stay open is not looked at again before this.
+#: The shortest time between two looks at a side with open requests.
 _PAUSE_NS: Final = 50_000_000
-#: Sides are sought out of those whose connection is over when there are this many; more than can be open.
+#: When so many sides are kept, those of closed connections are removed. It is more than can be open at once.
 _MANY: Final = 8 * MAX_CONNECTIONS
 
 
 class _Entry:
-    """A side, and when it is looked at."""
+    """A heap entry: a side, and when to look at it."""
 
     __slots__ = ("due_ns", "side")
 
@@ -52,7 +53,7 @@ class _Entry:
 
 
 class OverdueWatch:
-    """Looks at the sides that have asked, in the order in which their requests become overdue."""
+    """Looks at the sides that have sent requests, in the order in which these become overdue."""
 
     def __init__(self, judge: Reporter, dialogue: Dialogue, limit_ns: i64) -> None:
         self._judge: Reporter = judge
@@ -62,7 +63,7 @@ class OverdueWatch:
         dialogue.watching = True
 
     def look(self, now_ns: i64) -> None:
-        """It is ``now_ns``: tell the requests that are overdue by now and were not told before."""
+        """It is ``now_ns``: report the requests that are overdue and were not reported before."""
         self._take_new()
         due = self._due
         sides: i64 = 0
@@ -80,7 +81,7 @@ class OverdueWatch:
             heapq.heappush(due, _Entry(self._look_at(side, now_ns), side))
 
     def _take_new(self) -> None:
-        """Take over the sides that asked since the last look; each is due when the latest request of its connection is."""
+        """Take over the sides that sent requests since the last look; each is due with the latest request of its connection."""
         fresh = self._dialogue.asking
         if not fresh:
             return
@@ -92,10 +93,10 @@ class OverdueWatch:
             heapq.heapify(self._due)
 
     def _look_at(self, side: Side, now_ns: i64) -> i64:
-        """Tell what is overdue of a side; return when to look at it again."""
+        """Report the overdue requests of a side; return when to look at it again."""
         answering = side.peer
         if answering is None or answering.stream.held is not None:
-            return now_ns + _PAUSE_NS  # packets are missing, or out of order: the answer may be among them
+            return now_ns + _PAUSE_NS  # an answer may be in the segments that are held, or missing before them
         again_ns: i64 = now_ns + self._limit_ns
         for transaction in side.connection.open_requests[side.index].asked_after(side.told_overdue):
             due_ns: i64 = transaction.request_ns + self._limit_ns
@@ -117,28 +118,28 @@ class OverdueWatch:
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
-#: How often (capture time) what waits is looked at: at multiples of this, whatever else waits, so that what is found of a
-#: connection does not depend on the others in the capture.
+#: Waiting sides are looked at whenever capture time passes a multiple of this. The times do not depend on what waits, so that
+#: the results for a connection do not depend on other connections in the capture.
 TICK_NS: Final = 50_000_000
-#: Sides that wait are sought out of those whose connection is over when the list has grown to this.
+#: When so many sides are in the list, those that no longer wait are removed.
 _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
 #: The deadline while nothing waits.
 FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
 
 def next_tick(now_ns: i64) -> i64:
-    """Return when to look next at what waits."""
+    """Return when to look at waiting sides next."""
     return (now_ns // TICK_NS + 1) * TICK_NS
 
 
 class Timers:
-    """Keeps the sides that wait, and passes their octets on when it is time."""
+    """Keeps the sides with something that waits, and passes their octets on when it is time."""
 
     def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64) -> None:
         self._counters: Counters = counters
         self._exchange: Exchange = exchange
         self._waiting: list[Side] = []  # sides with held segments or held answers
-        self._doubts: list[Side] = []  # of connections whose end is in doubt, if they sent since that was looked at
+        self._doubts: list[Side] = []  # sides that sent since the last look, of connections whose end is in doubt
         self._overdue: OverdueWatch | None = None
         self._rest_ns: i64 = FAR_FUTURE  # the deadline while nothing waits
         if overdue_ns:
@@ -149,14 +150,14 @@ class Timers:
     # ---- octets in order, and gaps ----------------------------------------------------------------------------------
 
     def chunks(self, side: Side, cut: bool = False) -> None:
-        """Pass on what a stream has ready: octets and gaps, in order. ``cut``: the capture cut the frame there."""
+        """Pass on what the stream of ``side`` has ready: octets and gaps, in order; ``cut``: the capture cut a frame there."""
         half = side.stream
         ready = half.take_ready()
         if half.outside:
             self._note_outside(side)
         for chunk in ready:
             if not chunk.hole and side.at_rest:
-                # What is whole in these octets was so when they came, whatever had to come before them.
+                # No message is unfinished, so messages in these octets were whole when their own packet came.
                 chunk.frame = chunk.own_frame
                 chunk.time_ns = chunk.own_ns
             side.end_seq = chunk.end_seq
@@ -178,10 +179,10 @@ class Timers:
             self._counters.note("stream.outside_window", detail, side.connection.number)
         side.stream.outside = 0
 
-    # ---- what waits -------------------------------------------------------------------------------------------------
+    # ---- waiting sides ----------------------------------------------------------------------------------------------
 
     def wait(self, side: Side) -> None:
-        """Look at ``side`` again when time passes or its connection shows another packet."""
+        """Look at ``side`` again when time passes, or with the next packet of its connection."""
         if not side.waiting:
             side.waiting = True
             side.longest = 0
@@ -207,19 +208,19 @@ class Timers:
         self.wake()
 
     def wake(self) -> None:
-        """Something waits from now on."""
+        """Something waits from now on: set the deadline if there is none."""
         if self.deadline_ns == FAR_FUTURE:
             self.deadline_ns = next_tick(self._counters.now_ns)
 
     def expire_answers(self, side: Side) -> None:
-        """Give up answers of ``side`` that were held for their request long enough."""
+        """Give up answers of ``side`` that were held for their request too long."""
         exchange = self._exchange
         exchange.dialogue.expire(side, self._counters.now_ns)
         if exchange.dialogue.also:
             exchange.beside(self._counters.frames, self._counters.now_ns)
 
     def passing(self, side: Side, peer: Side, ack: i64, acknowledges: bool) -> None:
-        """Something of this connection waits: the packet at hand may be what it waited for."""
+        """Something of this connection waits: look whether the packet at hand, which ``side`` sent, ends the waiting."""
         now_ns: i64 = self._counters.now_ns
         if side.tcp.doubt is not None:
             ends.look(self._counters, side)
@@ -231,27 +232,27 @@ class Timers:
                 end.stream.passing(now_ns)
                 if end.stream.ready:
                     self.chunks(end)
-        # Only then the answers: the request one of them waits for may just have come out.
+        # The answers come last: their requests may just have been passed on.
         self.expire_answers(peer)
         self.expire_answers(side)
 
     def give_up_waiting(self) -> None:
-        """Time has passed: give up what waited too long."""
+        """Time has passed: give up whatever waited too long."""
         waiting = list(self._waiting)
         self.look_at_ends()
         for side in waiting:
             side.stream.expire(self._counters.now_ns)
             if side.stream.ready:
                 self.chunks(side)
-        for side in waiting:  # only then the answers: the request one of them waits for may just have come out
+        for side in waiting:  # a loop of its own: the request of an answer may just have been passed on
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
             side.waiting = side.stream.time_bound or asked.orphans is not None
 
     def look_at_ends(self) -> None:
-        """Look at the connections whose end is in doubt, and that something came of since the last look.
+        """Look at the connections whose end is in doubt, and which sent something since the last look.
 
-        Of the others nothing more can be known: there may be thousands, for as long as the capture goes on.
+        Nothing new is known of the others. There may be thousands of them, until the end of the capture.
         """
         held: list[Side] = []
         for side in self._doubts:
@@ -262,24 +263,24 @@ class Timers:
             doubt.due = False
             ends.look(self._counters, side)
             if side.stream.time_bound or peer.stream.time_bound:
-                held.append(side)  # that may tell, once it is passed on
+                held.append(side)  # look again once the held segments are passed on
         self._doubts = []
         for side in held:
             self.doubt(side)
 
     def look_overdue(self) -> None:
-        """Report the requests that have been open longer than the limit, where one was set."""
+        """Report the requests that have been open longer than the limit, if there is one."""
         if self._overdue is not None:
             self._overdue.look(self._counters.now_ns)
 
     def settle(self, lingering: bool) -> None:
-        """Forget the sides that wait no longer; rest when nothing does, and no closed connection is kept (``lingering``)."""
+        """Forget the sides that no longer wait. If none is left, and no closed connection is kept (``lingering``), rest."""
         self._waiting = [side for side in self._waiting if side.waiting]
         if self._overdue is None and not self._waiting and not self._doubts and not lingering:
             self.deadline_ns = FAR_FUTURE
 
     def oldest_held(self) -> i64:
-        """Return the first packet of which a segment or an answer is held back, 0 when nothing is."""
+        """Return the number of the first packet with a segment or an answer that is held back, 0 when there is none."""
         oldest: i64 = 0
         for side in self._waiting:
             held = side.stream.held
@@ -295,7 +296,7 @@ class Timers:
         return oldest
 
     def finish(self) -> None:
-        """The capture ends: nothing waits."""
+        """The capture ends: nothing waits any longer."""
         self._waiting = []
         self._doubts = []
         self.deadline_ns = self._rest_ns
