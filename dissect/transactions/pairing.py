@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 #: Requests open at once per connection and side; the granted AmQ (parallel jobs) is 8 or less in practice.
 MAX_OPEN: Final = 4096
-#: Requests open at once on all connections. While there are more, a side that asks keeps only its latest `FEW_OPEN`.
+#: Requests open at once on all connections. Beyond that, each new request of a side with more than `FEW_OPEN` drops its oldest.
 MAX_OPEN_ALL: Final = 65536
 FEW_OPEN: Final = 16
 #: When `Dialogue.asking` has so many sides, those of closed connections are removed. It is more than can be open at once.
