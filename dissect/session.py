@@ -30,6 +30,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
+    from dissect.inventory.collector import Inventory
     from dissect.inventory.model import Device
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
@@ -68,15 +69,19 @@ class _Joint(PacketSink):
 
 
 class Run:
-    """Files read one after another into a pipeline that feeds ``observer``.
+    """A file, or files read one after another, into a pipeline that feeds ``observer``.
 
     Raises `CaptureError` from `step` when a file cannot be read at all.
     """
 
     def __init__(
-        self, paths: Sequence[str | os.PathLike[str]], observer: Observer, options: Options | None = None
+        self,
+        paths: Sequence[str | os.PathLike[str]] | str | os.PathLike[str],
+        observer: Observer,
+        options: Options | None = None,
     ) -> None:
-        self._paths = [os.fspath(path) for path in paths]
+        # A text is a sequence of texts to a type checker, so it has to be taken for the one path that it is.
+        self._paths = [os.fspath(path) for path in ([paths] if isinstance(paths, (str, os.PathLike)) else paths)]
         self._observer = observer
         self._options = options
         self._reader: Reader | None = None
@@ -105,11 +110,20 @@ class Run:
             self._close(reader, file)
         return True
 
+    def read(self) -> None:
+        """Read everything that is left; whatever stops that, no file stays open."""
+        try:
+            while self.step():
+                pass
+        finally:
+            self.close()
+
     def join(self, time_ns: int) -> None:
         """Take the time of a file's first packet: unless it goes on where the file before it ended, start anew."""
         if self._joined:
             return
         self._joined = True
+        self.files[-1].first_ns = time_ns
         gap = time_ns - self.pipeline.now_ns
         if not 0 <= gap <= CONTINUES_NS:
             self.pipeline.finish()
@@ -134,6 +148,10 @@ class Run:
         self._reader = None
         file.packets = reader.packets
         file.octets = reader.octets
+        if file.packets:
+            file.last_ns = self.pipeline.now_ns
+            if file is self.files[0]:  # which is not joined to anything
+                file.first_ns = self.pipeline.first_ns
         file.damage = reader.damage
         file.rejected = reader.rejected
         file.notes = list(reader.notes)
@@ -290,20 +308,27 @@ def open(
     (docs/tls.md). ``tags`` are files of tags, or what `dissect.tags.load_tags` made of them:
     `dissect.transactions.naming.named_values` names the values of a transaction by them.
     ``where`` selects, as option -Y does (docs/select.md): events come that match, or belong to a transaction
-    that does; PDUs only where they have all the fields that are asked for. Raises `SelectError` for a wrong expression.
-    Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding. Raises `scd.DictionaryError` or
-    `dissect.bindings.BindingError` for a dictionary or a bindings file that is wrong, `dissect.tags.TagError` for files of
-    tags, and what `read_tls_keys` raises.
+    that does; PDUs only where they have all the fields that are asked for.
+    What is wrong with these is raised at once: `SelectError` for the expression, `scd.DictionaryError` or
+    `dissect.bindings.BindingError` for a dictionary or a bindings file, `dissect.tags.TagError` for files of tags, and what
+    `read_tls_keys` raises. A capture is opened when its events are asked for: `CaptureError` comes then when it cannot be read
+    at all; damage inside one is a finding. Whoever stops half way leaves no file open.
     """
     queue = _Queue(pdus)
     options = Options(
         slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
     )
-    run = _run([path, *more], queue, sieved(queue, where, options), options)
-    while run.step():
+    return _events(_run([path, *more], queue, sieved(queue, where, options), options), queue)
+
+
+def _events(run: Run, queue: _Queue) -> Iterator[Event]:
+    try:
+        while run.step():
+            yield from queue.events
+            queue.events = []
         yield from queue.events
-        queue.events = []
-    yield from queue.events
+    finally:
+        run.close()
 
 
 def analyze(
@@ -329,8 +354,7 @@ def analyze(
     )
     sieve = sieved(analysis, where, options)
     run = _run([path, *more], analysis, sieve, options)
-    while run.step():
-        pass
+    run.read()
     analysis.take(run.pipeline, run.files)
     if sieve is not None:
         analysis.part = sieve.part(run.pipeline)
@@ -355,7 +379,10 @@ def devices(
 
     inventory = Inventory()
     run = prepared_run([path, *more], inventory, Options(checksums=checksums), where, tags, tls_keys)
-    while run.step():
-        pass
+    return _devices(run, inventory)
+
+
+def _devices(run: Run, inventory: Inventory) -> Iterator[Device]:
+    run.read()
     inventory.take(run.pipeline, run.files)
     yield from inventory.devices

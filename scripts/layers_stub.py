@@ -1,4 +1,8 @@
-"""Print the stub that names the classes of parts: ``python scripts/layers_stub.py > dissect/layers/part_classes.pyi``."""
+"""Print the stubs that name the Scapy layers to type checkers.
+
+``python scripts/layers_stub.py > dissect/layers/part_classes.pyi`` for the classes of parts, and
+``python scripts/layers_stub.py package > dissect/layers/__init__.pyi`` for the package.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +24,34 @@ ROWS: Final[list[Row]]
 """
 
 
+PACKAGE_HEAD: Final = """\
+# Made by scripts/layers_stub.py from the names of dissect/layers/__init__.py.
+# ruff: noqa: F403, F405, I001 - the star stands for the names of another stub; lines are in the order of Python
+
+"""
+
+
 def stub() -> str:
     """Return the stub: a class for each row."""
     names = sorted(row.name for rows in SECTIONS.values() for row in rows)
-    listed = (
-        "__all__ = [  # noqa: RUF022  # as Python sorts them\n"
-        + "".join([f'    "{name}",\n' for name in names])
-        + "]\n\n"
-    )
-    return HEAD + listed + "".join([f"class {name}(S7_Part): ...\n" for name in names])
+    return HEAD + _listed(names) + "\n" + "".join([f"class {name}(S7_Part): ...\n" for name in names])
+
+
+def _listed(names: list[str]) -> str:
+    lines = "".join([f'    "{name}",\n' for name in names])
+    return f"__all__ = [  # noqa: RUF022  # as Python sorts them\n{lines}]\n"
+
+
+def package_stub() -> str:
+    """Return the stub of the package: mypy does not follow what is added to ``__all__``, so it saw no parts behind a star."""
+    from dissect import layers
+    from dissect.layers import part_classes
+
+    names = set(layers.__all__) - set(part_classes.__all__)
+    lines = [f"from {getattr(layers, name).__module__} import {name} as {name}" for name in names]
+    lines.append(f"from {part_classes.__name__} import *")
+    return PACKAGE_HEAD + "".join([f"{line}\n" for line in sorted(lines)]) + "\n" + _listed(sorted(layers.__all__))
 
 
 if __name__ == "__main__":
-    sys.stdout.write(stub())
+    sys.stdout.write(package_stub() if sys.argv[1:] == ["package"] else stub())

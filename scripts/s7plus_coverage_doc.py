@@ -16,7 +16,7 @@ from typing import Final
 from dissect.engine.observer import Observer
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.id_tables import IDS
+from dissect.s7plus.id_tables import IDS, MEMBERS, MEMORY
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS, NOTIFICATION, NOTIFIED, OPCODES, REQUEST, RESPONSE, RESPONSE2, TAGS, V3
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, VALUE_TYPES
@@ -55,9 +55,11 @@ class Census(Observer):
         self.tags: Counter[int] = Counter()
         self.notified: Counter[int] = Counter()
         self.ids: Counter[int] = Counter()
+        self.memory: Counter[int] = Counter()  # members that have a name of their own
         self.compared_types: Counter[int] = Counter()
         self.compared_tags: Counter[int] = Counter()
         self.compared_ids: Counter[int] = Counter()
+        self.compared_memory: Counter[int] = Counter()
         self.pairs: Counter[int] = Counter()
         self.broken: Counter[int] = Counter()
         self._asked: dict[tuple[int, int, int], Contents] = {}
@@ -93,6 +95,7 @@ class Census(Observer):
             if part.find("reference") is not None or part.layout.name == "notified objects":
                 self.notified[part.number("kind")] += 1
             self.ids.update(_ids(part))
+            self.memory.update(_memory(part))
 
     def _compare(self, found: Contents) -> None:
         """Count what stands in a request or response whose integrity id holds."""
@@ -103,6 +106,7 @@ class Census(Observer):
             if part.find("tag") is not None:
                 self.compared_tags[part.number("tag")] += 1
             self.compared_ids.update(_ids(part))
+            self.compared_memory.update(_memory(part))
 
     def _pair(self, pdu: PlusPdu, found: Contents) -> None:
         key = (pdu.connection, pdu.side if pdu.opcode == REQUEST else 1 - pdu.side, pdu.sequence)
@@ -120,7 +124,13 @@ class Census(Observer):
 
 def _ids(part: Part) -> list[int]:
     values = [part.find(name) for name in ("id", "class", "sub_area")]
-    return [value.value for value in values if value is not None and value.octets is None]
+    found = [value.value for value in values if value is not None and value.octets is None]
+    return found if not _memory(part) else []
+
+
+def _memory(part: Part) -> list[int]:
+    id_ = part.find("id")
+    return [id_.value] if id_ is not None and id_.field.codes is MEMBERS and 0 < id_.value <= len(MEMORY) else []
 
 
 def _form(flags: int) -> str:
@@ -168,6 +178,8 @@ def document(found: Census) -> str:
         "Items of notifications", "item", NOTIFIED, found.notified, Counter()
     )  # which have no integrity id
     lines += _values("Ids", "id", IDS, found.ids, found.compared_ids)
+    names = CodeTable("", 1, MEMORY)
+    lines += _values("Members of the memory of a block or an area", "id", names, found.memory, found.compared_memory)
     unnamed = [number for number in sorted(found.ids) if number not in IDS and number]
     lines += ["", f"Seen without a name: {', '.join([str(number) for number in unnamed])}.", ""]
     return "\n".join(lines)
@@ -185,7 +197,7 @@ def _function(found: Census, function: int, name: str, opcode: int) -> str:
 def _values(title: str, column: str, table: CodeTable, counts: Counter[int], compared: Counter[int]) -> Iterator[str]:
     yield from ("", f"## {title}", "", f"| {column} | seen | compared |", "|---|---|---|")
     for row in table:
-        number = str(row.number) if table is IDS else f"`0x{row.number:02x}`"
+        number = str(row.number) if table.digits == 1 else f"`0x{row.number:02x}`"
         yield f"| {number} {row.name} | {_count(counts[row.number])} | {_count(compared[row.number])} |"
 
 

@@ -44,6 +44,9 @@ for event in dissect.open("a.pcap", scd=scd.load("plant.toml"), bind=Path("plant
     if isinstance(event, dissect.Transaction):
         reveal_type(event.scd)
 dissect.analyze("a.pcap", scd="plant.scd", bind="plant.bind.toml")
+od = scd.load("plant.toml")
+od["Pump 1"]["run"].encode(True), od["Pump 1.run"].bits, od[0x6000]["run"].bits
+reveal_type(od.variable("Pump 1.run").encode(True))
 
 
 class Mine(Observer):
@@ -71,6 +74,7 @@ REVEALED = [
     '"str"',
     "NetTime",
     "list[dissect.transactions.payloads.ScdMessage]",
+    "bytes",
     "dissect.tcp.stream.Endpoint",
 ]
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -11,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from dissect.cli.main import COMMANDS
 from tests.cli.support import run as cli
 from tests.conftest import Command
 
@@ -36,13 +40,51 @@ def test_a_snippet_runs_and_prints(snippet: str) -> None:
     assert run("-c", snippet).strip()
 
 
+PAGES = [path.name for path in sorted((ROOT / "docs").glob("*.md"))]
+#: Pages whose Python runs as it stands, beside the captures and the files of SCD's example.
+RUNNING = ("devices.md", "golden.md", "scd-traffic.md", "scd.md", "select.md", "tags.md", "values.md")
+
+
+def python_of(page: str) -> list[str]:
+    """Return the Python of a page that is no session at a prompt."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return [block for block in re.findall(r"```python[^\n]*\n(.*?)```", text, re.DOTALL) if ">>>" not in block]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if python_of(page)])
+def test_what_a_page_imports_is_there(page: str) -> None:
+    for block in python_of(page):
+        for one in ast.walk(ast.parse(block)):
+            if isinstance(one, ast.ImportFrom) and (one.module or "").split(".")[0] == "dissect":
+                found = importlib.import_module(one.module or "")
+                assert [alias.name for alias in one.names if not hasattr(found, alias.name)] == []
+
+
+@pytest.mark.parametrize("page", RUNNING)
+def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
+    blocks = [block for block in python_of(page) if "pump.eds" not in block]  # which nobody has
+    assert blocks
+    (tmp_path / "captures").symlink_to(ROOT / "captures")
+    for path in (ROOT / "captures" / "scd").glob("plant.*"):
+        shutil.copy(path, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(blocks)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+
+
 #: Each page that shows output of commands, and how often.
-SHOWING = {"README.md": 16, "docs/tutorial.md": 8}
+SHOWING = {"README.md": 16, "docs/devices.md": 1, "docs/tutorial.md": 8, "docs/values.md": 2}
 OUTPUTS = [
     (name, command, shown)
     for name in SHOWING
     for command, shown in re.findall(
-        r"```\n\$ s7dissect (.*?)\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.DOTALL
+        r"```(?:console)?\n\$ s7dissect (.*?)\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.DOTALL
     )
 ]
 
@@ -74,6 +116,17 @@ def test_the_output_in_a_page_is_real(
         at += 1
 
 
+def test_the_comment_in_the_page_of_evidence_is_real(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    shown = re.search(
+        r"^    3\t(s7dissect: .*)$", (ROOT / "docs" / "evidence.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert shown is not None
+    out = tmp_path / "stop.pcapng"
+    capture = str(ROOT / "captures" / "plc-control.pcapng")
+    assert cli(capfdbinary, "cut", capture, "-o", str(out), "--finding", "security.plc_stop", "--around", "2").code == 0
+    assert shown[1].encode() in out.read_bytes()
+
+
 def test_every_command_and_option_in_the_recipes_exists(s7dissect: Command) -> None:
     tutorial = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
     recipes = re.findall(r"`s7dissect (\w+) ([^`]*)`", README) + re.findall(
@@ -102,3 +155,20 @@ def test_the_pictures_are_there_and_small_and_fetch_nothing() -> None:
         assert (ROOT / name).stat().st_size < 200_000, name
     assert (ROOT / named[0]).read_bytes().startswith(b"\x89PNG")
     assert re.findall(r"(?:url\(.?|href=.)https?:", (ROOT / named[1]).read_text(encoding="utf-8")) == []
+
+
+def test_the_page_of_commands_has_all_of_them_and_who_takes_which_option(s7dissect: Command) -> None:
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    cells = [line.split(" | ")[0] for line in page.split("\n\n")[1].splitlines()]
+    assert set(re.findall(r"`([a-z-]+)[ `]", "\n".join(cells))) == set(COMMANDS)
+    helps = {name: s7dissect(name, "--help").stdout.decode() for name in COMMANDS}
+    for option, told in (
+        ("--where EXPR", re.search(r"^(`analyze`, .*) take `-Y EXPR`", page, re.MULTILINE)),
+        ("--fail-on WHAT", re.search(r"^`--fail-on WHAT` \((.*);", page, re.MULTILINE)),
+    ):
+        assert told is not None
+        takes = {name for name, text in helps.items() if option in text} - {
+            "index",
+            "extcap",
+        }  # which say so themselves
+        assert set(re.findall(r"`([a-z-]+)`", told[1])) == takes

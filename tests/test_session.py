@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import gzip
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -168,12 +169,41 @@ def test_a_run_reads_step_by_step_and_may_end_early(write: Files) -> None:
     assert len(record.closed) == 1
 
 
+def test_a_run_of_one_file_takes_its_path(write: Files) -> None:
+    path = write(polled(1))
+    for one in (path, Path(path)):
+        run = Run(one, Record())
+        run.read()
+        assert [file.name for file in run.files] == [path]
+
+
 def test_what_cannot_be_read_at_all_is_told(write: Files, tmp_path: Path) -> None:
     for path in (str(tmp_path / "nothing"), write(b""), write(b"no capture at all"), str(tmp_path)):
         with pytest.raises(CaptureError, match=Path(path).name):
             dissect.analyze(path)
         with pytest.raises(CaptureError):
             list(dissect.open(path))
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("reader", [dissect.open, dissect.values], ids=["open", "values"])
+def test_whoever_stops_half_way_leaves_no_file_open(write: Files, reader: Callable[..., Iterator[object]]) -> None:
+    path = write(polled(20))
+    for _ in reader(path):
+        break
+    other = reader(path)
+    next(other)
+    del other
+    gc.collect()
+
+
+def test_what_is_wrong_with_an_argument_is_told_before_the_first_event(write: Files) -> None:
+    with pytest.raises(dissect.SelectError):
+        dissect.open(write(polled(20)), where="nothing == 1")
+    with pytest.raises(dissect.SelectError):
+        dissect.devices(write(polled(20)), where="nothing == 1")
+    with pytest.raises(ValueError, match="takes both a dictionary"):
+        dissect.open(write(polled(20)), scd="plant.toml")
 
 
 def test_a_capture_without_packets_is_empty(write: Files) -> None:

@@ -18,15 +18,13 @@ from dissect.config.hints import close_to
 from dissect.s7.address import MAX_DB, MAX_OCTET
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
-from dissect.scd.errors import E_INDEX, E_PDO_NUMBER, E_VALUE, DictionaryError, Error, shown
+from dissect.scd.errors import E_INDEX, E_VALUE, DictionaryError, Error, shown
 from dissect.scd.model import NULL, Object, StructType, Variable
 from dissect.scd.reading import Table
 from dissect.scd.types import MAX_OCTETS
 from dissect.scd.user_file import FileError, UserFile, network_of, number_within, read_file
 
 MESSAGES: Final = "messages"
-#: PDOs that an error names.
-_MOST_PDOS: Final = 16
 _WAYS: Final = f'write "{MESSAGES}", a PDO ("T1"), a struct or object by its name or index, or "object.field"'
 _PDO: Final = re.compile(r"[RTrt](?:PDO\s*)?[0-9]+")
 _INDEX: Final = re.compile(r"0[xX][0-9a-fA-F]{1,4}")
@@ -125,14 +123,12 @@ def _value(variable: Variable) -> Content:
 
 def _unknown(dictionary: Dictionary, written: str) -> Error:
     """Return the error that says what there is instead."""
-    within = f"in the dictionary {shown(dictionary.name)}"
     if _PDO.fullmatch(written):
-        there = [*(f"T{number}" for number in dictionary.tpdo), *(f"R{number}" for number in dictionary.rpdo)]
-        some = f"; there are {', '.join(there[:_MOST_PDOS])}" if there else "; there are none"
-        more = f" and {len(there) - _MOST_PDOS} more" if len(there) > _MOST_PDOS else ""
-        return Error(
-            E_PDO_NUMBER, "", f"no PDO {shown(written) if len(written) > _MOST_PDOS else written} {within}{some}{more}"
-        )
+        try:
+            dictionary.pdo(written)
+        except Error as error:
+            return error
+    within = f"in the dictionary {shown(dictionary.name)}"
     hint = close_to(written, _names(dictionary, written)) or f"; {_WAYS}"
     return Error(E_INDEX, "", f"no PDO, struct or object {shown(written)} {within}{hint}")
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from dissect.scd.layout import address_text
 from dissect.scd.model import CLASSES, StructType
 from dissect.scd.ranges import is_mapping
-from dissect.scd.wording import address_text, value_text
+from dissect.scd.wording import value_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Final
 from dissect.bindings.devices import Device, Devices, is_rewritten
 from dissect.bindings.evidence import STRUCTURE_SUB, Evidence
 from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
+from dissect.scd.layout import address_text
 from dissect.scd.packing import ACCESS, ENCODING, LIMITS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION, limits_text
-from dissect.scd.wording import address_text, value_text
+from dissect.scd.wording import value_text
 from dissect.transactions.transaction import PUSH
 from dissect.wire.text import printable
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from dissect.carve.contents import tag_names
 from dissect.carve.listing import transfer_line
-from dissect.carve.networks import NEEDS, compare_networks, interface, networks
+from dissect.carve.networks import NEEDS, compare_networks, compare_sections, interface, networks
 from dissect.carve.records import digest
 from dissect.mc7.block import Block, parse_block
 from dissect.mc7.changes import Change, compare_blocks
@@ -105,8 +105,7 @@ def details_of(
         if was is None or now is None or change.state != CHANGED:
             return []
         if was.plus is not None and now.plus is not None:
-            bodies = networks(was, dictionaries()), networks(now, dictionaries())
-            return compare_networks(bodies[0], bodies[1]) if bodies[0] is not None and bodies[1] is not None else []
+            return _plus_changes(was, now)
         if not (programs.fits(was) and programs.fits(now)):
             return []
         if id(change) not in known:
@@ -115,6 +114,13 @@ def details_of(
         return known[id(change)]
 
     return details
+
+
+def _plus_changes(was: CarvedBlock, now: CarvedBlock) -> list[Change]:
+    known = dictionaries()
+    changes = compare_sections(interface(was, known), interface(now, known))
+    before, after = networks(was, known), networks(now, known)
+    return changes + compare_networks(before, after) if before is not None and after is not None else changes
 
 
 class CodeListing(Outcome):
@@ -264,6 +270,7 @@ class References(Outcome):
 
     def __init__(self, blocks: Sequence[CarvedBlock]) -> None:
         self._programs = Programs(blocks).by_plc()
+        self._left_out = list(dict.fromkeys([block.label for block in blocks if block.plus is not None]))
 
     def text(self) -> Iterator[Line]:
         """Yield an address a line, then the calls."""
@@ -272,6 +279,11 @@ class References(Outcome):
                 yield Line(plc, HEADING)
             for text in cross_reference_lines(programs):
                 yield Line(f"  {text}" if plc and text else text, PLAIN, HANG)
+        if self._left_out:
+            labels = printable(", ".join(self._left_out))
+            yield Line(f"not shown, as the code of an S7-1200/1500 is not public: {labels}", PLAIN, HANG)
+        elif not self._programs:
+            yield Line("no block with code", PLAIN)
 
     def as_dict(self) -> dict[str, object]:
         """Return uses and calls as values."""

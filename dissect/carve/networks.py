@@ -12,10 +12,12 @@ from collections.abc import Iterator, Mapping
 from difflib import SequenceMatcher
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from dissect.mc7.changes import INTERFACE as DECLARATIONS
 from dissect.mc7.changes import NETWORK, Change
 from dissect.program.carved import CarvedBlock
 from dissect.program.plus import BODY, INTERFACE, REFERENCES
 from dissect.s7plus.blobs import open_blob
+from dissect.wire.text import count
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -26,13 +28,23 @@ _LARGEST: Final = 4 * 1024 * 1024
 _DEPTH: Final = 60
 #: Gates that one line is made of: wires may cross so that each gate leads to all others.
 _GATES: Final = 1000
-_WIDTH: Final = 400
+_WIDTH: Final = 4000
 _ESCAPED: Final = re.compile("_x([0-9A-Fa-f]{4})_")
 _RAIL: Final = "TRUE"
+_AND: Final = " AND "
+#: The pin of a comparison in a ladder for what stands before it.
+_PRECEDING: Final = "pre"
+#: The pins of two boxes, the second of which goes by whether the first did its work.
+_ENABLES: Final = ("eno", "en")
+#: How the program editor calls the one section of a data block; structures inside each other, and names of a section.
+_STATIC: Final = "Static"
+_SECTION: Final = "Section"  # how TIA Portal V11 and V12 call one, which has a number for a type there
+_NESTED: Final = 8
+_MEMBERS: Final = 10_000
 #: Digits of an index or a place that are too many to be read.
 _INDEX: Final = 6
 #: Gates that join, and what stands between what they join.
-_JOINS: Final[dict[str, str]] = {"O": " OR ", "A": " AND ", "X": " XOR "}
+_JOINS: Final[dict[str, str]] = {"O": " OR ", "A": _AND, "X": " XOR "}
 #: Gates that write their operand, and what stands in front of it.
 _COILS: Final[dict[str, str]] = {"Coil": "", "SCoil": "set ", "RCoil": "reset "}
 #: Tokens of SCL that are no names.
@@ -103,7 +115,11 @@ def _network(root: Element, names: Mapping[str, str]) -> PlusNetwork:
             lines += _Gates(child, names).lines()
         elif _tag(child) == "SCLSource":
             lines += _source(child, names)
-    return PlusNetwork(number, root.get("Lang", ""), tuple([line[:_WIDTH] for line in lines]))
+    return PlusNetwork(number, root.get("Lang", ""), tuple([_bounded(line) for line in lines]))
+
+
+def _bounded(line: str) -> str:
+    return line if len(line) <= _WIDTH else f"{line[:_WIDTH]}…"
 
 
 class _Gates:
@@ -114,6 +130,7 @@ class _Gates:
         self._inputs: dict[str, dict[str, tuple[str, str]]] = {}  # pin → (gate, pin), of an operand (gate, "")
         self._outputs: dict[str, list[tuple[str, str]]] = {}  # of a gate: (pin, operand)
         self._used: dict[str, int] = {}
+        self._enabling: set[str] = set()  # whose enabling output enables another
         self._names = names
         self._left = _GATES
         for element in root.iter():
@@ -132,6 +149,8 @@ class _Gates:
             if _tag(end) == "PCon":
                 self._inputs.setdefault(uid, {})[pin] = source
                 self._used[source[0]] = self._used.get(source[0], 0) + 1
+                if (source[1], pin) == _ENABLES:
+                    self._enabling.add(source[0])
             elif _tag(end) == "OCon":
                 self._outputs.setdefault(source[0], []).append((source[1], self._operand(uid)))
 
@@ -150,9 +169,13 @@ class _Gates:
             return f"CALL {self._names.get(reference) or f'ref {reference}'}"
         return _name(part.get("Gate") or part.get("Name") or _tag(part))
 
-    def _is_box(self, part: Element) -> bool:
-        gate = part.get("Gate", "")
-        return gate != "Contact" and gate not in _JOINS and gate not in _COILS
+    def _with_instance(self, part: Element, gate: str) -> str:
+        """Return a gate with the instance that it works with: ``CALL fb, instance``, and ``instance.TON`` as in SCL."""
+        found = [each.get("RefId", "") for each in part if _tag(each) == "Instance"]
+        if not found:
+            return gate
+        instance = self._names.get(found[0]) or f"ref {found[0]}"
+        return f"{instance}.{gate}" if _tag(part) == "Part" else f"{gate}, {instance}"
 
     def lines(self) -> list[str]:
         """Return a line for each gate that nothing else is made of."""
@@ -165,8 +188,12 @@ class _Gates:
             if gate in _COILS and "operand" in self._inputs.get(uid, {}):
                 wanted = self._inputs[uid]
                 operand = self._text(wanted["operand"], 0)
-                found.append(f"{_COILS[gate]}{operand} := {self._text(wanted.get('in', ('', '')), 0)}")
-            elif uid in self._outputs or uid not in self._used:
+                text = self._text(wanted.get("in", ("", "")), 0)
+                negated = _negated(part)
+                if ("in" in negated) != ("operand" in negated):
+                    text = _not(text)
+                found.append(f"{_COILS[gate]}{operand} := {text}")
+            elif uid in self._outputs or uid not in self._used or uid in self._enabling:
                 told = self._text((uid, ""), 0)
                 outputs = [f"{pin} => {operand}" for pin, operand in self._outputs.get(uid, [])]
                 found.append(" ".join([told, *outputs]))
@@ -183,34 +210,52 @@ class _Gates:
         if depth >= _DEPTH or self._left < 0:
             return "…"
         gate, inputs = self._gate(part), self._inputs.get(uid, {})
-        negated = {each.get("PinName", "") for each in part.iter() if _tag(each) == "Negated"}
-        texts = {
-            name: ("NOT " if name in negated else "") + self._input(name, inputs[name], depth)
-            for name in sorted(inputs)
-        }
+        negated = _negated(part)
+        texts = {name: self._input(name, inputs[name], depth) for name in sorted(inputs)}
+        texts |= {name: _not(text) for name, text in texts.items() if name in negated}
         if gate == "Contact":
             before = texts.get("in", _RAIL)
             operand = texts.get("operand", "?")
-            return operand if before == _RAIL else f"{before} AND {operand}"
+            return operand if before == _RAIL else f"{before}{_AND}{operand}"
         if gate in _JOINS:
             return f"({_JOINS[gate].join(texts.values())})"
         if gate in _COILS:
             return texts.get("in", _RAIL)  # a coil within a line passes on what it gets
+        before = texts.pop(_PRECEDING, _RAIL)
         arguments = ", ".join([f"{name} := {text}" for name, text in texts.items() if text != _RAIL])
-        shown = f"{gate}({arguments})"
-        return f"{shown}.{pin}" if pin not in {"", "out", "OUT", "eno"} else shown
+        shown = f"{self._with_instance(part, gate)}({arguments})"
+        shown = f"{shown}.{pin}" if pin not in {"", "out", "OUT", "eno"} else shown
+        return shown if before == _RAIL else f"{before}{_AND}{shown}"
 
     def _input(self, pin: str, source: tuple[str, str], depth: int) -> str:
         """Return what a pin gets; the enabling output of a box by the name of the box, which has a line of its own."""
         part = self._parts.get(source[0])
         wired = part is not None and source[0] in self._inputs
-        if part is not None and wired and pin == "en" and self._is_box(part):
+        if part is not None and wired and (source[1], pin) == _ENABLES:
             return f"{self._gate(part)}.ENO"
         return self._text(source, depth + 1)
 
 
+def _negated(part: Element) -> set[str]:
+    """Return the pins of a gate that are negated; a negated coil has its operand so."""
+    return {each.get("PinName", "") for each in part.iter() if _tag(each) == "Negated"}
+
+
+def _not(text: str) -> str:
+    depth = 0
+    for at, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0 and text.startswith(_AND, at):
+            return f"NOT ({text})"
+    return f"NOT {text}"
+
+
 def interface(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[tuple[str, list[str]]]:
-    """Return the sections of the interface of a block that have members, with their names; empty where it cannot be opened."""
+    """Return the sections of the interface of a block that have members, with their names; empty where it cannot be opened.
+
+    Members of structures have the names of these in front. A data block of its own has one section, `_STATIC`; an instance has
+    those of its function block.
+    """
     try:
         import defusedxml  # noqa: F401 - whether it is there
     except ImportError:
@@ -218,18 +263,63 @@ def interface(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[tup
     found: list[tuple[str, list[str]]] = []
     for id_, octets in block.plus.blobs() if block.plus is not None else ():
         root = _parsed(octets, dictionaries) if id_ == INTERFACE else None
-        if root is None:
-            continue
-        parts = [part for each in root.iter() if _tag(each) == "SubParts" for part in each]
-        for section in [each for each in root.iter() if _tag(each) == "Member" and each.get("SubPartIndex")]:
-            index = section.get("SubPartIndex", "")
-            part = parts[int(index)] if index.isdecimal() and len(index) < _INDEX and int(index) < len(parts) else None
-            names = (
-                [_name(each.get("Name", "")) for each in part.iter() if each.get("Name")] if part is not None else []
-            )
-            if names:
-                found.append((_name(section.get("Name", "")), names))
+        if root is not None:
+            found += _sections(root)
     return found
+
+
+def _sections(root: Element) -> list[tuple[str, list[str]]]:
+    """Return the sections that the first part of an interface with declarations has; of those it refers to, only structures."""
+    found: list[tuple[str, list[str]]] = []
+    for part in [each for each in root.iter() if _tag(each) == "Part"]:
+        declared = [each for head in _within(part, "Payload", "Root") for each in head if _tag(each) == "Member"]
+        if not declared:
+            continue
+        loose: list[str] = []
+        parts = _within(part, "SubParts")
+        for member in declared:
+            if member.get("RID") and member.get("Type") != _SECTION:  # has a type: a variable
+                _add_names(loose, member, parts, "", 0)
+                continue
+            names: list[str] = []
+            inner, inner_parts = _inside(member, parts)
+            for each in inner:
+                _add_names(names, each, inner_parts, "", 0)
+            if names:
+                found.append((_name(member.get("Name", "")), names))
+        return [(_STATIC, loose), *found] if loose else found
+    return []
+
+
+def _within(element: Element, *tags: str) -> list[Element]:
+    """Return the elements of the last of these tags, each of which stands in one before; of one tag what stands in it."""
+    inner = [each for head in element if _tag(head) == tags[0] for each in head]
+    return [each for each in inner if _tag(each) == tags[1]] if len(tags) > 1 else inner
+
+
+def _inside(member: Element, parts: list[Element]) -> tuple[list[Element], list[Element]]:
+    """Return the members of a section or structure, which stand in it or in a part, and the parts that these refer to."""
+    own = [each for each in member if _tag(each) == "Member"]
+    if own:
+        return own, parts
+    index = member.get("SubPartIndex", "")
+    if not index.isdecimal() or len(index) >= _INDEX or int(index) >= len(parts):
+        return [], []
+    part = parts[int(index)]
+    heads = _within(part, "Payload", "Member")
+    return [each for head in heads for each in head if _tag(each) == "Member"], _within(part, "SubParts")
+
+
+def _add_names(names: list[str], member: Element, parts: list[Element], before: str, depth: int) -> None:
+    """Add the name of a variable; of a structure those of its members."""
+    if len(names) >= _MEMBERS:
+        return
+    name = before + _name(member.get("Name", ""))
+    inner, inner_parts = _inside(member, parts) if depth < _NESTED else ([], [])
+    for each in inner:
+        _add_names(names, each, inner_parts, f"{name}.", depth + 1)
+    if not inner:
+        names.append(name)
 
 
 def _source(root: Element, names: Mapping[str, str]) -> list[str]:
@@ -258,6 +348,18 @@ def _token(element: Element, symbols: Mapping[str, str]) -> str:
 # ---- comparison -----------------------------------------------------------------------------------------------------
 
 
+def compare_sections(before: list[tuple[str, list[str]]], after: list[tuple[str, list[str]]]) -> list[Change]:
+    """Return which names an interface gained and lost, as `interface` gives them; none where one could not be opened."""
+    if not before or not after:
+        return []
+    old, new = [{(section, name): None for section, names in each for name in names} for each in (before, after)]
+    gone = [f"{section} {name}" for section, name in old if (section, name) not in new]
+    fresh = [f"{section} {name}" for section, name in new if (section, name) not in old]
+    return [Change(DECLARATIONS, 0, text, "", f"{text} removed") for text in gone] + [
+        Change(DECLARATIONS, 0, "", text, f"{text} added") for text in fresh
+    ]
+
+
 def compare_networks(before: list[PlusNetwork], after: list[PlusNetwork]) -> list[Change]:
     """Return what changed from one body to another, by network: those that are equal are aligned first."""
     old, new = [network.lines for network in before], [network.lines for network in after]
@@ -272,7 +374,7 @@ def compare_networks(before: list[PlusNetwork], after: list[PlusNetwork]) -> lis
             Change(NETWORK, each.number, "\n".join(each.lines), "", " removed") for each in before[a + common : b]
         ]
         changes += [
-            Change(NETWORK, each.number, "", "\n".join(each.lines), f" added ({len(each.lines)} lines)")
+            Change(NETWORK, each.number, "", "\n".join(each.lines), f" added ({count(len(each.lines), 'line')})")
             for each in after[c + common : d]
         ]
     return changes

@@ -87,6 +87,5 @@ def blocks(
             options.only = selection.may_hold
     collector = Collector(chosen)
     run = Run([path, *more], collector, options)
-    while run.step():
-        pass
+    run.read()
     return collector.ordered()

@@ -63,11 +63,11 @@ _EXIT_CODES = (
     help="Report alerts that these rules would raise; no action is executed.",
 )
 @click.option(
-    "--rate-factor", type=click.FloatRange(0, 1e6), default=2.0, show_default=True,
+    "--rate-factor", type=click.FloatRange(0, 1e6), default=2.0, show_default=True, metavar="FACTOR",
     help="With --against: report rates above this multiple of the baseline; 0 disables.",
 )  # fmt: skip
 @click.option(
-    "--silence-factor", type=click.FloatRange(0, 1e6), default=0.0, show_default=True,
+    "--silence-factor", type=click.FloatRange(0, 1e6), default=0.0, show_default=True, metavar="FACTOR",
     help="With --against: report gaps longer than this multiple of the baseline; 0 disables.",
 )  # fmt: skip
 @format_option(ALERTS)

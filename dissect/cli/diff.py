@@ -67,7 +67,8 @@ _IGNORABLE = "\n".join(
     type=click.IntRange(min=0),
     default=100,
     show_default=True,
-    help="Maximum number of differences.",
+    metavar="N",
+    help="Maximum number of differences to print.",
 )
 @select_options("transaction", "connection")
 @scd_options

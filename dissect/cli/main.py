@@ -162,7 +162,7 @@ class _Main(LazyGroup):
         """Return what may have been meant; a folder is probably to be searched through."""
         if os.path.isdir(name):  # noqa: PTH112 - a name that no path can have is simply not there
             return f" It is a folder: s7dissect index {printable(name)}"
-        return super().hint(name)
+        return super().hint(name) or (" There is no such file either." if "." in name and "://" not in name else "")
 
 
 def _equipped(command: click.Command, path: str) -> click.Command:
@@ -185,7 +185,8 @@ def _equipped(command: click.Command, path: str) -> click.Command:
 @click.command(
     cls=_Main,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="s7dissect COMMAND --help shows the options of a command, s7dissect help COMMAND its manual page.",
+    epilog="\b\nTo begin with:\n  s7dissect analyze trace.pcapng\n  s7dissect monitor -i eth0\n\n"
+    "s7dissect COMMAND --help shows the options of a command, s7dissect help COMMAND its manual page.",
 )
 @click.version_option(
     __version__, prog_name="s7dissect", message=f"%(prog)s %(version)s ({'compiled' if COMPILED else 'interpreted'})"

@@ -113,7 +113,12 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
     help="Maximum wait for each answer, in seconds.",
 )
 @click.option(
-    "--retries", type=click.IntRange(0, 100), default=0, show_default=True, help="Further attempts to connect."
+    "--retries",
+    type=click.IntRange(0, 100),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Further attempts to connect.",
 )
 @click.option("-w", "--write", "output", metavar="OUT", help="Write the traffic to this pcapng file.")
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists.")
@@ -126,7 +131,8 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
     type=click.IntRange(min=0),
     default=100,
     show_default=True,
-    help="Maximum number of differences.",
+    metavar="N",
+    help="Maximum number of differences to print.",
 )
 @scd_options
 def command(

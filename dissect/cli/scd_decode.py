@@ -15,7 +15,7 @@ from dissect.cli.scd_files import columns, node_option, open_dictionary
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import LINE, Outcome, plain
 from dissect.report.styled import Line
-from dissect.wire.text import encodable, printable
+from dissect.wire.text import count, encodable, printable
 
 if TYPE_CHECKING:
     from dissect.scd.codec import Codec, Decoded
@@ -198,7 +198,7 @@ def _heading(od: Dictionary, message: Message, surplus: bytes) -> Iterator[str]:
         parts += [f"{role} {message.numbers[role]}" for role in _SHOWN_NUMBERS if role in message.numbers]
         if "err" in message.numbers:
             parts.append(f"err {message.err} {printable(_error_text(od, message.err))}".rstrip())
-    parts.append(f"{len(message.data)} bytes")
+    parts.append(count(len(message.data), "byte"))
     yield "  ".join(parts)
     for name, keys in message.flags.items():
         if not keys:

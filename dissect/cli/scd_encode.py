@@ -32,12 +32,20 @@ _KINDS: Final[dict[str, tuple[Service, Phase]]] = {
     "pdo": ("pdo", "push"),
 }
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}))?")
-_NUMBERS: Final = ("tid", "err", "port", "src", "dst", "seq")
+#: Fields of an envelope that an option gives, and what they are.
+_NUMBERS: Final = {
+    "tid": "number of the transaction",
+    "err": "error code, 0 for none",
+    "port": "port of the application",
+    "src": "source, where the envelope has one",
+    "dst": "destination, where the envelope has one",
+    "seq": "sequence number, where the envelope has one",
+}
 
 
 def _numbers(command: Callable[..., Any]) -> Callable[..., Any]:
-    for name in reversed(_NUMBERS):
-        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"With --message: its {name}.")(
+    for name, meaning in reversed(_NUMBERS.items()):
+        command = click.option(f"--{name}", type=int, default=0, metavar="N", help=f"With --message: {meaning}.")(
             command
         )
     return command
@@ -183,13 +191,21 @@ def _message(
         message.index, message.sub = variable.address
         message.values = {variable.address: value}
     else:
-        message.index, message.sub = _address(codec.dictionary, words[0])
+        message.index, message.sub = _address(codec.dictionary, words[0], kind)
     return codec.encode_message(message)
 
 
-def _address(od: Dictionary, text: str) -> tuple[int, int]:
+def _address(od: Dictionary, text: str, kind: str) -> tuple[int, int]:
     """Return an address, also one that the dictionary does not have: a device may be asked for it, and refuse."""
+    from dissect.scd.errors import Error
+
     found = None if text in od.names else _ADDRESS.fullmatch(text)
     if found is None:
-        return od.variable(text).address
+        try:
+            return od.variable(text).address
+        except Error:
+            name, equals, _ = text.partition("=")
+            if equals and (name in od or _ADDRESS.fullmatch(name)):
+                raise click.UsageError(f"a {kind} carries no value: give {name} alone.") from None
+            raise
     return int(found[1], 16), int(found[2] or 0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -18,7 +17,7 @@ from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import LINE, Outcome, plain
 from dissect.report.styled import FAILED, Line
 from dissect.wire.saving import save
-from dissect.wire.text import encodable, printable
+from dissect.wire.text import count, encodable, printable
 
 if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
@@ -100,11 +99,8 @@ def compile_command(source: str, output: str, force: bool, encoding: str, node: 
     The same source always gives the same bytes. What SCD cannot represent of a device description is reported on stderr.
     """
     from dissect.cli.second_pass import check_out
-    from dissect.scd.errors import DictionaryError
 
     check_out((source,), output, force)
-    if Path(source).suffix.lower() == ".scd":
-        raise DictionaryError("file", "is compiled already; `dump` makes a source of it", path=source)
     dictionary, notes = _source(source, encoding, node)
     tell_notes(source, notes)
     if output == "-":
@@ -128,7 +124,8 @@ def _summary(od: Dictionary) -> Iterator[str]:
     own = len(od.body.types) + len(od.body.structs)
     envelope = "an envelope of its own" if od.envelope is not None else "the default envelope"
     name = printable(f"{od.name} {od.version}".strip())
-    yield f"  {name}: {len(od)} objects, {own} types, {len(od.tpdo)} TPDOs, {len(od.rpdo)} RPDOs, {envelope}"
+    numbers = ((len(od), "object"), (own, "type"), (len(od.tpdo), "TPDO"), (len(od.rpdo), "RPDO"))
+    yield f"  {name}: {', '.join([count(number, one) for number, one in numbers])}, {envelope}"
     yield f"  file id  {od.file_id.hex()}"
     yield f"  wire id  {od.wire_id.hex()}"
 
@@ -224,7 +221,7 @@ class _Checked(Outcome):
 def _pdos(od: Dictionary) -> Iterator[str]:
     rows = []
     for pdo in (*od.tpdo.values(), *od.rpdo.values()):
-        size = f"{pdo.size} bytes" if pdo.map else "off"
+        size = count(pdo.size, "byte") if pdo.map else "off"
         rows.append([f"  {pdo.direction}{pdo.number}", f"0x{pdo.mapping.index:04x}", size, printable(pdo.name)])
     yield from columns(rows)
 

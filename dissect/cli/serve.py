@@ -37,14 +37,17 @@ def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
 
 
 def _latency(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
+    from dissect.playback.server.service import MAX_LATENCY_MS
+
     if value in {"none", "recorded"}:
         return 0 if value == "none" else None
     try:
         ms = float(value)
     except ValueError:
         ms = -1
-    if not 0 <= ms <= 3_600_000:
-        raise click.BadParameter(f"expected recorded, none, or milliseconds up to 3600000, got {value!r}.", ctx, param)
+    if not 0 <= ms <= MAX_LATENCY_MS:
+        expected = f"recorded, none, or milliseconds up to {MAX_LATENCY_MS}"
+        raise click.BadParameter(f"expected {expected}, got {value!r}.", ctx, param)
     return ms
 
 

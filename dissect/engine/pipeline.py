@@ -558,8 +558,11 @@ class Pipeline(PacketSink):
         side.tcp.let_go()
 
     def _end(self, side: Side, peer: Side, reason: str) -> None:
-        self._end_stream(side)
-        self._end_stream(peer)
+        for end in (side, peer):
+            end.stream.finish()
+            end.waiting = False
+        if side.stream.ready or peer.stream.ready or side.stream.outside or peer.stream.outside:
+            self.timers.both(side)
         ends.finish(self.counters, self.table, side, peer)
         connection = side.connection
         if connection.number:
@@ -572,12 +575,6 @@ class Pipeline(PacketSink):
             side.protocol.end(side, side.tcp.last_frame, side.tcp.last_ns)
         elif connection.state == PROBING:
             judge_silent(self.counters, side, peer)
-
-    def _end_stream(self, side: Side) -> None:
-        side.stream.finish()
-        if side.stream.ready or side.stream.outside:
-            self.timers.chunks(side)
-        side.waiting = False
 
     def forget(self) -> None:
         """No more packets come: free what only further packets would need, to have memory for the report."""

@@ -9,7 +9,7 @@ from mypy_extensions import i64
 from dissect.engine.exchange import Exchange
 from dissect.findings.session_rules import judge_port
 from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
-from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.assembly import PlusAssembler, is_notification
 from dissect.s7plus.message import SHORT_HEADS, PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
 from dissect.s7plus.plain import Head
@@ -70,12 +70,14 @@ class S7Plus(Protocol):
             who = side.tcp.ends[side.index]
             detail = f"S7comm-plus PDU from {who}: a new one begins before its end"
             self._exchange.reporter.note("s7.malformed", side.connection.number, [frame], time_ns, detail)
-            self.finish(side, frame, time_ns)
+            self._finish(side)
         whole = assembler.push(tsdu)
         if whole is None:
             if assembler.parts is not None and len(assembler.parts) == size:
                 assembler.begun_frame = frame
                 assembler.begun_ns = time_ns
+            assembler.last_frame = frame
+            assembler.last_ns = time_ns
             return
         if assembler.left_out and assembler.parts is None and whole is not tsdu:
             self._note_too_long(side, len(whole), frame, time_ns)
@@ -85,7 +87,7 @@ class S7Plus(Protocol):
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
         """Frames of a PDU are missing: what there is of it is all there will be, and nobody knows what was counted there."""
-        self.finish(side, frame, time_ns)
+        self._finish(side)
         assembler = side.plus
         if assembler is not None:
             assembler.holed = True
@@ -96,10 +98,16 @@ class S7Plus(Protocol):
         assembler.notified = -1
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Take what there is of an unfinished PDU: no more of it will come."""
+        """Take what there is of an unfinished PDU: no more of it will come, which the packet at hand shows."""
+        self._finish(side)
+
+    def _finish(self, side: Side) -> None:
+        """Take what there is of an unfinished PDU, with the packet that brought the last of it."""
         assembler = side.plus
         if assembler is not None and assembler.parts is not None:
             octets = assembler.finish()
+            frame: i64 = assembler.last_frame
+            time_ns: i64 = assembler.last_ns
             if assembler.left_out:
                 self._note_too_long(side, len(octets), frame, time_ns)
             self._pdu(side, octets, True, frame, time_ns)
@@ -112,7 +120,7 @@ class S7Plus(Protocol):
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Take what the capture kept of a frame: the PDU ends with it."""
-        self.finish(side, frame, time_ns)
+        self._finish(side)
         self._pdu(side, octets, True, frame, time_ns)
 
     def _pdu(self, side: Side, octets: bytes, cut: bool, frame: i64, time_ns: i64) -> None:
@@ -132,6 +140,10 @@ class S7Plus(Protocol):
         connection.pdus += 1
         if exchange.observer.wants_pdus:
             exchange.observer.plus_pdu(frame, time_ns, side, octets, cut)
+        assembler = side.plus if side.holes or connection.mid_stream else None
+        holed: bool = assembler is not None and assembler.holed
+        if holed and head.opcode == NOTIFICATION and not is_notification(octets):
+            head.begins = False
         if head.version >= 0:
             self.versions.add(head.version)
         if head.opcode >= 0 and head.begins:
@@ -141,8 +153,6 @@ class S7Plus(Protocol):
                     self._count_row()
                     self._function = head.function
                 self._in_a_row += 1
-        assembler = side.plus if side.holes or connection.mid_stream else None
-        holed: bool = assembler is not None and assembler.holed
         if pdu is not None and pdu.malformed and not (cut or holed):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)

@@ -22,6 +22,7 @@ from dissect.engine import ends
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.findings.reporter import Reporter
+from dissect.tcp.stretches import Chunk
 from dissect.transactions.naming import subject
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.results import wants_answer
@@ -151,27 +152,53 @@ class Timers:
 
     def chunks(self, side: Side, cut: bool = False) -> None:
         """Pass on what the stream of ``side`` has ready: octets and gaps, in order; ``cut``: the capture cut a frame there."""
-        half = side.stream
-        ready = half.take_ready()
-        if half.outside:
-            self._note_outside(side)
+        for chunk in self._take_ready(side):
+            self._pass_on(side, chunk, cut)
+
+    def both(self, side: Side) -> None:
+        """Pass on what both directions of the connection of ``side`` have ready, in the order of their packets.
+
+        So an answer comes after its request where both waited behind gaps.
+        """
+        peer = side.peer
+        if peer is None:
+            return
+        ready = self._take_ready(side)
+        others = self._take_ready(peer)
+        at: i64 = 0
         for chunk in ready:
-            if not chunk.hole and side.at_rest:
-                # No message is unfinished, so messages in these octets were whole when their own packet came.
-                chunk.frame = chunk.own_frame
-                chunk.time_ns = chunk.own_ns
-            side.end_seq = chunk.end_seq
-            side.last_ack = chunk.ack
-            if chunk.hole:
-                if side.connection.followed:
-                    self._counters.octets.holes += 1
-                    self._counters.octets.missing += chunk.hole
-                side.holes += 1
-                side.missing += chunk.hole
-                side.hole_frame = chunk.frame
-                side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
-            else:
-                side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
+            while at < len(others) and others[at].own_frame < chunk.own_frame:
+                self._pass_on(peer, others[at], False)
+                at += 1
+            self._pass_on(side, chunk, False)
+        while at < len(others):
+            self._pass_on(peer, others[at], False)
+            at += 1
+
+    def _take_ready(self, side: Side) -> list[Chunk]:
+        ready = side.stream.take_ready()
+        if side.stream.outside:
+            self._note_outside(side)
+        return ready
+
+    def _pass_on(self, side: Side, chunk: Chunk, cut: bool) -> None:
+        """Hand octets of ``side`` to its protocol, or report a gap to it."""
+        if not chunk.hole and side.at_rest:
+            # No message is unfinished, so messages in these octets were whole when their own packet came.
+            chunk.frame = chunk.own_frame
+            chunk.time_ns = chunk.own_ns
+        side.end_seq = chunk.end_seq
+        side.last_ack = chunk.ack
+        if chunk.hole:
+            if side.connection.followed:
+                self._counters.octets.holes += 1
+                self._counters.octets.missing += chunk.hole
+            side.holes += 1
+            side.missing += chunk.hole
+            side.hole_frame = chunk.frame
+            side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
+        else:
+            side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
 
     def _note_outside(self, side: Side) -> None:
         if side.connection.followed:
@@ -230,8 +257,8 @@ class Timers:
         for end in (peer, side):
             if end.stream.held is not None:
                 end.stream.passing(now_ns)
-                if end.stream.ready:
-                    self.chunks(end)
+        if side.stream.ready or peer.stream.ready:
+            self.both(peer)
         # The answers come last: their requests may just have been passed on.
         self.expire_answers(peer)
         self.expire_answers(side)
@@ -242,8 +269,9 @@ class Timers:
         self.look_at_ends()
         for side in waiting:
             side.stream.expire(self._counters.now_ns)
+        for side in waiting:
             if side.stream.ready:
-                self.chunks(side)
+                self.both(side)
         for side in waiting:  # a loop of its own: the request of an answer may just have been passed on
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]

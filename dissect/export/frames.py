@@ -42,6 +42,10 @@ class Frames:
     def __len__(self) -> int:
         return len(self._tables)
 
+    def __dir__(self) -> list[str]:
+        """Name the tables too, as whoever presses Tab after the point looks for them."""
+        return sorted([*super().__dir__(), *self._tables])
+
     def __getitem__(self, name: str) -> Any:
         """Return the frame of a table. KeyError for one that was not read."""
         if name not in self._tables:
@@ -65,7 +69,7 @@ def frames(
     path: str | os.PathLike[str],
     *more: str | os.PathLike[str],
     library: str = "pandas",
-    tables: Sequence[str] = (),
+    tables: Sequence[str] | str = (),
     where: str | Where | None = None,
     tags: Tags = None,
     tls_keys: KeyLogFiles = None,
@@ -87,13 +91,12 @@ def frames(
         )
     for name in {"pyarrow", library} - {"arrow"}:
         needed(name, "dissect.frames")
-    chosen = chosen_tables(tables)
+    chosen = chosen_tables([tables] if isinstance(tables, str) else tables)
     sink = MemorySink(chosen)
     feed = TableFeed(chosen, sink)
     run = prepared_run([path, *more], feed, Options(slow_ns, checksums=checksums), where, tags, tls_keys)
     feed.begin(run.files)
-    while run.step():
-        pass
+    run.read()
     feed.finish(run.pipeline, run.files)
     return Frames(sink.tables(), library)
 

@@ -101,7 +101,8 @@ class PlusWatch:
             if function == EXPLORE and transaction.request_frame:
                 session.note_explore(int(transaction.request_frame), transaction.request_ns)
         elif len(session.subscriptions) > 0 or connection.mid_stream:
-            self._operations.notified(subscription_of(transaction.response_octets), transaction)
+            if self._operations.notified(subscription_of(transaction.response_octets), transaction):
+                self._subscribes(connection)
         read: i64 = -1
         if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
             if function == GET_MULTI_VARIABLES:
@@ -120,14 +121,19 @@ class PlusWatch:
                 self._tell(session, event, transaction, code)
                 if event.kind == SESSION:
                     self._sessions.opened(session, event.object_id, transaction)
-                elif event.kind in _SUBSCRIBING and len(self._subscribers) < MAX_SUBSCRIBERS:
-                    self._subscribers.add(_stations(connection))
+                elif event.kind in _SUBSCRIBING:
+                    self._subscribes(connection)
             if facts.malformed:
                 self._malformed(transaction, facts)
             if facts.exhausted:
                 self._note("s7.plus_too_long", transaction, f"more than {MAX_WORK // STEP} values")
         if transaction.error_code == _PROTECTED and connection.traits.first("security.protected"):
             self._security.tell("security.protected", transaction, transaction.function_name)
+
+    def _subscribes(self, connection: Connection) -> None:
+        """Remember that the client of a connection subscribes to something at that CPU, or did before the capture."""
+        if len(self._subscribers) < MAX_SUBSCRIBERS:
+            self._subscribers.add(_stations(connection))
 
     def _note(self, slug: str, transaction: Transaction, what: str) -> None:
         frames = transaction.frames

@@ -55,6 +55,8 @@ class DiffOptions:
             self._patterns.setdefault(kind, []).append(pattern if colon else "*")
         self.latency_ns: float | None = None
         self.latency_share: float | None = None
+        if latency is not None and not isinstance(latency, str):
+            raise ValueError(f"latency={latency!r}: a tolerance is a text such as '20%', '5ms' or '20%,5ms'")
         for part in latency.split(",") if latency is not None else ():
             found = _TOLERANCE.fullmatch(part.strip())
             if found is None:

@@ -146,7 +146,7 @@ def judge_client(
         first = deeds.done.get(SESSION, deeds.tried.get(SESSION, int(connection.tcp.first_frame)))
         who = session.application or session.session_name
         where = " on ".join([text for text in (who, session.host) if text])
-        client.sessions.add(" ".join([text for text in (where, session.user) if text]))
+        client.sessions.add(session.who)
         if who.startswith(_SIMATIC_NET) or "OPC" in f"{who} {session.host}".upper():
             client.because(OPC, STATED, f"its session says {where}", first)
         elif session.role_name in _SESSIONS:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from keyword import iskeyword
+from types import new_class
 from typing import Any, Final
 
 from scapy import fields as scapy_fields
@@ -20,6 +21,7 @@ from scapy.fields import (
     FieldListField,
     IntField,
     PacketListField,
+    RawVal,
     ShortField,
     ThreeBytesField,
     X3BytesField,
@@ -45,8 +47,6 @@ ScapyField = Any
 #: Most octets that ``fuzz()`` puts into one field.
 _FUZZED: Final = 64
 
-_DECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: ByteField, 2: ShortField, 3: ThreeBytesField, 4: IntField}
-_HEXADECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {1: XByteField, 2: XShortField, 3: X3BytesField, 4: XIntField}
 #: Names that an error lists; of more of them it gives those that are most like the one that is none.
 _LISTED: Final = 24
 
@@ -62,7 +62,7 @@ def no_such_name(field: str, name: str, names: Iterable[str]) -> ValueError:
     return ValueError(f"{field}: no value is called {name!r}: {advice}")
 
 
-class _Named:
+class Named:
     """Of a Scapy field with names: one that is not known is a ValueError that says which there are."""
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
@@ -74,36 +74,66 @@ class _Named:
             raise no_such_name(field.name, str(error.args[0]), sorted(field.s2i, key=field.s2i.get)) from None
 
 
-class ByteEnumField(_Named, scapy_fields.ByteEnumField):
+class ByteEnumField(Named, scapy_fields.ByteEnumField):
     """One octet with names."""
 
     taken = scapy_fields.ByteEnumField.any2i
 
 
-class ShortEnumField(_Named, scapy_fields.ShortEnumField):
+class ShortEnumField(Named, scapy_fields.ShortEnumField):
     """Two octets with names."""
 
     taken = scapy_fields.ShortEnumField.any2i
 
 
-class XByteEnumField(_Named, scapy_fields.XByteEnumField):
+class XByteEnumField(Named, scapy_fields.XByteEnumField):
     """One octet with names, in hexadecimal."""
 
     taken = scapy_fields.XByteEnumField.any2i
 
 
-class XShortEnumField(_Named, scapy_fields.XShortEnumField):
+class XShortEnumField(Named, scapy_fields.XShortEnumField):
     """Two octets with names, in hexadecimal."""
 
     taken = scapy_fields.XShortEnumField.any2i
 
 
-class BitEnumField(_Named, scapy_fields.BitEnumField):
+class BitEnumField(Named, scapy_fields.BitEnumField):
     """Bits with names."""
 
     taken = scapy_fields.BitEnumField.any2i
 
 
+def no_number(field: str, text: str, meaning: str = "") -> ValueError:
+    """Return the error for a text in a field that has no names."""
+    return ValueError(f"{field} is a number, not {text!r}{f': {meaning}' if meaning else ''}")
+
+
+class _Number:
+    """Of a Scapy field that is a number: a text is a ValueError when it is given, not a struct.error when it is built."""
+
+    def any2i(self, pkt: Packet | None, x: Any) -> Any:
+        """Take a number (Scapy's interface). Raises ValueError for a text."""
+        field: Any = self
+        if isinstance(x, str):
+            raise no_number(field.name, x)
+        return field.taken(pkt, x)
+
+
+def _number(base: type[ScapyField]) -> type[ScapyField]:
+    """Return a field class of Scapy as a `_Number`, called as it is: ``ls()`` shows that."""
+    body = {"__doc__": base.__doc__, "taken": base.any2i}
+    return new_class(base.__name__, (_Number, base), exec_body=lambda names: names.update(body))
+
+
+_DECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {
+    size: _number(base) for size, base in enumerate((ByteField, ShortField, ThreeBytesField, IntField), 1)
+}
+_HEXADECIMAL_FIELDS: Final[dict[int, type[ScapyField]]] = {
+    size: _number(base) for size, base in enumerate((XByteField, XShortField, X3BytesField, XIntField), 1)
+}
+_NumberOfBits: Final = _number(BitField)
+_NumberOfXBits: Final = _number(XBitField)
 _NAMED_FIELDS: Final = {
     (1, True): ByteEnumField,
     (2, True): ShortEnumField,
@@ -190,7 +220,7 @@ def _scapy_field(field: Field, default: Any) -> ScapyField:
         size = field.bits[0].bit_count() if field.bits is not None else 8 * field.size
         if field.codes is not None:
             return BitEnumField(name, default, size, _names(field.codes))
-        return (BitField if field.decimal else XBitField)(name, default, size)
+        return (_NumberOfBits if field.decimal else _NumberOfXBits)(name, default, size)
     if field.codes is not None:
         named = _NAMED_FIELDS.get((field.size, field.decimal))
         if named is None:
@@ -204,6 +234,13 @@ def consumed(pkt: Packet, rest: bytes) -> int:
     return len(pkt.original) - len(rest)
 
 
+def no_octets(field: str, value: Any) -> Any:
+    """Return ``value``, unless it is a number: Scapy makes that many zeros of it. Raises ValueError then."""
+    if isinstance(value, (int, float)):
+        raise ValueError(f"{field} takes bytes or a text, not the number {value!r}")  # noqa: TRY004 - as other fields do
+    return value
+
+
 class OctetsField(XStrField):
     """Octets shown in hexadecimal: as many as ``size(packet, octets left)`` says, or as there are."""
 
@@ -212,6 +249,10 @@ class OctetsField(XStrField):
     def __init__(self, name: str, size: Callable[[Packet, bytes], int]) -> None:
         super().__init__(name, b"")
         self.size = size
+
+    def any2i(self, pkt: Packet | None, x: Any) -> Any:
+        """Take octets or a text, which becomes UTF-8 (Scapy's interface). Raises ValueError for a number."""
+        return super().any2i(pkt, no_octets(self.name, x))
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, bytes]:
         """Take the octets (Scapy's interface)."""
@@ -238,8 +279,14 @@ class MeaningField(XStrField):
         super().__init__(name, default)
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
-        """Take octets or a text (Scapy's interface)."""
-        return x.encode("latin-1") if isinstance(x, str) else super().any2i(pkt, x)
+        """Take octets or a text (Scapy's interface). Raises ValueError for a number, and for a text that is not Latin-1."""
+        if not isinstance(x, str):
+            return super().any2i(pkt, no_octets(self.name, x))
+        try:
+            return x.encode("latin-1")
+        except UnicodeEncodeError as error:
+            message = f"{self.name}: {x[error.start]!r} is not in Latin-1: give the bytes"
+            raise ValueError(message) from None
 
     def i2m(self, pkt: Packet | None, x: Any) -> bytes:
         """Return the octets to send (Scapy's interface)."""
@@ -312,8 +359,7 @@ class VarintField(ScapyFieldBase[Any, Any]):
                 raise no_such_name(self.name, x, [row.name for row in self.codes])
             return number
         if isinstance(x, str):
-            message = f"{self.name} is a number, not {x!r}{f': {self.text}' if self.text else ''}"
-            raise ValueError(message)  # noqa: TRY004 - what Scapy's own fields raise for a text that is no number
+            raise no_number(self.name, x, self.text)
         return x
 
     def addfield(self, pkt: Packet | None, s: bytes, val: Any) -> bytes:
@@ -378,6 +424,8 @@ class FillField(ConditionalField):
         return val
 
 
+#: What may stand in a list: `RawVal` and values still to be drawn are Scapy's.
+_PIECES: Final = (Packet, bytes, bytearray, RawVal, VolatileValue)
 #: One element of a list: its class and its octets.
 Piece = tuple[type[Packet], bytes]
 
@@ -391,6 +439,23 @@ class PiecesField(PacketListField):
         super().__init__(name, [], Raw)
         self.carve = carve
 
+    def any2i(self, pkt: Packet | None, x: Any) -> list[Any]:
+        """Take packets, or octets that stand for one; None is no packet. Raises ValueError for anything else."""
+        if x is None:
+            return []
+        if isinstance(x, Iterable) and not isinstance(x, (*_PIECES, str)):
+            x = list(x)  # also of a tuple, which Scapy would take for one packet
+        taken: list[Any] = super().any2i(pkt, x)
+        for one in taken:
+            if not isinstance(one, _PIECES):
+                message = f"{self.name} takes packets, or bytes, not {one!r}{self.hint(one)}"
+                raise ValueError(message)  # noqa: TRY004 - as other fields do
+        return taken
+
+    def hint(self, wrong: Any) -> str:
+        """Return what may have been meant by something that is no packet."""
+        return ""
+
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, list[Any]]:
         """Take the pieces (Scapy's interface)."""
         pieces = self.carve(pkt, s)
@@ -400,6 +465,10 @@ class PiecesField(PacketListField):
 
 class ItemsField(PiecesField):
     """Items, each with a `FillField`, and fill octets between them: where ``fill`` is None, the engine's rule decides."""
+
+    def hint(self, wrong: Any) -> str:
+        """Return how an address becomes an item."""
+        return f": at({wrong!r}) makes an item of an address" if self.name == "items" and isinstance(wrong, str) else ""
 
     def addfield(self, pkt: Packet, s: bytes, val: Any) -> bytes:
         """Append the items (Scapy's interface)."""

@@ -41,6 +41,8 @@ def tsap_octets(tsap: str | bytes) -> bytes:
     """
     if isinstance(tsap, bytes):
         return tsap
+    if not isinstance(tsap, str):
+        raise TypeError(f"a TSAP is a text such as '01.02', or bytes, not {tsap!r}")
     pair = _HEX_PAIR.fullmatch(tsap)
     if pair:
         return bytes.fromhex(pair[1] + pair[2])

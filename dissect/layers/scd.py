@@ -36,7 +36,7 @@ from dissect.scd.loading import load
 from dissect.scd.messages import Message
 from dissect.scd.ranges import is_mapping, pdo_of_index
 from dissect.scd.types import Value
-from dissect.wire.text import printable
+from dissect.wire.text import count, printable
 
 #: Messages of one unit that become layers; those after them stay octets, because Scapy walks a chain by recursion.
 CHAIN_LIMIT: Final = 32
@@ -219,7 +219,7 @@ class SCD(WireLayer):
     def _content(self) -> str:
         message = readable(self)
         if message is None or self.codec is None:
-            octets = self.data.hex() if len(self.data) <= _MOST_OCTETS else f"{len(self.data)} bytes"
+            octets = self.data.hex() if len(self.data) <= _MOST_OCTETS else count(len(self.data), "byte")
             return f" data={octets}" if self.data else ""
         if message.error is not None:
             return f" [{printable(str(message.error))}]"

@@ -6,14 +6,15 @@ import struct
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from scapy.fields import BitEnumField, BitField, ByteField, EnumField, Field, LEShortField, XByteField
+from scapy.fields import BitField, ByteField, EnumField, Field, LEShortField, XByteField
 from scapy.packet import Packet
 
-from dissect.layers.fields import OctetsField, ScapyField, settled
+from dissect.layers.fields import BitEnumField, Named, OctetsField, ScapyField, settled
 from dissect.scd.envelope import DEFAULT, Envelope, crc_function
 from dissect.scd.errors import E_CRC, ERROR_TEXTS, Error
+from dissect.scd.layout import address_text
 from dissect.scd.records import CrcRecord, EnvelopeField
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import count, printable, shortened
 
 if TYPE_CHECKING:
     from dissect.layers.scd import SCD
@@ -46,8 +47,10 @@ class SCDIndexField(Field[int, int]):
         return f"0x{x:0{2 * self.sz}x} {name}".rstrip()
 
 
-class SCDErrField(EnumField[int]):
+class SCDErrField(Named, EnumField[int]):
     """An ``scd_err_t``, shown with the dictionary's own text; takes the usual texts too."""
+
+    taken = EnumField.any2i
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
         """Return text and number (Scapy's interface)."""
@@ -193,7 +196,7 @@ def key_name(dictionary: Dictionary, key: Key) -> str:
     if isinstance(key, str):
         return key
     variable = _variable(dictionary, key)
-    address = f"0x{key[0]:04x}:{key[1]}"
+    address = address_text(key)
     if variable is None:
         return address
     try:
@@ -227,7 +230,7 @@ def value_text(dictionary: Dictionary, key: Key, value: Value) -> str:
     if isinstance(value, str):
         return f'"{shortened(value, _LONGEST_TEXT)}"'
     if type(value) is bytes:
-        return value.hex() if len(value) <= _LONGEST_BLOCK else f"{len(value)} bytes"
+        return value.hex() if len(value) <= _LONGEST_BLOCK else count(len(value), "byte")
     variable = _variable(dictionary, key)
     if variable is None:
         return str(value)

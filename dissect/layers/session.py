@@ -20,6 +20,7 @@ from scapy.config import conf
 from scapy.layers.inet import IP, TCP
 from scapy.layers.inet6 import IPv6
 from scapy.layers.l2 import Dot1Q, Ether
+from scapy.packet import Raw
 from scapy.sessions import DefaultSession
 from scapy.utils import EDecimal
 
@@ -27,7 +28,7 @@ from dissect.engine.pipeline import Observer, Pipeline
 from dissect.layers.cotp import COTP_DT
 from dissect.layers.ibh import IBH, MPI
 from dissect.layers.s7 import S7, is_s7
-from dissect.layers.s7plus import S7Plus
+from dissect.layers.s7plus import S7Plus, is_s7plus
 from dissect.layers.tpkt import TPKT
 from dissect.s7plus.message import parse_plus
 from dissect.tcp.stream import address_text
@@ -138,7 +139,7 @@ def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
 def _built(found: _Found) -> Packet:
     """Return the TPKT or IBH-NetLink packet, its data packet holding the S7 PDU it completed."""
     if found.cut:
-        return S7(found.octets)
+        return _pdu(found.octets)
     tpkt: Packet = TPKT(found.octets) if found.side.ibh is None else IBH(found.octets)
     content = tpkt.payload
     if isinstance(content, COTP_DT | MPI) and (found.fragment or found.pdu):
@@ -150,7 +151,8 @@ def _built(found: _Found) -> Packet:
 
 
 def _pdu(octets: bytes) -> Packet:
-    layer: Packet = S7(octets) if is_s7(octets) else S7Plus(octets)
+    """Return the layer of a PDU. One of 0x32 whose ROSCTR does not exist stays Raw, as it does without reassembly."""
+    layer: Packet = S7(octets) if is_s7(octets) else S7Plus(octets) if is_s7plus(octets) else Raw(octets)
     return layer
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from scapy.fields import FieldLenField
 from scapy.packet import Packet, Raw, bind_top_down
@@ -29,6 +29,9 @@ from dissect.s7.syntaxes import layout_of as layout_of_item
 from dissect.s7.tables import DATA_BIT, DATA_BYTES
 from dissect.wire.part import FILL, OCTETS
 from dissect.wire.text import shortened
+
+#: The most that the count of items can say.
+_MOST_COUNTED: Final = 0xFF
 
 
 class S7_Item(WireLayer):
@@ -182,8 +185,20 @@ def _carve_data(
     return carve
 
 
+class _CountField(FieldLenField):
+    """How many elements a list has, counted when left out."""
+
+    def i2m(self, pkt: Packet | None, x: int | None) -> int:
+        """Return the number to send (Scapy's interface). Raises ValueError for a list that is too long."""
+        count = int(super().i2m(pkt, x))
+        if x is None and count > _MOST_COUNTED:
+            message = f"{self.name} would be {count}, more than its byte can say: send less, or set it yourself"
+            raise ValueError(message)
+        return count
+
+
 def _variables(function: int, count_of: str) -> list[ScapyField]:
-    counted = FieldLenField("item_count", None, count_of=count_of, fmt="B")
+    counted = _CountField("item_count", None, count_of=count_of, fmt="B")
     return header_fields(layouts.VARIABLES_HEAD, {"function": function}, {"item_count": counted})
 
 

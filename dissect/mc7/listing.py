@@ -16,7 +16,7 @@ from dissect.mc7.notation import Names, mnemonic
 from dissect.mc7.operands import MEMORY, NUMBERED, Operand
 from dissect.mc7.registers import OpenBlocks
 from dissect.s7.tables import LETTER_AREAS
-from dissect.wire.text import printable
+from dissect.wire.text import count, printable
 
 #: Gives the name of an address: area code of S7comm, number of the data block or 0, first bit, bits. Empty for none.
 Naming = Callable[[int, int, int, int], str]
@@ -147,7 +147,7 @@ def header_lines(block: Block) -> list[str]:
         lines.append("  " + ", ".join(times))
     sizes = [f"{len(block.code)} bytes of code" if block.has_code else f"{len(block.code)} bytes of values"]
     if block.tables.networks:
-        sizes.append(f"{len(block.tables.networks)} networks")
+        sizes.append(count(len(block.tables.networks), "network"))
     if block.field("local_length") >= 0:
         sizes.append(f"{block.field('local_length')} bytes of local data")
     if block.field("checksum") >= 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from typing import Final
 
 _MS: Final = 1_000_000
@@ -19,6 +20,8 @@ _MOST: Final = 1500
 #: Buckets of a distribution to each doubling, as a power of two: durations are told apart to 1/32.
 _STEP_BITS: Final = 5
 _STEPS: Final = 1 << _STEP_BITS
+#: Durations of a distribution that are kept as they are.
+_EXACT: Final = 1024
 
 
 class Bins:
@@ -90,7 +93,7 @@ def lower_end(number: int) -> int:
 class Spread:
     """Durations in nanoseconds: count, sums, extremes, and how many fell into each `bucket`."""
 
-    __slots__ = ("buckets", "count", "largest", "smallest", "squares", "sum")
+    __slots__ = ("_kept", "buckets", "count", "largest", "smallest", "squares", "sum")
 
     def __init__(self) -> None:
         self.count = 0
@@ -99,9 +102,12 @@ class Spread:
         self.smallest = 0
         self.largest = 0
         self.buckets: dict[int, int] = {}
+        self._kept: array[int] = array("q")
 
     def add(self, ns: int) -> None:
         """Take one duration."""
+        if self.count < _EXACT:
+            self._kept.append(ns)
         if not self.count or ns < self.smallest:
             self.smallest = ns
         if not self.count or ns > self.largest:
@@ -125,11 +131,26 @@ class Spread:
         return int(max(0.0, self.squares / self.count - (self.sum / self.count) ** 2) ** 0.5)
 
     def quantile(self, share: float) -> int:
-        """Return the duration that this share of all does not exceed, to 1/32 of it; 0 for none."""
+        """Return the duration that this share of all does not exceed; 0 for none.
+
+        Exact up to `_EXACT` durations (of an even number the median is the mean of the two in the middle), then to 1/32 of it.
+        """
         wanted = max(1, -int(-share * self.count // 1))
+        if self.count <= _EXACT:
+            if not self.count:
+                return 0
+            ordered = sorted(self._kept)
+            if share == 0.5 and self.count % 2 == 0:
+                return (ordered[wanted - 1] + ordered[wanted]) // 2
+            return ordered[wanted - 1]
         seen = 0
         for number in sorted(self.buckets):
-            seen += self.buckets[number]
-            if seen >= wanted:
-                return min(max(lower_end(number), self.smallest), self.largest)
+            here = self.buckets[number]
+            if seen + here >= wanted:
+                # As if those of a bucket lay evenly in it: its lower end would always be too early.
+                low, high = lower_end(number), lower_end(number + 1)
+                return min(
+                    max(low + (high - low) * (2 * (wanted - seen) - 1) // (2 * here), self.smallest), self.largest
+                )
+            seen += here
         return self.largest

@@ -6,18 +6,19 @@ Times are in seconds after ``start_ns``, as numbers that JavaScript holds exactl
 from __future__ import annotations
 
 import time
+from shlex import quote
 from typing import Any, Final
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.inventory.rows import device_row
 from dissect.page.bins import lower_end
-from dissect.page.gathered import BANDS, Gap, Gathered
+from dissect.page.gathered import BANDS, Gap, Gathered, SpreadOf
 from dissect.page.numbers import how_often
-from dissect.page.rows import OUTCOME_NAMES, host_filter
+from dissect.page.rows import OUTCOME_NAMES, Station, host_filter, selecting, station_of
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
 from dissect.report.operations import NAMES as KINDS
-from dissect.tcp.link import within
+from dissect.select.getters import function_names
 from dissect.wire.text import printable, shortened
 
 #: Bins of time that a plot is drawn of.
@@ -44,6 +45,8 @@ _DEVICE_TEXTS: Final = {
     "vendor": "vendor",
     "asks": "sends requests to",
 }
+#: How functions begin that Wireshark does not read: a filter for `s7comm` would hide them.
+_NOT_READ: Final = ("S7comm-plus ", "SCD ")
 #: Marks of findings on the plot of rates.
 _MARKS: Final = 400
 _TEXT: Final = 160
@@ -131,6 +134,7 @@ class Data:
         answered = [entry for entry in self._of.spreads.items() if entry[1].times.count]
         found = sorted(answered, key=lambda entry: (-entry[1].times.count, entry[0]))
         rows = []
+        keys = {name: f"f{number}" for number, (name, _) in enumerate(self._all_functions(), 1)}
         for (host, function), spread in found[:_SPREADS]:
             times = spread.times
             bands: dict[int, int] = {}
@@ -138,14 +142,15 @@ class Data:
                 bands[number // 8] = bands.get(number // 8, 0) + count
             rows.append(
                 {
-                    "host": self._of.rows.host(host),
+                    "key": keys[host, function],
+                    "host": self._of.rows.station(host),
                     "function": function,
                     "count": times.count,
                     "errors": spread.errors,
                     "missed": spread.missed,
                     "min": max(0, times.smallest),
-                    "median": max(0, times.quantile(0.5)),
-                    "p95": max(0, times.quantile(0.95)),
+                    "median": max(0, spread.latencies.quantile(0.5) or 0),
+                    "p95": max(0, spread.latencies.quantile(0.95) or 0),
                     "max": max(0, times.largest),
                     "bands": [
                         [max(lower_end(band * 8), times.smallest), min(lower_end(band * 8 + 8), times.largest), count]
@@ -159,8 +164,8 @@ class Data:
         found = self._of.requests.polls()
         rows = [
             {
-                "host": self._of.rows.host(known.connection.server.host),
-                "key": f"c{known.connection.number}",
+                "host": self._of.rows.station(station_of(known.connection)),
+                "key": f"p{number}",
                 "subject": shortened(known.subject, _TEXT),
                 "count": known.count,
                 "p5": known.periods.quantile(0.05),
@@ -170,25 +175,25 @@ class Data:
                 "max": known.periods.largest,
                 "jitter": known.periods.deviation,
             }
-            for known in found[:_POLLS]
+            for number, known in enumerate(found[:_POLLS], 1)
         ]
         return {"rows": rows, "total": len(found), "not_followed": self._of.requests.not_followed}
 
     def _talks(self) -> dict[str, Any]:
         pairs = sorted(self._of.talks.pairs.items(), key=lambda entry: (-entry[1].octets, entry[0]))
         shown: list[dict[str, Any]] = []
-        clients: set[str] = set()
-        servers: set[str] = set()
-        for (client, server), pair in pairs:
-            if len(clients | {client}) > _HOSTS or len(servers | {server}) > _HOSTS:
+        clients: set[Station] = set()
+        servers: set[Station] = set()
+        for (client, server, vlan), pair in pairs:
+            if len(clients | {(client, vlan)}) > _HOSTS or len(servers | {(server, vlan)}) > _HOSTS:
                 continue
-            clients.add(client)
-            servers.add(server)
+            clients.add((client, vlan))
+            servers.add((server, vlan))
             shown.append(
                 {
-                    "client": self._of.rows.host(client),
-                    "server": self._of.rows.host(server),
-                    "search": [client, server],
+                    "client": self._of.rows.station((client, vlan)),
+                    "server": self._of.rows.station((server, vlan)),
+                    "search": self._of.rows.searched(client, server, vlan),
                     "connections": pair.connections,
                     "pdus": pair.pdus,
                     "octets": pair.octets,
@@ -206,10 +211,10 @@ class Data:
         lanes = [self._lane(host) for host in list(hosts)[:_HOSTS]]
         return {"lanes": lanes, "total": len(hosts), "not_drawn": of.operations_not_listed + of.modes_not_drawn}
 
-    def _lane(self, host: str) -> dict[str, Any]:
+    def _lane(self, host: Station) -> dict[str, Any]:
         of = self._of
         return {
-            "host": of.rows.host(host),
+            "host": of.rows.station(host),
             "spans": [
                 [
                     self._seconds(span.begin_ns),
@@ -238,11 +243,11 @@ class Data:
             "total": len(found),
         }
 
-    def _tag(self, name: str, host: str, steps: TagSteps) -> dict[str, Any]:
+    def _tag(self, name: str, host: Station, steps: TagSteps) -> dict[str, Any]:
         rows = self._of.rows
         return {
             "name": printable(name),
-            "host": rows.host(host),
+            "host": rows.station(host),
             "unit": printable(steps.unit),
             "width": steps.width_ns / 1e9,
             "end": self._seconds(steps.last_ns),
@@ -268,13 +273,24 @@ class Data:
         return [self._seconds(gap.begin_ns), self._seconds(gap.end_ns), f"{where}{gap.why}"]
 
     def _marks(self) -> dict[str, Any]:
-        """When findings were made: (seconds, severity, slug, detail), the heaviest kept where there are too many."""
+        """When findings were made: (seconds, severity, slug, detail).
+
+        Where there are too many, one of each severity is kept for each stretch of time: none of these looks as if all was well.
+        """
         rules = by_weight(self._of.analysis)
         order = {rule.slug: number for number, rule in enumerate(rules)}
         found = sorted(self._of.analysis.findings, key=lambda finding: (order[finding.slug], int(finding.time_ns)))
+        for stretches in (_MARKS, _MARKS // 2, _MARKS // 4):
+            if len(found) <= _MARKS:
+                break
+            kept: dict[tuple[str, int], Any] = {}
+            for one in found:
+                stretch = (int(one.time_ns) - self._start) * stretches // (self._end - self._start + 1)
+                kept.setdefault((one.severity, stretch), one)
+            found = list(kept.values())
         marks = [
             [self._seconds(int(one.time_ns)), one.severity, one.slug, shortened(one.detail or one.rule.sentence, _TEXT)]
-            for one in found[:_MARKS]
+            for one in found
         ]
         return {
             "marks": sorted(marks, key=lambda mark: mark[0]),
@@ -286,8 +302,8 @@ class Data:
     def _tables(self) -> list[dict[str, Any]]:
         of = self._of
         transactions = [
-            ("number", ID), ("time", SECONDS), ("packets", SHORT), ("from → to", TEXT), ("answer", DURATION),
-            ("function", TEXT), ("what", TEXT),
+            ("number", ID), ("time", SECONDS), ("packets", TEXT if of.rows.places.several else SHORT), ("from → to", TEXT),
+            ("answer", DURATION), ("function", TEXT), ("what", TEXT),
         ]  # fmt: skip
         listed = len(of.connections)
         return [
@@ -362,16 +378,17 @@ class Data:
         rows = []
         for number, device in enumerate(inventory.devices, 1):
             told = device_row(device, self._of.rows.places)
+            told["asks"] = ", ".join([self._of.rows.host(talk.server) for talk in device.asks])
             said = [shortened(told[column], _TEXT) for column in _DEVICE_TEXTS]
             rows.append(
                 {
                     "key": f"d{number}",
                     "cells": [
-                        within(self._of.rows.host(device.address), device.vlan), *said,
+                        self._of.rows.station((device.address, device.vlan)), *said,
                         int(told["connections"]), int(told["transactions"]),
                         int(told["median_ns"]) if told["median_ns"] else None, device.first_ns,
                     ],
-                    "show": self._of.rows.command(f"devices -Y 'host == {device.address}'"),
+                    "show": self._of.rows.command(f"devices -Y '{selecting('host', (device.address, device.vlan))}'"),
                     "filter": host_filter(device.address),
                 }
             )  # fmt: skip
@@ -381,29 +398,37 @@ class Data:
         ]  # fmt: skip
         return self._table("devices", "Devices", columns, rows, len(rows) + inventory.devices_not_listed)
 
+    def _all_functions(self) -> list[tuple[tuple[Station, str], SpreadOf]]:
+        """Return who answered which function, the most frequent first: the rows of their table."""
+        return sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0]))
+
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
-        for (host, function), spread in sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0])):
+        known = frozenset(function_names())  # what -Y takes; others have only a number, or are of a dictionary
+        for (host, function), spread in self._all_functions():
             times = spread.times
+            where = selecting("answered_by", host) + (f' and function == "{function}"' if function in known else "")
             rows.append(
                 {
                     "key": f"f{len(rows) + 1}",
                     "cells": [
-                        self._of.rows.host(host), function, spread.total, times.count, spread.errors, spread.missed,
+                        self._of.rows.station(host), function, spread.total, times.count, spread.errors, spread.missed,
                         spread.still_open, spread.orphans, spread.alone,
-                        times.quantile(0.5) if times.count else None, times.quantile(0.95) if times.count else None,
+                        spread.latencies.quantile(0.5), spread.latencies.quantile(0.95),
                         times.largest if times.count else None,
                     ],
-                    "show": self._of.rows.command(f"transactions -Y 'server == {host}'"),
-                    "filter": f"s7comm && {host_filter(host)}",
+                    "show": self._of.rows.command("transactions -Y " + quote(where)),
+                    "filter": f"s7comm && {host_filter(host[0])}"
+                    if not function.startswith(_NOT_READ)
+                    else host_filter(host[0]),
                 }
             )  # fmt: skip
         columns = [
-            ("PLC", TEXT), ("function", TEXT), ("count", NUMBER), ("answered", NUMBER), ("with errors", NUMBER),
+            ("answered by", TEXT), ("function", TEXT), ("count", NUMBER), ("answered", NUMBER), ("with errors", NUMBER),
             ("no answer", NUMBER), ("still open", RARE), ("no request", RARE), ("push or one-way", RARE),
             ("median", DURATION), ("95 %", DURATION), ("longest", DURATION),
         ]  # fmt: skip
-        return self._table("functions", "Functions by PLC", columns, rows, len(rows) + self._of.spreads_not_told_apart)
+        return self._table("functions", "Functions by device", columns, rows, len(rows) + len(self._of.further))
 
     def _requests(self) -> dict[str, Any]:
         found = self._of.requests.polls()
@@ -412,7 +437,7 @@ class Data:
                 "key": f"p{number}",
                 "cells": [
                     int(known.connection.number),
-                    self._of.rows.host(known.connection.server.host),
+                    self._of.rows.station(station_of(known.connection)),
                     shortened(known.subject, _TEXT),
                     known.count,
                     known.errors,
@@ -442,7 +467,7 @@ class Data:
             {
                 "key": f"v{number}",
                 "cells": [
-                    self._of.rows.host(host),
+                    self._of.rows.station(host),
                     shortened(address, _TEXT),
                     variable.read,
                     variable.written,
@@ -451,10 +476,12 @@ class Data:
                     ", ".join([self._of.rows.host(client) for client in sorted(variable.clients)[:3]])
                     + (f" and {len(variable.clients) - 3} more" if len(variable.clients) > 3 else ""),
                 ],
-                "show": self._of.rows.command(f"transactions -Y 'address == \"{address}\"'")
+                "show": self._of.rows.command(
+                    f"transactions -Y '{selecting('server', host)} and address == \"{address}\"'"
+                )
                 if printable(address) == address
                 else "",
-                "filter": f"s7comm && {host_filter(host)}",
+                "filter": f"s7comm && {host_filter(host[0])}",
             }
             for number, ((host, address), variable) in enumerate(order[:_VARIABLES], 1)
         ]

@@ -16,11 +16,12 @@ from dissect.inventory.collector import Inventory
 from dissect.page.bins import Bins, Spread, bucket
 from dissect.page.numbers import counted
 from dissect.page.polls import Requests
-from dissect.page.rows import ERROR, MISSED, Rows, outcome_of, time_of
+from dissect.page.rows import ERROR, MISSED, Rows, Station, outcome_of, station_of, time_of
 from dissect.page.tag_steps import Tags
 from dissect.page.talks import Talks
 from dissect.program.carved import carve
 from dissect.report.analysis import Analysis
+from dissect.report.latencies import Latencies
 from dissect.s7.tables import GROUP_MODE
 from dissect.session import CONTINUES_NS
 from dissect.source.packet import SourceFile
@@ -37,6 +38,8 @@ MAX_OPERATIONS: Final = 1000
 MAX_BLOCKS: Final = 500
 #: Pairs of PLC and function whose answer times are told apart.
 MAX_SPREADS: Final = 200
+#: Further ones that are counted.
+MAX_FURTHER: Final = 10_000
 #: Gaps drawn, and changes of the operating mode.
 MAX_GAPS: Final = 1000
 MAX_MODES: Final = 1000
@@ -77,7 +80,7 @@ class Mode:
 
     __slots__ = ("frame", "host", "text", "time_ns")
 
-    def __init__(self, time_ns: int, host: str, text: str, frame: int) -> None:
+    def __init__(self, time_ns: int, host: Station, text: str, frame: int) -> None:
         self.time_ns = time_ns
         self.host = host
         self.text = text
@@ -89,7 +92,7 @@ class Span:
 
     __slots__ = ("begin_ns", "end_ns", "host", "kind", "number", "result")
 
-    def __init__(self, begin_ns: int, end_ns: int, host: str, kind: str, number: int, result: str) -> None:
+    def __init__(self, begin_ns: int, end_ns: int, host: Station, kind: str, number: int, result: str) -> None:
         self.begin_ns = begin_ns
         self.end_ns = end_ns
         self.host = host
@@ -101,14 +104,17 @@ class Span:
 class SpreadOf:
     """The answer times of one function of one PLC, and what else became of its requests: all of its transactions.
 
+    ``times`` is how they are spread, ``latencies`` has the quantiles that `analyze` reports as well.
+
     ``still_open`` are requests whose answer was not due yet when the capture ended, ``orphans`` answers without a request,
     ``alone`` what needs no partner: pushes, and requests that want no answer.
     """
 
-    __slots__ = ("alone", "errors", "missed", "orphans", "still_open", "times", "total")
+    __slots__ = ("alone", "errors", "latencies", "missed", "orphans", "still_open", "times", "total")
 
     def __init__(self) -> None:
         self.times = Spread()
+        self.latencies = Latencies()
         self.total = 0
         self.errors = 0
         self.missed = 0
@@ -126,6 +132,17 @@ def span_of(pipeline: Pipeline) -> tuple[int, int] | None:
     return (counters.earliest_ns, counters.latest_ns) if counters.frames else None
 
 
+def _apart(files: list[SourceFile]) -> list[tuple[int, int]]:
+    """Return the times between files that do not go on where the one before them ended: (end of one, begin of the next)."""
+    found = []
+    known_to = 0
+    for begin, end in sorted([(int(file.first_ns), int(file.last_ns)) for file in files if file.first_ns]):
+        if known_to and begin - known_to > CONTINUES_NS:
+            found.append((known_to, begin))
+        known_to = max(known_to, begin, end)
+    return found
+
+
 class Gathered(Observer):
     """What a report shows of a run. ``rows`` writes the rows of its tables, ``tags`` are those to be plotted, None for none.
 
@@ -139,8 +156,10 @@ class Gathered(Observer):
         self.rows = rows
         self.rates = Bins()
         self.answer_times = Bins()
-        self.spreads: dict[tuple[str, str], SpreadOf] = {}
+        self.spreads: dict[tuple[Station, str], SpreadOf] = {}
         self.spreads_not_told_apart = 0
+        #: Further pairs of PLC and function, at most `MAX_FURTHER`: what these transactions are of.
+        self.further: set[tuple[Station, str]] = set()
         self.requests = Requests()
         self.talks = Talks()
         self.tags = Tags(tags)
@@ -162,7 +181,9 @@ class Gathered(Observer):
         self._slowest: list[tuple[int, int, dict[str, Any]]] = []
         self._slow_floor = -1
         self.files: list[SourceFile] = []
-        self._spans_of_files: list[tuple[int, int]] = []
+        self._file = 0  # of `files`, the one that is being read
+        self._begin_ns = 0
+        self._end_ns = 0
         self._span: tuple[int, int] | None = None
         self._last_ns = 0
         self._heard: dict[int, Heard] = {}
@@ -207,7 +228,7 @@ class Gathered(Observer):
             self._failure(transaction, now)
         userdata = transaction.parameters.userdata
         if userdata is not None and userdata.group == GROUP_MODE:
-            host = transaction.connection.tcp.ends[1 - transaction.asked_by].host
+            host = station_of(transaction.connection, 1 - transaction.asked_by)
             text = transaction.function_name.rpartition(": ")[2]
             self._mode(now, host, text, int(transaction.response_frame or transaction.request_frame))
         self.requests.take(transaction)
@@ -227,7 +248,7 @@ class Gathered(Observer):
             self.operations_not_listed += 1
             return
         self.operations.append(self.rows.operation(operation))
-        host = operation.connection.server.host
+        host = station_of(operation.connection)
         self.spans.append(
             Span(operation.begin_ns, operation.end_ns, host, operation.kind, operation.number, operation.result)
         )
@@ -245,7 +266,7 @@ class Gathered(Observer):
             self.talks.finding(number, finding.severity)
         heard = self._heard.get(number)
         if finding.slug in _MODES and heard is not None and heard.connection.plus is not None:
-            host = heard.connection.server.host
+            host = station_of(heard.connection)
             self._mode(int(finding.time_ns), host, _MODES[finding.slug], finding.frames[-1] if finding.frames else 0)
         if finding.slug in _GAPS:
             self._gap(Gap(self._last_ns, max(self._last_ns, int(finding.time_ns)), 0, finding.rule.sentence))
@@ -271,38 +292,31 @@ class Gathered(Observer):
         return [row for _, _, row in sorted(self._slowest, key=lambda entry: (-entry[0], -entry[1]))]
 
     def _at(self, time_ns: int) -> None:
-        """Take a time at which something happened, as part of the file that is being read."""
-        number = max(0, len(self.files) - 1)
-        if number == len(self._spans_of_files):
-            self._spans_of_files.append((time_ns, time_ns))
-            self.tags.gap(0)
-            return
-        begin, end = self._spans_of_files[-1]
-        self._spans_of_files[-1] = (min(begin, time_ns), max(end, time_ns))
+        """Take a time at which something happened."""
+        self._begin_ns = min(self._begin_ns, time_ns) if self._begin_ns else time_ns
+        self._end_ns = max(self._end_ns, time_ns)
+        if len(self.files) - 1 > self._file:
+            if _apart(self.files[self._file :]):
+                self.tags.gap(0)
+            self._file = len(self.files) - 1
 
     @property
     def start_ns(self) -> int:
         """When the time begins that the report is of, or else when the first thing happened; 0 when nothing did."""
-        if self._span is not None:
-            return self._span[0]
-        return min([begin for begin, _ in self._spans_of_files], default=0)
+        return self._span[0] if self._span is not None else self._begin_ns
 
     @property
     def end_ns(self) -> int:
         """When the time ends that the report is of, or else when the last thing happened."""
-        if self._span is not None:
-            return self._span[1]
-        return max([end for _, end in self._spans_of_files], default=0)
+        return self._span[1] if self._span is not None else self._end_ns
 
     def between_files(self) -> list[Gap]:
-        """Return the times that no file covers."""
-        found = []
-        known_to = 0
-        for begin, end in sorted(self._spans_of_files):
-            if known_to and begin - known_to > CONTINUES_NS:
-                found.append(Gap(known_to, begin, 0, "Nothing was captured between two of the files."))
-            known_to = max(known_to, end)
-        return found
+        """Return the times within those of the report that no file covers."""
+        return [
+            Gap(begin, end, 0, "Nothing was captured between two of the files.")
+            for begin, end in _apart(self.files)
+            if begin < self.end_ns and end > self.start_ns
+        ]
 
     def _look_for_gap(self, connection: Connection, now: int) -> None:
         """See whether bytes of a connection went missing since it was heard last."""
@@ -333,16 +347,19 @@ class Gathered(Observer):
             self.gaps_not_drawn += 1
 
     def _spread(self, transaction: Transaction, latency: int | None) -> None:
-        key = (transaction.connection.tcp.ends[1 - transaction.asked_by].host, transaction.function_name)
+        key = (station_of(transaction.connection, 1 - transaction.asked_by), transaction.function_name)
         spread = self.spreads.get(key)
         if spread is None:
             if len(self.spreads) >= MAX_SPREADS:
                 self.spreads_not_told_apart += 1
+                if len(self.further) < MAX_FURTHER:
+                    self.further.add(key)
                 return
             spread = self.spreads.setdefault(key, SpreadOf())
         spread.total += 1
         if latency is not None:
             spread.times.add(latency)
+            spread.latencies.add(latency)
         if transaction.has_errors:
             spread.errors += 1
         outcome = transaction.outcome
@@ -364,7 +381,7 @@ class Gathered(Observer):
         if len(self.failed) < MAX_FAILED:
             self.failed.append(self.rows.transaction(transaction))
 
-    def _mode(self, now: int, host: str, text: str, frame: int) -> None:
+    def _mode(self, now: int, host: Station, text: str, frame: int) -> None:
         if len(self.modes) >= MAX_MODES:
             self.modes_not_drawn += 1
         else:

@@ -69,10 +69,10 @@
   }
   const plain = (number) => (Number.isInteger(number) ? String(number) : String(Number(number.toPrecision(6))));
   const two = (number) => String(number).padStart(2, "0");
-  /** Whether times need their day: the session goes on past midnight. */
+  /** Where the day begins that times need: 10 for none, 5 for month and day past midnight, 0 for the year as well. */
   const dated = sessions.map((one) => {
-    const days = [0, one.span].map((seconds) => Math.floor((one.start_ms / 1e3 + one.offset_s + seconds) / 86400));
-    return days[0] !== days[1];
+    const days = [0, one.span].map((seconds) => new Date(one.start_ms + (one.offset_s + seconds) * 1e3)).map((when) => (Number.isNaN(when.getTime()) ? "" : when.toISOString().slice(0, 10)));
+    return days[0] === days[1] ? 10 : days[0].slice(0, 4) === days[1].slice(0, 4) ? 5 : 0;
   });
   function clock(session, seconds, step) {
     if (several) return `+${round(seconds * 1e9)}`;
@@ -81,7 +81,7 @@
     const day = `${when.getUTCFullYear()}-${two(when.getUTCMonth() + 1)}-${two(when.getUTCDate())}`;
     if (step >= 86400) return day;
     const hours = `${two(when.getUTCHours())}:${two(when.getUTCMinutes())}`;
-    const date = dated[sessions.indexOf(session)] ? `${day.slice(5)} ` : "";
+    const from = dated[sessions.indexOf(session)], date = from < 10 ? `${day.slice(from)} ` : "";
     if (step >= 60) return date + hours;
     const whole = `${date}${hours}:${two(when.getUTCSeconds())}`;
     if (step >= 1) return whole;
@@ -212,7 +212,7 @@
   const OUTCOME_CSS = ["ok", "errors", "missed", "push", "other"];
   const MARKS = { error: "M-6 0L0-6L6 0L0 6Z", warning: "M-5 5L0-5L5 5Z", note: "M-4-4H4V4H-4Z" };
   /** Rates are per second; where bins are shorter than that, per bin: one request in 1 ms is not 1000 in a second. */
-  const perSeconds = Math.min(1, sessions[0].rates.width), perWhat = perSeconds < 1 ? round(perSeconds * 1e9).replace(/^1 /, "") : "second";
+  const perSeconds = sessions.some((one) => one.rates.bins.length) ? Math.min(1, sessions[0].rates.width) : 1, perWhat = perSeconds < 1 ? round(perSeconds * 1e9).replace(/^1 /, "") : "second";
   function drawRates(width) {
     if (!sessions.some((one) => one.rates.bins.length)) return nothing("No transactions.");
     const height = 250, left = 52;
@@ -277,7 +277,7 @@
     const bands = !several && session.gaps.length ? [["gap", "missing from the capture"]] : [];
     const kinds = several ? [["outline s0", "A"], ["outline s1", "B (dashed)"]] : session.rates.names.map((name, column) => [OUTCOME_CSS[column], name]).filter((_, column) => session.rates.bins.some((bin) => bin[column + 1]));
     const marked = session.marks.marks.length, made = session.marks.total;
-    const note = `${!several && made > marked ? `The ${marked} most severe of ${integer(made)} findings are marked. ` : ""}Counted in bins of ${round(session.rates.width * 1e9)}. Failures point down, on a scale of their own.`;
+    const note = `${!several && made > marked ? `Of ${integer(made)} findings ${integer(marked)} are marked. ` : ""}Counted in bins of ${round(session.rates.width * 1e9)}. Failures point down, on a scale of their own.`;
     return [root, legend([...kinds, ...bands, ...marks]), html("p", { class: "quiet", text: note })];
   }
 
@@ -308,6 +308,8 @@
     const [low, high, ticks] = decades(Math.max(lowest, SHORTEST), cells.reduce((all, cell) => Math.max(all, cell[2]), 0));
     const y = logScale(low, high, bottom, 8);
     vertical(root, left, 8, bottom, ticks, y, axis, right);
+    const most = cells.reduce((all, cell) => Math.max(all, cell[3]), 1);
+    const shadeOf = (count) => Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
     sessions.forEach((session, side) => {
       const w = session.times.width;
       if (several) {
@@ -320,13 +322,12 @@
         if (path) root.append(svg("path", { class: `line s${side}`, d: path }));
         return;
       }
-      const most = session.times.cells.reduce((all, cell) => Math.max(all, cell[3]), 1);
       const shades = ["", "", "", "", ""], drawnCells = [];
       for (const one of session.times.cells) {
         const [seconds, from, to, count] = one;
         if (!inside(seconds, seconds + w)) continue;
         const begin = Math.max(left, x(seconds)), end = Math.min(right, x(seconds + w));
-        const shade = Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
+        const shade = shadeOf(count);
         const box = [at(begin), at(y(to)), at(Math.max(2, end - begin)), at(Math.max(2, y(from) - y(to)))];
         shades[shade] += `M${box[0]} ${box[1]}h${box[2]}v${box[3]}h${-box[2]}Z`;
         drawnCells.push([...box, one]);
@@ -336,7 +337,7 @@
         const found = drawnCells.find((box) => px >= box[0] && px <= box[0] + box[2] && py >= box[1] && py <= box[1] + box[3]);
         if (!found) return "";
         const [seconds, from, to, count] = found[4];
-        return `${integer(count)} answers in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${round(w * 1e9)}`;
+        return `${integer(count)} answer${count === 1 ? "" : "s"} in ${duration(from)} to ${duration(to)}\n${moment(session, seconds)}, ${round(w * 1e9)}`;
       };
       for (const [seconds, ns, key, what] of session.points) {
         if (!inside(seconds, seconds)) continue;
@@ -344,7 +345,7 @@
       }
     });
     const note = several ? `Medians in bins of ${round(sessions[0].times.width * 1e9)}; no line means no answer.` : `Density in bins of ${round(sessions[0].times.width * 1e9)}; the ${sessions[0].points.length} slowest answers are points that lead to their rows.${lowest < SHORTEST ? " At the lower edge: answers captured before their requests." : ""}`;
-    return [root, several ? legend([["outline s0", "A"], ["outline s1", "B (dashed)"]]) : legend([["heat h2", "few answers"], ["heat h5", "many answers"], ["point", "one of the slowest"]]), html("p", { class: "quiet", text: note })];
+    return [root, several ? legend([["outline s0", "A"], ["outline s1", "B (dashed)"]]) : legend([[`heat h${shadeOf(1) + 1}`, "1 answer"], ...(most > 1 ? [["heat h5", `${integer(most)} answers`]] : []), ["point", "one of the slowest"]]), html("p", { class: "quiet", text: note })];
   }
 
   // ---- rows on a logarithmic axis (a label names the host where there are several): distributions and polls -------------------------------------------------------------
@@ -385,10 +386,10 @@
     }
     const host = hostOf(rows);
     const text = (row) => `${several ? `${letters[row.side]} ` : ""}${host(row)}${row.function} (${integer(row.count)})`;
-    const root = ranged(width, rows, "Answer times by PLC and function", Math.min(...rows.map((row) => Math.max(row.min, 1))), Math.max(...rows.map((row) => row.max)), text, (into, row, x, y) => {
+    const root = ranged(width, rows, "Answer times by device and function", Math.min(...rows.map((row) => Math.max(row.min, 1))), Math.max(...rows.map((row) => row.max)), text, (into, row, x, y) => {
       const most = Math.max(...row.bands.map((band) => band[2]));
       const said = `${text(row)}\nmedian ${duration(row.median)}, 95 % within ${duration(row.p95)}, longest ${duration(row.max)}` + (row.errors ? `\n${integer(row.errors)} with errors` : "") + (row.missed ? `\n${integer(row.missed)} without answer` : "");
-      const group = svg("a", { class: "hit", href: "#table-functions", "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[row.side]}functions`).search(`${row.host} ${row.function}`) });
+      const group = svg("a", { class: "hit", href: `#${prefixes[row.side]}${row.key}`, "data-tip": said, "aria-label": said });
       for (const [from, to, count] of row.bands) {
         const shade = 1 + Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
         const high = 4 + 12 * (count / most);
@@ -399,7 +400,7 @@
       into.append(group);
     });
     const total = sessions.reduce((all, one) => all + one.spreads.total, 0);
-    return [root, html("p", { class: "quiet", text: `Line: median; dashed line: 95 %.${total > rows.length ? ` Shown are the ${rows.length} with most answers of ${integer(total)}; the table Functions by PLC lists the others.` : ""}` })];
+    return [root, html("p", { class: "quiet", text: `Line: median; dashed line: 95 %.${total > rows.length ? ` Shown are the ${rows.length} with most answers of ${integer(total)}; the table Functions by device lists the others.` : ""}` })];
   }
   function drawPolls(width) {
     const rows = sessions.flatMap((session, side) => session.polls.rows.map((row) => ({ ...row, side })));
@@ -412,7 +413,7 @@
     const text = (row) => `${several ? `${letters[row.side]} ` : ""}${host(row)}${row.subject}`;
     const root = ranged(width, rows, "Polling periods", Math.min(...rows.map((row) => Math.max(row.min, 1))), Math.max(...rows.map((row) => row.max)), text, (into, row, x, y) => {
       const said = `${text(row)}\n${integer(row.count)} times, one in ${duration(row.median)} (median)\n90 % between ${duration(row.p5)} and ${duration(row.p95)}\nshortest ${duration(row.min)}, longest ${duration(row.max)}\njitter (standard deviation) ${duration(row.jitter)}`;
-      into.append(svg("a", { class: "hit", href: `#${prefixes[row.side]}table-polls`, "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[row.side]}polls`).search(row.subject) },
+      into.append(svg("a", { class: "hit", href: `#${prefixes[row.side]}${row.key}`, "data-tip": said, "aria-label": said },
         svg("line", { class: "whisker", x1: at(x(row.min)), x2: at(x(row.max)), y1: y, y2: y }),
         svg("line", { class: `range s${row.side}`, x1: at(x(row.p5)), x2: at(Math.max(x(row.p95), x(row.p5) + 2)), y1: y, y2: y }),
         svg("line", { class: "tick", x1: at(x(row.median)), x2: at(x(row.median)), y1: y - 8, y2: y + 8 })));
@@ -439,7 +440,7 @@
       for (const pair of pairs) {
         const from = place(clients, pair.client), to = place(servers, pair.server), bend = (right - left) * 0.45;
         const said = `${pair.client} → ${pair.server}\n${size(pair.octets)}, ${integer(pair.pdus)} PDUs, ${integer(pair.connections)} connection${pair.connections === 1 ? "" : "s"}` + (pair.errors ? `\n${integer(pair.errors)} with errors` : "") + (pair.missed ? `\n${integer(pair.missed)} without answer` : "") + `\nworst finding: ${pair.worst || "none"}`;
-        root.append(svg("a", { class: "hit", href: `#${prefixes[side]}table-connections`, "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[side]}connections`).search(`${pair.client} ${pair.server}`) },
+        root.append(svg("a", { class: "hit", href: `#${prefixes[side]}table-connections`, "data-tip": said, "aria-label": said, onclick: () => lists.get(`${prefixes[side]}connections`).search(pair.search) },
           svg("path", { class: `edge ${pair.worst}`, "stroke-width": at(1.5 + 14 * Math.sqrt(pair.octets / most)), d: `M${at(left)} ${at(from)}C${at(left + bend)} ${at(from)} ${at(right - bend)} ${at(to)} ${at(right)} ${at(to)}` })));
       }
       const cut = (name) => fitted(name, room - 16);
@@ -535,7 +536,7 @@
   const rowsByKey = new Map();
   const FIRST = 25, MORE = 200;
   function cell(session, kind, value) {
-    if (kind === "duration") return duration(value);
+    if (kind === "duration") return value < 0 ? "?" : duration(value);  // captured before its request: nobody can say
     if (kind === "size") return size(value);
     if (kind === "seconds") return moment(session, value);
     if (kind === "number") return value === null ? "–" : integer(value);
@@ -548,7 +549,8 @@
     const body = html("tbody", {}), more = html("button", { type: "button", onclick: () => { state.most += MORE; show(); } });
     const count = html("span", { class: "quiet", role: "status" }), aside = further();
     const box = html("input", { type: "search", placeholder: "search these rows", "aria-label": `Search ${table.title}`, oninput: () => { state.words = box.value.toLowerCase().split(/\s+/).filter(Boolean); state.most = FIRST; show(); } });
-    const heads = table.columns.map(([name], number) => html("th", { scope: "col", "aria-sort": "none" }, html("button", { type: "button", text: name, title: "sort", onclick: () => sort(number) })));
+    const css = (kind) => (kind === "text" ? "text" : kind === "seconds" || kind === "short" ? "short" : "figure");
+    const heads = table.columns.map(([name, kind], number) => html("th", { scope: "col", class: css(kind), "aria-sort": "none" }, html("button", { type: "button", text: name, title: "sort", onclick: () => sort(number) })));
     /** What a search looks at; made when something is searched for, because most tables never are. */
     function textOf(row) {
       if (row.text === undefined) row.text = row.cells.map((value, number) => cell(session, table.columns[number][1], value)).join(" ").toLowerCase();
@@ -582,10 +584,7 @@
       } });
       const head = html("tr", { id: lists.get(prefix + table.name) && rowsByKey.get(prefix + row.key) === table.name ? prefix + row.key : null },
         html("td", {}, opener),
-        ...row.cells.map((value, number) => {
-          const kind = table.columns[number][1];
-          return html("td", { class: kind === "text" ? "text" : kind === "seconds" || kind === "short" ? "short" : "figure", text: cell(session, kind, value) });
-        }));
+        ...row.cells.map((value, number) => html("td", { class: css(table.columns[number][1]), text: cell(session, table.columns[number][1], value) })));
       return head;
     }
     function matching() {
@@ -630,7 +629,10 @@
     return box;
   }
   /** Measures all of them before it changes one: the page is laid out once. */
-  const look = () => boxes.map(([measure, show]) => [show, measure()]).forEach(([show, found]) => show(found));
+  const look = () => {
+    boxes.forEach(([, show]) => show([false, true]));
+    boxes.map(([measure, show]) => [show, measure()]).forEach(([show, found]) => show(found));
+  };
   for (const one of document.querySelectorAll("details .scroll")) {
     const aside = further();
     one.before(aside);
@@ -734,7 +736,7 @@
 
   figure("rates", `Transactions per ${perWhat}`, "", drawRates, { timed: true, wide: true });
   figure("times", "Answer times", "", drawTimes, { timed: true, wide: true });
-  figure("spreads", "Answer times by PLC and function", "", drawSpreads);
+  figure("spreads", "Answer times by device and function", "", drawSpreads);
   figure("polls", "Polling periods and jitter", "", drawPolls);
   sessions.forEach((session, side) => {
     const name = (text) => `${several ? `${letters[side]}: ` : ""}${text}`;
@@ -757,6 +759,7 @@
   if (!place.childNodes.length) place.append(html("p", { text: "There is nothing to list." }));
   zoom(0, span);
   redraw(false);
+  document.getElementById("zoom").hidden = !figures.querySelector("svg.timed");
   let before = innerWidth;
   addEventListener("resize", () => { if (innerWidth !== before) { before = innerWidth; redraw(false); look(); } });
   /** Paper shows what is folded, too. */

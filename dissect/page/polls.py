@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.page.bins import Spread
-from dissect.page.rows import ERROR, MISSED, PUSHED, outcome_of, time_of
+from dissect.page.rows import ERROR, MISSED, PUSHED, Station, outcome_of, station_of, time_of
 from dissect.report import facets
 from dissect.s7.items import Item
 from dissect.s7.parameters import Parameters
@@ -76,7 +76,7 @@ class Requests:
 
     def __init__(self) -> None:
         self._known: dict[tuple[int, bool, bytes], Request] = {}
-        self._refused: dict[tuple[str, str], tuple[int, str]] = {}
+        self._refused: dict[tuple[Station, str], tuple[int, str]] = {}
         self._looked = 0
         self.not_followed = 0
 
@@ -131,13 +131,13 @@ class Requests:
         found = [known for known in self._known.values() if known.periods.count >= REPEATED - 1]
         return sorted(found, key=lambda known: (-known.count, int(known.connection.number), known.subject))
 
-    def variables(self) -> dict[tuple[str, str], Variable]:
-        """Return the addresses that were read or written, by host of the PLC and address."""
-        found: dict[tuple[str, str], Variable] = {}
+    def variables(self) -> dict[tuple[Station, str], Variable]:
+        """Return the addresses that were read or written, by PLC and address."""
+        found: dict[tuple[Station, str], Variable] = {}
         for known in self._known.values():
             if known.parameters.userdata is not None:
                 continue
-            server, client = known.connection.server.host, known.connection.client.host
+            server, client = station_of(known.connection), known.connection.client.host
             for item in known.items:
                 variable = found.setdefault((server, item.label), Variable())
                 variable.clients.add(client)
@@ -160,7 +160,7 @@ class Requests:
         self._looked += 1
         if self._looked > _MAX_LOOKED:
             return
-        server = transaction.connection.server.host
+        server = station_of(transaction.connection)
         for error in transaction.errors:
             results = transaction.results()
             item = results[error.item - 1].item if 0 < error.item <= len(results) else None

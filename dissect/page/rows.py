@@ -5,13 +5,14 @@ from __future__ import annotations
 import ipaddress
 import shlex
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from dissect.program.carved import CarvedBlock
 from dissect.report import endings, facets, words
 from dissect.report.operations import NAMES as KINDS
 from dissect.report.operations import result as result_of
 from dissect.report.words import Places
+from dissect.tcp.link import vlan_ids, within
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
@@ -24,6 +25,22 @@ _CELL: Final = 240
 _NAMES: Final = 160
 #: Packets that a Wireshark filter names.
 _FRAMES: Final = 20
+
+
+#: Address of a machine, and the VLAN it is in (`vlan_ids`): machines alike use the same addresses in VLANs of their own.
+Station: TypeAlias = tuple[str, int]
+
+
+def station_of(connection: Connection, side: int = -1) -> Station:
+    """Return the machine at a side of a connection, by default the server."""
+    end = connection.server if side < 0 else connection.tcp.ends[side]
+    return str(end.host), int(connection.tcp.vlan)
+
+
+def selecting(field: str, station: Station) -> str:
+    """Return the expression for ``-Y`` that selects what concerns a machine, which ``field`` names by its address."""
+    host, vlan = station
+    return " and ".join([f"{field} == {host}", *[f"vlan == {number}" for number in vlan_ids(vlan)]])
 
 
 def host_filter(*hosts: str) -> str:
@@ -53,6 +70,21 @@ class Rows:
     def host(self, address: str) -> str:
         """Return a host for a person: its name of the settings, else its address."""
         return printable(self._hosts.get(address, address))
+
+    def station(self, station: Station) -> str:
+        """Return a machine for a person: its name of the settings or its address, and its VLAN."""
+        return within(self.host(station[0]), station[1])
+
+    def searched(self, client: str, server: str, vlan: int) -> str:
+        """Return what finds the connections of two machines in their table: 10.0.0.1: is not 10.0.0.10:."""
+        named = [(host, self.host(host)) for host in (client, server)]
+        found = " ".join([f"{name}]:" if name == host and ":" in host else f"{name}:" for host, name in named])
+        return within(found, vlan)
+
+    def talk(self, connection: Connection, asked_by: int) -> str:
+        """Return who asks whom on a connection, with their VLAN."""
+        ends = connection.tcp.ends
+        return within(f"{self.host(ends[asked_by].host)} → {self.host(ends[1 - asked_by].host)}", connection.tcp.vlan)
 
     def end(self, end: Endpoint) -> str:
         """Return an end of a connection, with the name of its host."""
@@ -84,7 +116,6 @@ class Rows:
         """Return a transaction."""
         frames = [int(transaction.request_frame), int(transaction.response_frame)]
         show, display = self.packets(frames)
-        ends = transaction.connection.tcp.ends
         said = [facets.outcome(transaction), facets.gist(transaction)]
         return {
             "key": f"t{transaction.number}",
@@ -92,7 +123,7 @@ class Rows:
                 int(transaction.number),
                 time_of(transaction),
                 self.places.pair(*frames),
-                f"{self.host(ends[transaction.asked_by].host)} → {self.host(ends[1 - transaction.asked_by].host)}",
+                self.talk(transaction.connection, transaction.asked_by),
                 transaction.latency_ns,
                 transaction.function_name,
                 shortened("; ".join([part for part in said if part]), _CELL),
@@ -103,8 +134,6 @@ class Rows:
 
     def operation(self, operation: Operation) -> dict[str, Any]:
         """Return an operation."""
-        ends = operation.connection.tcp.ends
-        show, display = self.packets([operation.first_frame, operation.last_frame])
         return {
             "key": f"o{operation.number}",
             "cells": [
@@ -113,18 +142,15 @@ class Rows:
                 operation.duration_ns,
                 KINDS[operation.kind],
                 shortened(operation.subject, _CELL),
-                f"{self.host(ends[operation.asked_by].host)} → {self.host(ends[1 - operation.asked_by].host)}",
+                self.talk(operation.connection, operation.asked_by),
                 operation.octets or None,
                 result_of(operation),
             ],
-            "show": show,
-            "filter": display,
+            **self._carrying(operation),
         }
 
     def block(self, block: CarvedBlock, operation: Operation, number: int) -> dict[str, Any]:
         """Return a block that was loaded or read out, as far as it passed."""
-        ends = operation.connection.tcp.ends
-        show, display = self.packets([operation.first_frame, operation.last_frame])
         texts = (block.label, block.name, block.language, block.author, block.version, block.code_time)
         label, name, language, author, version, changed = [shortened(text, _CELL) for text in texts]
         return {
@@ -134,7 +160,7 @@ class Rows:
                 name,
                 operation.begin_ns,
                 operation.kind,
-                f"{self.host(ends[operation.asked_by].host)} → {self.host(ends[1 - operation.asked_by].host)}",
+                self.talk(operation.connection, operation.asked_by),
                 len(block.octets),
                 "complete" if block.complete else f"incomplete: {shortened(block.missing, _CELL)}",
                 language,
@@ -142,9 +168,16 @@ class Rows:
                 version,
                 changed,
             ],
-            "show": show,
-            "filter": display,
+            **self._carrying(operation),
         }
+
+    def _carrying(self, operation: Operation) -> dict[str, str]:
+        """Return the command that shows an operation, and the Wireshark filter for its first and its last packet.
+
+        The first one need not complete a message, so that `show` might have nothing to say of it.
+        """
+        _, display = self.packets([operation.first_frame, operation.last_frame])
+        return {"show": self.command(f"operations -Y 'number == {operation.number}'"), "filter": display}
 
     def connection(self, connection: Connection) -> dict[str, Any]:
         """Return a connection."""
@@ -157,7 +190,7 @@ class Rows:
                 int(connection.number),
                 int(connection.tcp.first_ns),
                 self.end(client),
-                self.end(server),
+                within(self.end(server), connection.tcp.vlan),
                 words.named(connection),
                 said,
                 int(connection.pdus),
@@ -169,9 +202,14 @@ class Rows:
                 connection.refused
                 or (endings.phrase(connection, self.places) if connection.ending is not None else "open"),
             ],
-            "show": self.command(f"transactions --connection {connection.number}"),
+            "show": self.command(f"{'transactions' if _asks(connection) else 'show'} --connection {connection.number}"),
             "filter": f"{host_filter(client.host, server.host)} && tcp.port == {client.port} && tcp.port == {server.port}",
         }
+
+
+def _asks(connection: Connection) -> bool:
+    """Return whether a connection has transactions; others may still have messages."""
+    return bool(connection.answered or connection.unanswered or connection.orphans or connection.unsolicited)
 
 
 def time_of(transaction: Transaction) -> int:
@@ -186,7 +224,7 @@ MISSED: Final = 2
 PUSHED: Final = 3
 OTHER: Final = 4
 #: What people call these.
-OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "other")
+OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "still open, or without request")
 
 
 def outcome_of(transaction: Transaction) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.page.bins import WIDTHS
+from dissect.page.rows import Station
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
@@ -125,12 +126,12 @@ def _number(value: object) -> float | None:
 
 
 class Tags:
-    """The values of the variables that are to be plotted, None for none, by name and host of the PLC."""
+    """The values of the variables that are to be plotted, None for none, by name and PLC."""
 
     def __init__(self, wanted: WantedSet | None) -> None:
         self._wanted = wanted
         self._collector = Collector(wanted) if wanted is not None else None
-        self.found: dict[tuple[str, str], TagSteps] = {}
+        self.found: dict[tuple[str, Station], TagSteps] = {}
         self.not_followed = 0
 
     def take(self, transaction: Transaction) -> None:
@@ -139,7 +140,7 @@ class Tags:
             return
         self._collector.transaction(transaction)
         for row in self._collector.take():
-            key = (row.name, row.plc.host)
+            key = (row.name, (str(row.plc.host), int(row.variable.vlan)))
             steps = self.found.get(key)
             if steps is None:
                 if len(self.found) >= _TAGS:

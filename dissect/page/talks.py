@@ -42,7 +42,7 @@ class Talks:
     """The pairs of a run."""
 
     def __init__(self) -> None:
-        self.pairs: dict[tuple[str, str], Pair] = {}
+        self.pairs: dict[tuple[str, str, int], Pair] = {}  # by client, server and their VLAN
         self.not_told_apart = 0
         self._waiting: dict[int, str] = {}
         self._over: dict[int, Pair] = {}
@@ -58,7 +58,7 @@ class Talks:
     def over(self, connection: Connection) -> None:
         """Take a connection that is over."""
         number = int(connection.number)
-        key = (connection.client.host, connection.server.host)
+        key = (str(connection.client.host), str(connection.server.host), int(connection.tcp.vlan))
         pair = self.pairs.get(key)
         if pair is None:
             if len(self.pairs) >= MAX_PAIRS:

@@ -119,8 +119,7 @@ def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
     for finding in found:
         connection = ends.get(int(finding.connection))
         if connection is not None:
-            host = gathered.rows.host
-            named[f"{host(connection.client.host)} → {host(connection.server.host)}"] = None
+            named[gathered.rows.talk(connection, int(connection.client_side))] = None
     pairs = list(named)
     if pairs:
         more = f" and {counted(len(pairs) - _PAIRS, 'more pair')}" if len(pairs) > _PAIRS else ""
@@ -152,7 +151,7 @@ def _sound(gathered: Gathered) -> list[str]:
     )
     host = gathered.rows.host
     between = (
-        f"{host(pairs[0][0])} talked to {host(pairs[0][1])}."
+        f"{host(pairs[0][0])} talked to {gathered.rows.station(pairs[0][1:])}."
         if len(pairs) == 1
         else f"{counted(len(pairs), 'pair')} of hosts talked to each other."
     )

@@ -146,7 +146,8 @@ class CarvedBlock:
             rest = _rest(self.octets, self.classic)
             return {code: self.classic.code, INTERFACE: self.classic.interface, HEADER: rest}
         if self.plus is not None:
-            return {CODE: self.plus.code, INTERFACE: self.plus.interface, HEADER: self.plus.rest}
+            code = VALUES if self.kind in _VALUES else CODE
+            return {code: self.plus.code, INTERFACE: self.plus.interface, HEADER: self.plus.rest}
         return {VALUES if self.kind in _VALUES else CODE: self.octets}
 
     def _said(self, name: str) -> str:
@@ -252,10 +253,16 @@ def _carve_plus(operation: Operation) -> list[CarvedBlock]:
         one.operation = operation
         if operation.dropped:
             one.missing = f"{operation.dropped} bytes were too much to keep"
-        elif operation.result != DONE:
+        elif not block.whole:
+            one.missing = _cut_short(block)
+        elif operation.result not in {DONE, NOT_CAPTURED}:
             one.missing = f"transfer {operation.result}"
         found.append(one)
     return found
+
+
+def _cut_short(block: PlusBlock) -> str:
+    return "" if block.whole else f"ended after {len(block.octets)} bytes"
 
 
 def plus_block(octets: bytes) -> CarvedBlock | None:
@@ -266,4 +273,5 @@ def plus_block(octets: bytes) -> CarvedBlock | None:
     found = CarvedBlock(block.kind, block.number, octets, S7COMM_PLUS)
     found.title = block.name
     found.plus = block
+    found.missing = _cut_short(block)
     return found

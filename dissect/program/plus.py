@@ -6,22 +6,25 @@ from collections.abc import Iterator
 from typing import Final
 
 from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.ids import BLOCK_KINDS
+from dissect.s7plus.ids import BLOCK_KINDS, DATA_BLOCK
 from dissect.s7plus.message import parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject, every_object, objects_of, read_elements
+from dissect.s7plus.objects import Attribute, Element, PlusObject, every_object, objects_of, read_into
 from dissect.s7plus.program_tables import LANGUAGES
 from dissect.s7plus.session import NAME
 from dissect.s7plus.value_showing import iso_time
-from dissect.s7plus.values import Blob, Value
+from dissect.s7plus.values import Blob, Struct, Value
 from dissect.s7plus.walk import FormatError, Walk
 
 _LANGUAGE: Final = 2523
 _PROTECTION: Final = 2524
+_PROTECTION_MODE: Final = 3448  # a member of that: 0 for none; 3 in captures, as in the header of an S7-300/400 block
 _CODE_TIME: Final = 2529
 _INTERFACE_TIME: Final = 2543
-#: Attributes of the code: its source as XML, what the CPU runs, and what both refer to.
+#: Attributes of the code: its source as XML, what the CPU runs, what both refer to, the blocks that it calls and its constants.
 BODY: Final = 2533
-_CODE: Final = frozenset((BODY, 2580, 2583, 2584))
+_CODE: Final = frozenset((BODY, 2580, 2583, 2586, 2591, 8190))
+#: Those of a data block: its initial and its actual values.
+_VALUES: Final = frozenset((2548, 2550))
 #: Attributes of the interface: its source as XML, and the types.
 INTERFACE: Final = 2544
 _INTERFACE: Final = frozenset((INTERFACE, 4578))
@@ -34,20 +37,24 @@ MAX_BLOCKS: Final = 8192
 
 
 class PlusBlock:
-    """A block of an S7-1200/1500: ``octets`` are its object as it stands in the PDU.
+    """A block of an S7-1200/1500: ``octets`` are its object as it stands in the PDU, up to what was read of it last.
 
-    ``code``, ``interface`` and ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
+    ``whole`` is False for one whose end is not there. ``code``, which of a data block are its values, ``interface`` and
+    ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
     """
 
     __slots__ = (
         "_object", "author", "code", "code_time", "family", "interface", "interface_time", "kind", "language", "name",
-        "number", "octets", "protected", "rest", "version",
+        "number", "octets", "protected", "rest", "version", "whole",
     )  # fmt: skip
 
     def __init__(self, one: PlusObject, data: bytes) -> None:
         self._object = one
         self.kind = BLOCK_KINDS[one.rid >> 16]
         self.number = one.rid & 0xFFFF
+        self.whole = one.end > 0
+        if not self.whole:
+            one.end = _end_of(one)
         self.octets = data[one.offset : one.end]
         self.name = one.text(NAME)
         language = one.number(_LANGUAGE)
@@ -55,19 +62,20 @@ class PlusBlock:
         self.code_time = _time(one.number(_CODE_TIME))
         self.interface_time = _time(one.number(_INTERFACE_TIME))
         self.author = self.family = self.version = ""
-        self.protected = False
+        self.protected = _is_protected(one.find(_PROTECTION))
         self.code, self.interface, self.rest = self._split(one, data)
 
     def _split(self, one: PlusObject, data: bytes) -> tuple[bytes, bytes, bytes]:
         """Return the attributes of the code, those of the interface, and what is left of the object, as they were sent."""
+        code_ids = _VALUES if one.rid >> 16 == DATA_BLOCK else _CODE
         code, interface, rest = bytearray(), bytearray(), bytearray()
         at = one.offset
         for element in one.elements:
             id_ = element.id if isinstance(element, Attribute) else -1
-            if isinstance(element, Attribute) and (id_ in _CODE or id_ in _INTERFACE):
+            if isinstance(element, Attribute) and (id_ in code_ids or id_ in _INTERFACE):
                 value = element.value
                 rest += data[at : value.offset]
-                (code if id_ in _CODE else interface).extend(data[value.offset : value.end])
+                (code if id_ in code_ids else interface).extend(data[value.offset : value.end])
                 at = value.end
         rest += data[at : one.end]
         return bytes(code), bytes(interface), bytes(rest)
@@ -78,6 +86,18 @@ class PlusBlock:
             if isinstance(element, Attribute) and element.id in TEXTS:
                 for octets in _blobs(element.value):
                     yield element.id, octets
+
+
+def _is_protected(value: Value | None) -> bool:
+    content = value.content if value is not None else None
+    mode = content.find(_PROTECTION_MODE) if isinstance(content, Struct) else None
+    return mode is not None and isinstance(mode.content, int) and mode.content > 0
+
+
+def _end_of(one: PlusObject) -> int:
+    """Return where the last attribute ends of an object whose end is not there; where it begins, if it has none."""
+    ends = [element.value.end for element in one.elements if isinstance(element, Attribute)]
+    return ends[-1] if ends else one.offset
 
 
 def _blobs(value: Value) -> Iterator[bytes]:
@@ -100,16 +120,22 @@ def plus_blocks(octets: bytes) -> list[PlusBlock]:
     """Return the blocks in a PDU, in wire order, as far as it can be read. Never raises."""
     pdu = parse_plus(octets)
     found = parse_contents(pdu, False)
-    blocks = [one for one in every_object(found.objects) if one.rid >> 16 in BLOCK_KINDS and one.class_id]
+    every = every_object(found.objects or found.begun)
+    blocks = [one for one in every if one.rid >> 16 in BLOCK_KINDS and one.class_id]
     return [PlusBlock(one, pdu.data) for one in blocks[:MAX_BLOCKS]]
 
 
 def plus_block_of(octets: bytes) -> PlusBlock | None:
     """Return the block that octets are, as `PlusBlock.octets` has them; None where they are none. Never raises."""
-    walk = Walk(octets, 0, len(octets), False)
-    try:
-        objects = objects_of(read_elements(walk))
-    except FormatError:
-        return None
-    blocks = [one for one in objects if one.rid >> 16 in BLOCK_KINDS]
+    blocks = [one for one in objects_of(_elements(octets)) if one.rid >> 16 in BLOCK_KINDS]
     return PlusBlock(blocks[0], octets) if blocks else None
+
+
+def _elements(octets: bytes) -> list[Element]:
+    """Return the elements that octets are; of those that end too soon, or contradict themselves, what was read."""
+    elements: list[Element] = []
+    try:
+        read_into(Walk(octets, 0, len(octets), False), elements)
+    except FormatError:
+        return elements
+    return elements

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES
-from dissect.report import words
+from dissect.report import endings, words
 from dissect.report.analysis import Analysis
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import completeness, table
@@ -170,8 +170,8 @@ def _row(connection: Connection, places: Places) -> list[str]:
         said.append(f"{connection.still_open} still open")
     if connection.refused:
         said.append(f"REFUSED: {connection.refused}")
-    elif connection.tcp.ended:
-        said.append(f"closed ({connection.tcp.ended})")
+    elif ended := endings.short(connection):
+        said.append(ended)
     arrow = "→" if connection.client_known else "↔"
     ends = f"{places.end(connection.client)} {arrow} {places.end(connection.server)}"
     return [str(connection.number), ends, shortened(named(connection) or "no data", 40), ", ".join(said)]

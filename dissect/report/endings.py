@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from dissect.report import words
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, REUSED
+from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
@@ -20,6 +20,16 @@ _DROPPED: Final = {
     EVICTED: "dropped, too many connections were open",
     REPLACED: "replaced by a new connection on the same addresses",
 }
+
+
+def short(connection: Connection) -> str:
+    """Say who ended a connection, for example ``closed by the client``; empty while it is open."""
+    ending = connection.ending
+    if ending is None or ending.how == OPEN:
+        return ""
+    if ending.how in _DROPPED:
+        return _DROPPED[ending.how]
+    return f"{'reset' if ending.how == RESET else 'closed'} by the {connection.role(ending.side)}"
 
 
 def phrase(connection: Connection, places: Places) -> str:

@@ -138,6 +138,7 @@ def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], 
         said = ["expects no response"] if one_way else []
     answer = "" if half.pdu.opcode == NOTIFICATION else "response: "
     wrong = (malformed_note(asked, "request: ") + malformed_note(told, answer))[:1]
+    wrong += _lost_note(asked, "request") + _lost_note(told, answer.removesuffix(": ") or "notification")
     items = join_items(asked, told, transaction.connection.plus)
     if items and half.pdu.function not in _ITEMS_BESIDE:
         return ", ".join(said + told_of(items) + wrong)
@@ -252,6 +253,11 @@ def malformed_note(half: Half | None, which: str = "") -> list[str]:
         return []
     fact = half.contents.malformed[0]
     return [f"MALFORMED {which}{fact.at(half.pdu.place(fact.offset))}"]
+
+
+def _lost_note(half: Half | None, which: str) -> list[str]:
+    """Tell of a PDU whose end is not there that it is incomplete: what is said of it is what it begins with."""
+    return [f"{which} incomplete"] if half is not None and not half.pdu.whole else []
 
 
 def as_text(value: object) -> str:

@@ -117,7 +117,8 @@ def _number_said(field: Field, number: int, digits: i64) -> str:
         return str(number)
     shown = hex_number(number, digits) if digits <= _SMALL else f"0x{number:0{int(digits)}x}"
     if says is not None:
-        return f"{shown} {says(number)}".rstrip()
+        said = says(number)
+        return shown if said == shown else f"{shown} {said}".rstrip()  # of an id without a name, its number
     if codes is not None:
         row = codes.get(number)
         return f"{shown} {row.name}" if row is not None and row.name else f"{shown} (not in the tables)"

@@ -13,8 +13,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.message import is_beginning, parse_plus
-from dissect.s7plus.tables import FUNCTIONS, KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT
+from dissect.s7plus.message import DIGEST_SIZE, is_beginning, parse_plus
+from dissect.s7plus.tables import FUNCTIONS, KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT, V1, V3
 from dissect.wire.octets import u16
 
 #: Octets of a PDU in several frames that are kept; what comes after them is counted only. Downloads and answers to Explore take
@@ -39,15 +39,36 @@ def _begins(frame: bytes) -> bool:
     return pdu.function in FUNCTIONS and u16(pdu.data, 1) | u16(pdu.data, 5) == 0
 
 
+def is_notification(octets: bytes) -> bool:
+    """Tell whether a PDU with the opcode of a notification is one: the rest of a PDU may begin with that octet as well."""
+    if len(octets) < _HEADER or octets[1] == V1:
+        return True  # that form has nothing by which to tell
+    at: i64 = _HEADER + 5 + (1 + DIGEST_SIZE if octets[1] == V3 else 0)
+    return octets[at : at + len(_AFTER_SUBSCRIPTION)] == _AFTER_SUBSCRIPTION
+
+
 class PlusAssembler:
     """Joins the frames of one direction. ``parts`` is None between PDUs.
 
     ``left_out`` counts the octets of a PDU past ``most``, or past its first `MAX_FRAMES` frames.
-    ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several. So is
-    ``holed``: octets are missing before the next PDU, or were sent before the capture, so that it may be the rest of one.
+    ``begun_frame`` and ``begun_ns`` are for who feeds it: packet and time of the first frame of a PDU in several, and
+    ``last_frame`` and ``last_ns`` those of the latest. So is ``holed``: octets are missing before the next PDU, or were sent
+    before the capture, so that it may be the rest of one.
     """
 
-    __slots__ = ("_frames", "_most", "asked", "begun_frame", "begun_ns", "holed", "left_out", "notified", "parts")
+    __slots__ = (
+        "_frames",
+        "_most",
+        "asked",
+        "begun_frame",
+        "begun_ns",
+        "holed",
+        "last_frame",
+        "last_ns",
+        "left_out",
+        "notified",
+        "parts",
+    )
 
     def __init__(self, most: i64 = MAX_PDU) -> None:
         self._most: i64 = most
@@ -58,6 +79,8 @@ class PlusAssembler:
         self.left_out: i64 = 0  # of the PDU at hand
         self.begun_frame: i64 = 0
         self.begun_ns: i64 = 0
+        self.last_frame: i64 = 0
+        self.last_ns: i64 = 0
         self.holed: bool = False
 
     def push(self, tsdu: bytes) -> bytes | None:

@@ -14,7 +14,7 @@ from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import PlusPdu, parsed
-from dissect.s7plus.objects import PlusObject, whole_numbers
+from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.program import CODE
@@ -25,6 +25,7 @@ from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
     CYCLE,
+    DIAGNOSIS,
     IDENTIFICATION,
     IN_VARIABLE,
     LANGUAGE,
@@ -38,6 +39,7 @@ from dissect.s7plus.session import (
     STATE_REQUEST,
     SUBSCRIPTION,
     PlusSession,
+    is_state,
     parse_reference_list,
     reference_lists_of,
 )
@@ -60,7 +62,7 @@ from dissect.s7plus.tables import (
     V3,
 )
 from dissect.s7plus.value_showing import value_text
-from dissect.s7plus.values import Blob, Value
+from dissect.s7plus.values import Blob, Struct, Value
 from dissect.s7plus.walk import MAX_WORK, Wanted
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
@@ -103,7 +105,7 @@ _WANTED: Final = table(ASKED_OF_OBJECTS)
 _NAMED: Final = 5
 
 # What tells that a read may matter: the ids of the operating state and the identification record.
-_READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, IDENTIFICATION)])
+_READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
 #: What a write of several holds that is more than variables.
 _WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
@@ -216,7 +218,7 @@ def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline
 def _read_all(session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64) -> Facts | None:
     """Judge a transaction of which all that may matter must be read."""
     if len(request) == 0:
-        return _judge_contents(request, response, SOUND, skimmed)
+        return _told_alone(session, function, response, skimmed)
     if not _may_matter(session, function, request, skimmed):
         return _judge_contents(request, response, glimpse(request), skimmed)
     facts = Facts()
@@ -237,6 +239,20 @@ def _read_all(session: PlusSession, function: i64, request: bytes, response: byt
     else:
         _judge(session, facts.events, function, contents, answer, good)
     return facts
+
+
+def _told_alone(session: PlusSession, function: i64, response: bytes, skimmed: i64) -> Facts | None:
+    """Judge a response whose request did not pass: the blocks that it shows, or which CPU opens a session."""
+    if function != EXPLORE and function != CREATE_OBJECT:
+        return _judge_contents(b"", response, SOUND, skimmed)
+    facts = Facts()
+    told, found = _read(response, facts)
+    good: bool = told.function == function and told.return_code < 0x8000
+    if good and function == EXPLORE:
+        _explored(session, facts.events, found)
+    elif good and any([one.class_id == SERVER_SESSION for one in found.objects]):
+        session.session_opened(found)
+    return facts if facts.events or facts.malformed or facts.exhausted else None
 
 
 def _says_no_more(function: i64, response: bytes, skimmed: i64) -> bool:
@@ -282,19 +298,11 @@ def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
     return facts
 
 
-def _replayed(function: str, id_: int) -> str:
-    return f"{function} has integrity id {id_} again, or a lower one than before"
-
-
 def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
     """Return the numbers of the items by which a request asks for the operating state; None for all, where there are others."""
     if function != GET_MULTI_VARIABLES:
         return None
-    return frozenset([number for number, address in enumerate(asked.addresses, 1) if _is_state(address)])
-
-
-def _is_state(address: Address) -> bool:
-    return address.area == CPU_EXEC_UNIT and address.lids[-1:] == [OPERATING_STATE]
+    return frozenset([number for number, address in enumerate(asked.addresses, 1) if is_state(address)])
 
 
 def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> tuple[PlusPdu, Contents]:
@@ -317,7 +325,8 @@ def _judge_id(
         return
     counted = session.writes if function in _COUNTED else session.reads
     if counted.repeats(sequence, id_):
-        events.append(Event(REPLAYED, _replayed(FUNCTIONS.name(function), int(id_))))
+        text = f"{FUNCTIONS.name(int(function))} has integrity id {int(id_)} again, or a lower one than before"
+        events.append(Event(REPLAYED, text))
 
 
 def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
@@ -331,7 +340,7 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
     if function == CREATE_OBJECT or function == DELETE_OBJECT:
         return True
     if function == EXPLORE:
-        return skimmed & (UNSOUND | MET) != 0
+        return not skimmed & SOUND or skimmed & MET != 0  # of an answer that is not whole, the blocks it begins with
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
         return True  # others do not come here
     if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
@@ -389,9 +398,8 @@ def _gone(session: PlusSession, events: list[Event], object_id: int, session_id:
 
 def _created(session: PlusSession, events: list[Event], asked: Made, told: Made | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
-    these = (
-        asked.objects or asked.begun
-    )  # of a PDU that is too long, or lies further on, its first objects say what it is
+    # Of a PDU that is too long, or lies further on, its first objects say what it is.
+    these = asked.objects or asked.begun
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
         if told is not None and good:
@@ -426,11 +434,11 @@ def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address
 
 
 def _explored(session: PlusSession, events: list[Event], told: Made) -> None:
-    every = told.every
-    session.program.learn(every)
+    every = told.every or every_object(told.begun)
+    session.program.learn([one for one in every if one.end])
     found = [one for one in every if one.holds_any(CODE)]
     if found:
-        events.append(Event(READ_OUT, _blocks(found)))
+        events.append(Event(READ_OUT, f"{'at least ' if told.begun else ''}{_blocks(found)}"))
 
 
 def _blocks(objects: list[PlusObject]) -> str:
@@ -502,8 +510,8 @@ def _one(
     if function == GET_VAR_SUBSTREAMED:
         if told is None or told.value is None or not good:
             return
-        if ids[-1] == OPERATING_STATE:
-            _state(session, events, _number(told.value))
+        if is_state(Address(0, object_id, ids[0], ids[1:])):
+            _state(session, events, _state_in(told.value))
         elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
             record = told.value.content
             session.identified(record.octets if isinstance(record, Blob) else b"")
@@ -536,8 +544,15 @@ def _states(session: PlusSession, events: list[Event], asked: Contents, told: Co
     values = dict(told.items) if told is not None else {}
     for number, address in enumerate(asked.addresses, 1):
         value = values.get(number)
-        if value is not None and _is_state(address):
-            _state(session, events, _number(value))
+        if value is not None and is_state(address):
+            _state(session, events, _state_in(value))
+
+
+def _state_in(value: Value) -> int:
+    """Return the operating state in a value of it or of the structure that holds it, -1 for none."""
+    content = value.content
+    member = content.find(OPERATING_STATE) if isinstance(content, Struct) else value
+    return _number(member) if member is not None else -1
 
 
 def _number(value: Value) -> int:
@@ -579,6 +594,6 @@ def _notified(session: PlusSession, octets: bytes, skimmed: i64) -> Facts | None
     pdu, found = _read(octets, facts)
     for reference, value in found.items:
         address = session.address_of(pdu.subscription_id, reference)
-        if address is not None and address.lids[-1:] == [OPERATING_STATE]:
-            _state(session, facts.events, _number(value))
+        if address is not None and is_state(address):
+            _state(session, facts.events, _state_in(value))
     return facts

@@ -18,7 +18,9 @@ from dissect.s7plus.objects import numbers_at
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.session import (
+    CPU_EXEC_UNIT,
     CPU_PROXY,
+    DIAGNOSIS,
     IDENTIFICATION,
     OPERATING_STATE,
     REFERENCE_LIST,
@@ -370,7 +372,12 @@ def _streamed(both: _Glances, request: bytes, response: bytes, refused: bool) ->
     integrity_id = asked.ends()
     if not asked.plain:
         return None
-    if object_id != CPU_PROXY and last & _TWO_OCTETS != OPERATING_STATE:
+    if object_id == CPU_EXEC_UNIT:
+        if last & _TWO_OCTETS == DIAGNOSIS:
+            return None  # a structure, the operating state among its members
+        if last & _TWO_OCTETS != OPERATING_STATE:
+            return _NOTHING
+    elif object_id != CPU_PROXY:
         return _NOTHING
     seen = Seen()
     seen.integrity_id = integrity_id
@@ -382,7 +389,7 @@ def _streamed(both: _Glances, request: bytes, response: bytes, refused: bool) ->
         return seen if told.plain else None
     if told.number() != 0 or not told.skip(1):
         return None
-    if last == OPERATING_STATE:
+    if last == OPERATING_STATE and object_id == CPU_EXEC_UNIT:
         seen.state = told.state()
         seen.stated = told.plain
     elif first == IDENTIFICATION and object_id == CPU_PROXY:

@@ -10,7 +10,7 @@ from typing import Final
 
 from dissect.wire.codes import CodeTable
 
-IDS: Final = CodeTable("S7comm-plus id", 1, [
+_IDS: Final = [
     (1, "NativeObjects.theASRoot_Rid", ""),
     (2, "NativeObjects.theHWConfiguration_Rid", ""),
     (3, "NativeObjects.thePLCProgram_Rid", ""),
@@ -518,4 +518,18 @@ IDS: Final = CodeTable("S7comm-plus id", 1, [
     (8201, "DataInterface.AlarmLastUserModified_Rid", ""),
     (8249, "PLCProgramChange.CultureList_Rid", ""),
     (8342, "ReleaseMngmtRoot.TIAInfoTexts_Rid", ""),
-])  # fmt: skip
+]  # fmt: skip
+
+#: Members of the structure that the memory of a block or an area is (1533): its type, and its values by how they are kept.
+#: Their numbers are also those of objects, and the first one of an absolute address.
+MEMORY: Final = [
+    (1, "LID_OMS_STB_DescriptionRID", ""),
+    (2, "LID_OMS_STB_Structured", ""),
+    (3, "LID_OMS_STB_ClassicBlob", ""),
+    (4, "LID_OMS_STB_RetainBlob", ""),
+    (5, "LID_OMS_STB_VolatileBlob", ""),
+]  # fmt: skip
+
+IDS: Final = CodeTable("S7comm-plus id", 1, _IDS)
+#: Those of members of structures.
+MEMBERS: Final = CodeTable("S7comm-plus member", 1, [*MEMORY, *_IDS[len(MEMORY) :]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.id_tables import IDS
+from dissect.s7plus.id_tables import IDS, MEMBERS
 
 # Kinds of blocks: the upper 16 bits of the id of their object.
 DATA_BLOCK: Final = 0x8A0E
@@ -49,6 +49,12 @@ def id_name(number: int) -> str:
     if number >> 16 == 0x020A:
         return f"String[{number & 0xFFFF}]"
     return plain_id(number)
+
+
+def member_id(number: int) -> str:
+    """Return the name of a member of a structure with its number: ``3486 AS_DIS.OperatingState``."""
+    row = MEMBERS.get(number)
+    return f"{number} {row.name}" if row is not None else id_name(number)
 
 
 def plain_id(number: int) -> str:

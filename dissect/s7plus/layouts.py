@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.id_tables import IDS
+from dissect.s7plus.id_tables import IDS, MEMBERS
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.program_tables import DATATYPES, SECTIONS
 from dissect.s7plus.tables import FUNCTIONS, NOTIFIED, OPCODES, TAGS, VARIABLE_KINDS, VERSIONS
@@ -114,6 +114,7 @@ EVENT: Final = Layout(
 # ---- contents -------------------------------------------------------------------------------------------------------
 
 _ID: Final = Field("id", VLQ, "What it is.", codes=IDS)
+_MEMBER_ID: Final = Field("id", VLQ, "What it is.", codes=MEMBERS)
 _VALUE: Final = [
     Field("flags", 1, "Scalar, array, sparse array.", codes=VALUE_FLAGS),
     Field("type", 1, "Type of the value, or of its elements.", codes=VALUE_TYPES),
@@ -123,7 +124,7 @@ _VALUE: Final = [
 #: A value with nothing before it.
 VALUE: Final = Layout("value", _SOURCE, _VALUE)
 #: A member of a structure or of a list; of a structure ``content`` is what stands before its own members.
-MEMBER: Final = Layout("member", _SOURCE, [_ID, *_VALUE])
+MEMBER: Final = Layout("member", _SOURCE, [_MEMBER_ID, *_VALUE])
 #: The end of a list of members, items, keys or errors.
 LIST_END: Final = Layout("end of list", _SOURCE, [Field("end", 1, "0.")])
 #: An element of a sparse array of structures.

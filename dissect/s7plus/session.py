@@ -26,7 +26,6 @@ _HOST: Final = 298
 _ROLE: Final = 299
 _USER: Final = 296
 _CLIENT_ID: Final = 289
-_COMMENT: Final = 301
 _SESSION_VERSION: Final = 306
 _VERSION_TEXT: Final = 319
 _CHALLENGE: Final = 303
@@ -47,6 +46,9 @@ ASKED_OF_OBJECTS: Final = CODE | {
     NUMBER, LANGUAGE, CYCLE, STATE_REQUEST,
 }  # fmt: skip
 OPERATING_STATE: Final = 3486
+#: Attribute of every piece of hardware that says how it is, with its operating state as a member; only that of the execution
+#: unit is the CPU's.
+DIAGNOSIS: Final = 2237
 
 _NEW_LIST: Final = 0x80000000
 #: Subscriptions of a connection that are remembered, and items of one.
@@ -214,12 +216,18 @@ class PlusSession:
         found = self.program.find(address)
         return symbol(address, found) if found is not None else address.label
 
+    @property
+    def who(self) -> str:
+        """What the client calls itself, its host and its user, as far as it said so."""
+        client = [self.application or self.session_name, f"on {self.host}" if self.host else ""]
+        client.append(f"as {self.user}" if self.user else "")
+        return " ".join([text for text in client if text])
+
     def describe(self) -> str:
         """Return who the client is and which CPU answers, in a few words."""
-        client = [self.application or self.session_name, f"on {self.host}" if self.host else "", self.user]
         role = f"({self.role_name})" if self.role_name else ""
         cpu = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
-        who = " ".join([text for text in (*client, role) if text])
+        who = " ".join([text for text in (self.who, role) if text])
         return f"{who}, CPU {cpu}" if cpu else who
 
     # ---- sessions ---------------------------------------------------------------------------------------------------
@@ -325,13 +333,15 @@ def _change(known: dict[int, Address], told: References) -> None:
             known[reference] = address
 
 
+def is_state(address: Address) -> bool:
+    """Tell whether a variable is the operating state of the CPU, or the structure that it is a member of."""
+    if address.area != CPU_EXEC_UNIT:
+        return False
+    return address.lids[-1] == OPERATING_STATE if address.lids else address.sub_area == DIAGNOSIS
+
+
 def _has_state(known: dict[int, Address]) -> bool:
-    """Tell whether the operating state is among variables."""
-    for address in known.values():
-        lids = address.lids
-        if lids and lids[-1] == OPERATING_STATE:
-            return True
-    return False
+    return any([is_state(address) for address in known.values()])
 
 
 def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:

@@ -14,7 +14,7 @@ from dissect.s7plus.message import DIGEST_SIZE, LARGEST_KEPT, SHORT_HEADS, parse
 from dissect.s7plus.noted import Noted, keep_noted
 from dissect.s7plus.pieces import USUAL_QUALIFIER
 from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
-from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, OPERATING_STATE
+from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, DIAGNOSIS, OPERATING_STATE
 from dissect.s7plus.skipping import Skipper, marks
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
@@ -74,8 +74,9 @@ _NO_CODE: Final = -1
 #: Of objects of which nothing matters.
 _NO_MARKS: Final = marks(frozenset(), frozenset())
 _BIT_7: Final = 0x80
-#: The last two octets of the id of the operating state, however many it has.
+#: The last two octets of the ids of the operating state, and of the structure that holds it, however many they have.
 _STATE: Final = (OPERATING_STATE >> 7 | _BIT_7) << 8 | OPERATING_STATE & (_BIT_7 - 1)
+_DIAGNOSIS: Final = (DIAGNOSIS >> 7 | _BIT_7) << 8 | DIAGNOSIS & (_BIT_7 - 1)
 _DETAILS: Final = 62
 #: Zeros that end a response of the other kind, and at most those of a notification and of everything else.
 _RESPONSE2_FILL: Final = 11
@@ -409,7 +410,8 @@ class Body:
         if count < 0 or fields < 0:
             return -1
         if link:
-            return count if skipper.numbers(fields) else -1
+            passed: bool = self._attributes(fields) if link == CPU_EXEC_UNIT else skipper.numbers(fields)
+            return count if passed else -1
         index: i64 = 0
         while index < count:
             if not skipper.numbers(1):
@@ -422,11 +424,24 @@ class Body:
             if last < 0:
                 return -1
             index += 1
-            if last == OPERATING_STATE and area == CPU_EXEC_UNIT and ids > 1:
+            if area == CPU_EXEC_UNIT and last == (OPERATING_STATE if ids > 1 else DIAGNOSIS):
                 self._item = index if self._asks == 0 else 0
                 self._asks = ASKS
             fields -= 3 + ids
         return count if fields == 0 else -1
+
+    def _attributes(self, count: i64) -> bool:
+        """Pass over so many attributes of the execution unit, each of which is an item."""
+        index: i64 = 0
+        while index < count:
+            id_ = self.skipper.number()
+            if id_ < 0:
+                return False
+            index += 1
+            if id_ == DIAGNOSIS:
+                self._item = index if self._asks == 0 else 0
+                self._asks = ASKS
+        return True
 
     def _read_end(self) -> bool:
         """Pass over the qualifier behind the addresses of a read, and note where they end."""
@@ -438,7 +453,9 @@ class Body:
         at: i64 = self.skipper.at
         if not self._skip(_ID) or not self.skipper.value(0):
             return False
-        if u32(self._octets, at) == CPU_PROXY or u16(self._octets, self.skipper.at - 2) == _STATE:
+        object_id = u32(self._octets, at)
+        last = u16(self._octets, self.skipper.at - 2)
+        if object_id == CPU_PROXY or (object_id == CPU_EXEC_UNIT and (last == _STATE or last == _DIAGNOSIS)):
             self._asks = ASKS
         return True
 

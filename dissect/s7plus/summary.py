@@ -43,7 +43,7 @@ def summary(pdu: PlusPdu, found: Contents) -> list[str]:
         return _asked(pdu, found)
     said = _items(found)
     said += [f"{number}: {return_note(value)}" for number, value in found.refusals[:_NAMED]]
-    count = found.item_count + len(found.refusals) + len(found.objects)
+    count = found.item_count + len(found.refusals)
     if found.value is not None:
         said.append(value_text(found.value))
         count += 1
@@ -52,7 +52,8 @@ def summary(pdu: PlusPdu, found: Contents) -> list[str]:
     ):  # a refusal names what would have been
         said += [short_name(id_) for id_ in found.ids[:_NAMED]]
         count += len(found.ids)
-    return _some(said + _objects(found.objects), count)
+    objects = found.objects or found.begun
+    return _some(said + _objects(objects), count + len(objects))
 
 
 def _items(found: Contents) -> list[str]:

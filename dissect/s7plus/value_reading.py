@@ -8,7 +8,7 @@ from librt.strings import read_f32_be, read_f64_be
 from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED, PLAIN_KEYS, check_blob, is_compressed, may_swell
-from dissect.s7plus.ids import id_name, is_packed
+from dissect.s7plus.ids import id_name, is_packed, member_id
 from dissect.s7plus.layouts import LIST_END, MEMBER, PACKED, PACKED_TWICE, ROW
 from dissect.s7plus.value_showing import value_said
 from dissect.s7plus.value_tables import (
@@ -258,4 +258,4 @@ def read_members(walk: Walk) -> list[Member]:
             walk.part(LIST_END, at)
             walk.depth -= 1
             return members
-        members.append((id_, read_value(walk, MEMBER, at, f"{id_name(id_)} = " if walk.shown else "", id_)))
+        members.append((id_, read_value(walk, MEMBER, at, f"{member_id(id_)} = " if walk.shown else "", id_)))

@@ -17,6 +17,7 @@ from dissect.scd.model import ARRAY, CLASSES, DOMAIN, NULL, RECORD, VAR
 from dissect.scd.plain import from_plain
 from dissect.scd.records import Body, FieldRecord, ObjectRecord, Plain, StructRecord, Traits, TypeRecord
 from dissect.scd.types import ENCODINGS, MAX_OCTETS, SIZED, STANDARD, STANDARD_NAMES, Kind, SimpleType, width_trouble
+from dissect.wire.text import count
 
 MAX_NAME: Final = 255
 MAX_TEXTS: Final = 4096
@@ -204,7 +205,7 @@ def _width(kind: SimpleType, bits: int, where: str, index: int) -> int:
     if not kind.variable:
         if bits:
             raise DictionaryError(
-                where, f"a {kind.name} has {kind.bits} bits, no size of its own", rule="R72", index=index
+                where, f"a {kind.name} has {count(kind.bits, 'bit')}, no size of its own", rule="R72", index=index
             )
         return kind.bits
     trouble = width_trouble(kind.kind, bits)

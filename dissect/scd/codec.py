@@ -18,8 +18,8 @@ import msgspec
 
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
-from dissect.scd.errors import E_COUNT, E_SHORT, E_TYPE, E_VALUE, Error
-from dissect.scd.layout import Key, Slot
+from dissect.scd.errors import E_COUNT, E_INDEX, E_SHORT, E_TYPE, E_VALUE, Error, shown
+from dissect.scd.layout import Key, Slot, address_text
 from dissect.scd.messages import Head, Message, Phase, Service, build_message, parse_message
 from dissect.scd.model import Pdo, StructType, Variable
 from dissect.scd.objects import Objects
@@ -35,6 +35,7 @@ from dissect.scd.packing import (
     single,
 )
 from dissect.scd.types import SIZED, UINT32, Kind, Value
+from dissect.wire.text import count
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,7 +68,7 @@ def decode_columns(packing: Packing, octets: Octets, offsets: ArrayLike | Sequen
         low, high = int(starts.min()), int(starts.max())
         if low < 0 or high + packing.size > len(data):
             at = low if low < 0 else high
-            raise Error(E_SHORT, packing.where, f"{packing.size} bytes at {at} of {len(data)}")
+            raise Error(E_SHORT, packing.where, f"{count(packing.size, 'byte')} at {at} of {len(data)}")
         rows = np.zeros((len(starts), packing.size + _SPARE), np.uint8)
         if packing.size:
             rows[:, : packing.size] = np.lib.stride_tricks.sliding_window_view(data, packing.size)[starts]
@@ -113,7 +114,11 @@ def _column(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
 
 def _strided(rows: NDArray[np.uint8], code: str, at: int) -> NDArray[Any]:
     """Return the numbers of dtype ``code`` that begin at octet ``at`` of each row, where they are."""
-    numbers: NDArray[Any] = _numpy().ndarray((len(rows),), code, buffer=rows, offset=at, strides=(rows.shape[1],))
+    np = _numpy()
+    if not len(rows):  # numpy finds no place for numbers in no octets, not even for none
+        none: NDArray[Any] = np.zeros(0, code)
+        return none
+    numbers: NDArray[Any] = np.ndarray((len(rows),), code, buffer=rows, offset=at, strides=(rows.shape[1],))
     return numbers
 
 
@@ -367,7 +372,7 @@ class Codec:
         surplus = b""
         if len(octets) != packing.size:
             if len(octets) < packing.size:
-                raise Error(E_SHORT, packing.where, f"{len(octets)} bytes of {packing.size}")
+                raise Error(E_SHORT, packing.where, f"{count(len(octets), 'byte')} of {packing.size}")
             surplus = octets[packing.size :]
             flags[TRAILING] = ()
         values = packing.unpack(octets, flags, self.strict_pad)
@@ -422,12 +427,27 @@ class Codec:
         elif values.keys() != packing.key_set:
             found: dict[Any, object] = {}
             for key, value in values.items():
-                known = key if key in packing.key_set else self.dictionary.variable(key).address
+                known = key if key in packing.key_set else self._addressed(key)
                 if known in found:
-                    raise Error(E_COUNT, str(key), "the value of this variable is given twice")
+                    raise Error(E_COUNT, _called(key), "the value of this variable is given twice")
                 found[known] = value
             given = found
         return _gather(packing, given, self.dictionary.variable, partial=partial)
+
+    def _addressed(self, key: object) -> tuple[int, int]:
+        """Return the address that a key of values means; raises `Error`."""
+        if isinstance(key, str):
+            return self.dictionary.variable(key).address
+        if isinstance(key, tuple) and len(key) == 2 and all(isinstance(number, int) for number in key):
+            return self.dictionary.variable(key).address
+        raise Error(
+            E_INDEX, shown(key), "values go by (index, sub-index), by an address such as '0x6000:1' or by a name"
+        )
+
+
+def _called(key: object) -> str:
+    """Return a key of values for an error."""
+    return address_text(key) if isinstance(key, tuple) else str(key)
 
 
 def _slot(key: Key, variable: Variable, bits: int, offset: int) -> Slot:
@@ -441,7 +461,7 @@ def _gather(
     """Return one value for each slot; raises `Error` E_COUNT for values that are missing or that nothing takes."""
     if given.keys() == packing.key_set:
         return [given[key] for key in packing.keys]
-    surplus = [str(key) for key in given if key not in packing.key_set]
+    surplus = [_called(key) for key in given if key not in packing.key_set]
     if surplus:
         raise Error(E_COUNT, packing.where, f"no place for a value of {', '.join(surplus)}")
     missing = [slot.where for slot in packing.slots if slot.key not in given]

@@ -11,13 +11,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from hashlib import sha256
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, overload
+from typing import TYPE_CHECKING, Any, Final, overload
 
+from dissect.config.hints import close_to
 from dissect.scd import ranges
 from dissect.scd.assembly import assemble_object, assemble_struct, assemble_types, readout_object
 from dissect.scd.binary import build_file, wire_id
 from dissect.scd.check import check_body
-from dissect.scd.errors import E_INDEX, E_MAP, E_PDO_NUMBER, E_TYPE, ERROR_TEXTS, DictionaryError, Error, Troubles
+from dissect.scd.errors import (
+    E_INDEX,
+    E_MAP,
+    E_PDO_NUMBER,
+    E_TYPE,
+    ERROR_TEXTS,
+    DictionaryError,
+    Error,
+    Troubles,
+    shown,
+)
 from dissect.scd.mapping import entries_of, place
 from dissect.scd.model import DEFTYPE, NULL, Object, Pdo, StructType, Variable
 from dissect.scd.records import Body, EnvelopeRecord
@@ -30,6 +41,8 @@ if TYPE_CHECKING:
 
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}|0[xX][0-9a-fA-F]{1,2}))?")
 _PDO: Final = re.compile(r"([RTrt])(?:PDO\s*)?([0-9]{1,4})")
+#: PDOs that an error names.
+_MOST_PDOS: Final = 16
 
 
 class Dictionary:
@@ -120,7 +133,9 @@ class Dictionary:
     @overload
     def __getitem__(self, key: int) -> Object: ...
     @overload
-    def __getitem__(self, key: str) -> Object | Variable: ...
+    def __getitem__(
+        self, key: str
+    ) -> Any: ...  # of either kind, as the name says: od["Pump 1"]["run"], od["Pump 1.run"].bits
 
     def __getitem__(self, key: int | str) -> Object | Variable:
         """Return an object by index or name, or a variable by "object.field".
@@ -147,7 +162,8 @@ class Dictionary:
         whole, point, field = name.rpartition(".")
         index = self.names.get(whole)
         if not point or index is None:
-            raise Error(E_INDEX, name, f"no object is called {name!r}")
+            meant = close_to(name, self.names) or (close_to(whole, self.names) if point else "")
+            raise Error(E_INDEX, name, f"no object is called {shown(name)}{meant}")
         return self.objects[index][field]
 
     def __contains__(self, key: object) -> bool:
@@ -180,7 +196,8 @@ class Dictionary:
         """Return a type by index or name; raises `Error` E_TYPE."""
         index = self.type_names.get(key, -1) if isinstance(key, str) else key
         if index not in self.types:
-            raise Error(E_TYPE, str(key), f"no type {key!r}")
+            meant = close_to(key, self.type_names) if isinstance(key, str) else ""
+            raise Error(E_TYPE, str(key), f"no type {shown(key)}{meant}")
         return self.types[index]
 
     def pdo(self, key: str) -> Pdo:
@@ -193,7 +210,18 @@ class Dictionary:
         for pdo in (*self.tpdo.values(), *self.rpdo.values()):
             if pdo.name == key:
                 return pdo
-        raise Error(E_PDO_NUMBER, key, f"the dictionary has no PDO {key!r}")
+        raise Error(E_PDO_NUMBER, key, self._no_pdo(key))
+
+    def _no_pdo(self, key: str) -> str:
+        """Return the sentence for a PDO that is not there: it says which there are."""
+        pdos = (*self.tpdo.values(), *self.rpdo.values())
+        numbered = _PDO.fullmatch(key) is not None
+        meant = "" if numbered else close_to(key, [pdo.name for pdo in pdos if pdo.name])
+        there = [f"{pdo.direction}{pdo.number}" for pdo in pdos]
+        if not meant:
+            more = f" and {len(there) - _MOST_PDOS} more" if len(there) > _MOST_PDOS else ""
+            meant = f"; there are {', '.join(there[:_MOST_PDOS])}{more}" if there else "; there are none"
+        return f"no PDO {key if numbered else shown(key)} in the dictionary {shown(self.name)}{meant}"
 
     def pdo_at(self, index: int) -> Pdo | None:
         """Return the PDO whose mapping object stands at ``index``, None where there is none."""

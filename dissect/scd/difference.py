@@ -14,6 +14,7 @@ from dissect.scd.model import CLASSES
 from dissect.scd.ranges import is_mapping
 from dissect.scd.records import EnvelopeRecord, FieldRecord, ObjectRecord, Plain, StructRecord, Traits, TypeRecord
 from dissect.scd.types import STANDARD, UINT64, Kind
+from dissect.wire.text import count
 
 #: What does not decide decoding: it is not in the wire id.
 _NAMES: Final = frozenset(("name", "version", "unit", "low", "high", "text"))
@@ -127,7 +128,7 @@ def _entry_text(value: Plain, kind: int) -> object:
     except Error:
         return f"0x{value:x}"
     what = f"0x{entry.target:04x}:{entry.sub}" if entry.target else f"a gap (0x{value:x})"
-    return f"{what}, {entry.bits} bits" + (f" at {entry.offset}" if wide else "")
+    return f"{what}, {count(entry.bits, 'bit')}" + (f" at {entry.offset}" if wide else "")
 
 
 def _fields(fields: Sequence[FieldRecord]) -> _Flat:

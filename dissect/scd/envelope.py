@@ -15,6 +15,7 @@ from dissect.scd.errors import E_CRC, E_DICTIONARY, E_LENGTH, E_PROTOCOL, E_RANG
 from dissect.scd.packing import Octets
 from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord
 from dissect.scd.types import MAX_OCTETS
+from dissect.wire.text import count
 
 #: The first octet of the default envelope: neither TPKT (03), S7 (32, 72) nor text begins with it.
 PROTOCOL: Final = 0xDC
@@ -211,16 +212,16 @@ class Envelope:
         """
         head = bytes(octets[at : at + self.head_size])
         if len(head) < self.head_size:
-            detail = f"{len(head)} bytes, the header has {self.head_size}"
+            detail = f"{count(len(head), 'byte')}, the header has {self.head_size}"
             return Wrapped({}, b"", 0, Error(E_SHORT, "envelope", detail))
         numbers = self._plan.numbers(head)
         there = len(octets) - at
         total, error = (there, None) if self._size is None else self._total(head)
         if error is None and total > there:
-            error = Error(E_SHORT, "envelope", f"{there} bytes of {total}")
+            error = Error(E_SHORT, "envelope", f"{count(there, 'byte')} of {total}")
         elif error is None and total < self.head_size + self.tail_size:
             error = Error(
-                E_SHORT, "envelope", f"{total} bytes, without data there are {self.head_size + self.tail_size}"
+                E_SHORT, "envelope", f"{count(total, 'byte')}, without data there are {self.head_size + self.tail_size}"
             )
         if error is not None:
             return Wrapped(numbers, bytes(octets[at + self.head_size :]), 0, self._signature(head, self._head) or error)
@@ -246,6 +247,13 @@ class Envelope:
         for place in self._tail:
             yield place.field, 8 * tail_at + place.offset, place.read(message[tail_at:])
 
+    def _not_taken(self, unknown: list[str]) -> str:
+        """Return the sentence for numbers that no field takes: without ``unknown`` ones it is about what is filled in."""
+        if not unknown:
+            return f"{', '.join(sorted(_UNNUMBERED))} are filled in and cannot be given"
+        there = [row.role for row in self.record.fields if row.role not in _UNNUMBERED and row.value is None]
+        return f"it has no field {', '.join(unknown)}, only {', '.join(there)}"
+
     def build(self, numbers: Mapping[str, int], data: bytes) -> bytes:
         """Return the message of these numbers (by role, 0 where none is given) around ``data``.
 
@@ -254,7 +262,7 @@ class Envelope:
         """
         unknown = sorted(role for role, number in numbers.items() if number and role not in self.roles)
         if unknown or not _UNNUMBERED.isdisjoint(numbers):
-            raise Error(E_VALUE, "envelope", f"no field to be given for {', '.join(unknown) or 'size, data or crc'}")
+            raise Error(E_VALUE, "envelope", self._not_taken(unknown))
         if len(data) > MAX_OCTETS:
             raise Error(E_LENGTH, "envelope", f"{len(data)} bytes of data, a message has at most {MAX_OCTETS} (C27)")
         given = dict(numbers)

@@ -11,6 +11,12 @@ from dissect.scd.types import Kind, SimpleType
 #: What names a variable: index and sub-index, or the name of a field of a struct.
 Key = tuple[int, int] | str
 
+
+def address_text(key: tuple[int, int]) -> str:
+    """Return index and sub-index as people write them: "0x6041:0"."""
+    return f"0x{key[0]:04x}:{key[1]}"
+
+
 _CODES: Final = {
     (Kind.INT, 8): "b",
     (Kind.INT, 16): "h",

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from dissect.scd.binary import MAX_FILE, is_compiled, parse_file
+from dissect.scd.binary import MAGIC, MAX_FILE, is_compiled, parse_file
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import DictionaryError
 from dissect.scd.source import parse_json, parse_toml
@@ -15,6 +15,8 @@ from dissect.scd.toml_tables import source_text
 if TYPE_CHECKING:
     from dissect.scd.foreign import Imported
 
+#: Suffixes of sources.
+SOURCE_SUFFIXES: Final = (".toml", ".json")
 #: Suffixes of device descriptions: INI files of CANopen, XML files of POWERLINK and CANopen.
 INI_SUFFIXES: Final = (".eds", ".dcf")
 XML_SUFFIXES: Final = (".xdd", ".xdc")
@@ -30,9 +32,14 @@ def load(path: str | os.PathLike[str]) -> Dictionary:
     if is_description(path):
         return import_file(path).dictionary
     octets = _read(Path(path))
-    if is_compiled(octets) or Path(path).suffix not in (".toml", ".json"):
+    suffix = Path(path).suffix.lower()
+    if suffix in SOURCE_SUFFIXES and not is_compiled(octets):
+        return _from_source(octets, os.fspath(path))
+    if is_compiled(octets) or MAGIC.startswith(octets):
         return load_octets(octets, os.fspath(path))
-    return _from_source(octets, os.fspath(path))
+    known = ", ".join(SOURCE_SUFFIXES + INI_SUFFIXES + XML_SUFFIXES)
+    detail = f"neither a compiled dictionary (the magic number differs) nor, by its suffix, a source: {known}"
+    raise DictionaryError("file", detail, path=os.fspath(path))
 
 
 def load_octets(octets: bytes, path: str = "") -> Dictionary:
@@ -53,7 +60,12 @@ def compile_source(path: str | os.PathLike[str]) -> Dictionary:
     """
     if is_description(path):
         return import_file(path).dictionary
-    return _from_source(_read(Path(path)), os.fspath(path))
+    octets = _read(Path(path))
+    if is_compiled(octets):
+        raise DictionaryError(
+            "file", "is compiled already; `s7dissect scd dump` makes a source of it", path=os.fspath(path)
+        )
+    return _from_source(octets, os.fspath(path))
 
 
 def is_description(path: str | os.PathLike[str]) -> bool:
@@ -89,7 +101,7 @@ def compile_text(text: str, path: str = "") -> Dictionary:
 
 def _from_source(octets: bytes, path: str) -> Dictionary:
     text = source_text(octets, path)
-    return parse_json(text, path) if path.endswith(".json") else parse_toml(text, path)
+    return parse_json(text, path) if path.lower().endswith(".json") else parse_toml(text, path)
 
 
 def _read(path: Path, most: int = MAX_FILE) -> bytes:

@@ -13,6 +13,7 @@ from dissect.scd.model import ARRAY
 from dissect.scd.reading import Table
 from dissect.scd.records import FieldRecord, ObjectRecord, StructRecord
 from dissect.scd.types import SimpleType, reserved
+from dissect.wire.text import count
 
 #: Target of an entry that only leaves room: the index of a static type (uint8), which is no variable.
 GAP: Final = (5, 0)
@@ -59,7 +60,7 @@ class MapReader:
         if row.has("reserved"):
             bits = row.number("reserved")
             if not 1 <= bits <= 0xFFFF or (not wide and bits > 0xFF):
-                raise row.fail("reserved", f"a gap of {bits} bits", "R103")
+                raise row.fail("reserved", f"a gap of {count(bits, 'bit')}", "R103")
             entry = Entry(*GAP, offset, bits)
         else:
             target, sub, bits = self._target(row)
@@ -67,7 +68,7 @@ class MapReader:
             bits = 8 * row.number("size") if row.has("size") else bits
             entry = Entry(target, sub, offset, bits)
         if not (0 <= offset <= 0xFFFF and 0 <= bits <= (0xFFFF if wide else 0xFF)):
-            raise row.fail("var", f"{bits} bits at bit {offset} do not fit an entry", "R103")
+            raise row.fail("var", f"{count(bits, 'bit')} at bit {offset} do not fit an entry", "R103")
         row.done()
         return entry
 

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 from dissect.scd.errors import E_MAP, Error
 from dissect.scd.model import Mapped, Variable
 from dissect.scd.ranges import MAX_SUB, is_static_type
+from dissect.wire.text import count
 
 #: The last bit of a PDO: offset and length are UNSIGNED16.
 MAX_PDO_BITS: Final = 0xFFFF
@@ -96,9 +97,9 @@ def _variable(entry: Entry, direction: str, find: Find, spot: str) -> Variable:
 def width_trouble(variable: Variable, bits: int) -> str:
     """Return what is wrong with mapping ``bits`` of the variable, or an empty string."""
     if not variable.type.variable:
-        return "" if bits == variable.bits else f"has {variable.bits} bits, not {bits}"
+        return "" if bits == variable.bits else f"has {count(variable.bits, 'bit')}, not {bits}"
     if not bits or bits % 8:
-        return f"is mapped with whole bytes, not {bits} bits"
+        return f"is mapped with whole bytes, not {count(bits, 'bit')}"
     if variable.bits and bits > variable.bits:
-        return f"has at most {variable.bits} bits, not {bits}"
+        return f"has at most {count(variable.bits, 'bit')}, not {bits}"
     return ""

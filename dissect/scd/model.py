@@ -8,12 +8,15 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from dissect.config.hints import close_to
 from dissect.scd.errors import E_SUB, Error, shown
 from dissect.scd.packing import check_limits, decode_value, encode_value
 from dissect.scd.ranges import device_of_pdo
 from dissect.scd.records import Access, Traits
 from dissect.scd.types import Kind, SimpleType, Value
 
+#: Fields that an error names.
+_NAMED: Final = 8
 #: Object classes of R63.
 NULL: Final = 0
 DOMAIN: Final = 2
@@ -187,7 +190,21 @@ class Object(msgspec.Struct, frozen=True, eq=False):
                 return found
             raise Error(E_SUB, f"0x{self.index:04x}:{sub}", f"sub-index {sub} of {self.name!r} is reserved")
         where = f"0x{self.index:04x}:{key if isinstance(key, str) else shown(key)}"
-        raise Error(E_SUB, where, f"{self.name!r} has no sub-index {shown(key)}")
+        if isinstance(key, int):
+            raise Error(E_SUB, where, f"{self.name!r} has no sub-index {shown(key)}")
+        raise Error(E_SUB, where, f"{self.name!r} has no field {shown(key)}{self._fields_meant(key)}")
+
+    def _fields_meant(self, key: str) -> str:
+        """Return what else than the field ``key`` there is, for the error that says that it is not there."""
+        if self.single:
+            return ": it is one variable, without fields"
+        meant = close_to(key, self.names)
+        if meant or not self.fields:
+            return meant
+        names = [field.name for field in self.fields if field.name and not field.name.isdecimal()]
+        named = ", ".join(repr(name) for name in names[:_NAMED])
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        return f"; it has {named}{more}" if named else f"; its sub-indices are 1 to {len(self.fields)}"
 
     def __contains__(self, key: object) -> bool:
         if not isinstance(key, (int, str)):

@@ -24,6 +24,7 @@ from dissect.scd.errors import E_COUNT, E_LENGTH, E_LONG, E_RANGE, E_SHORT, E_UT
 from dissect.scd.layout import OCTETS, TIMES, Key, Slot, aligned, bit_format, check_places, struct_format
 from dissect.scd.types import NUMERIC, SIZED, Kind, SimpleType, Value
 from dissect.scd.values import MAC, Interval, NetTime, TaiTime
+from dissect.wire.text import count
 
 Octets = bytes | bytearray | memoryview
 #: What was noticed while decoding → the variables concerned (none: the message as a whole).
@@ -288,12 +289,12 @@ def decode_value(
     if kind.kind in SIZED:
         most = width // 8
         if width and (len(data) > most or (kind.kind is Kind.BLOCK and len(data) != most)):
-            raise Error(E_LENGTH, where or kind.name, f"{len(data)} bytes, {most} are declared")
+            raise Error(E_LENGTH, where or kind.name, f"{count(len(data), 'byte')}, {most} are declared")
         return text_of(data, where or kind.name, kind.form or "utf-8") if kind.kind is Kind.STRING else data
     packing = single(kind, width)
     if len(data) != packing.size:
         code = E_SHORT if len(data) < packing.size else E_LONG
-        raise Error(code, where or kind.name, f"{len(data)} bytes, the value has {packing.size}")
+        raise Error(code, where or kind.name, f"{count(len(data), 'byte')}, the value has {packing.size}")
     found: Flags = {}
     values = packing.unpack(data, found, strict_pad=strict_pad)
     for name in found:

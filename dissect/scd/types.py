@@ -17,6 +17,7 @@ import msgspec
 
 from dissect.scd.errors import E_LENGTH, E_RANGE, E_UTF8, E_VALUE, Error, shown
 from dissect.scd.values import MAC, Interval, NetTime, TaiTime
+from dissect.wire.text import count
 
 #: A decoded value. Void and Reserved have none.
 Value = bool | int | float | str | bytes | MAC | IPv4Address | NetTime | Interval
@@ -177,7 +178,7 @@ def _string(value: object, bits: int, where: str, encoding: str = "utf-8") -> Va
         raise Error(E_VALUE, where, "a text cannot end in U+0000, which fills strings up")
     most = bits // 8 or MAX_OCTETS
     if size > most:
-        raise Error(E_LENGTH, where, f"{size} bytes of text, {most} are there")
+        raise Error(E_LENGTH, where, f"{count(size, 'byte')} of text, there is room for {most}")
     return value
 
 
@@ -186,7 +187,9 @@ def _block(value: object, bits: int, where: str) -> Value:
         raise Error(E_VALUE, where, f"{shown(value)} is not a block of bytes")
     octets = bytes(value)
     if (bits and len(octets) * 8 != bits) or len(octets) > MAX_OCTETS:
-        raise Error(E_LENGTH, where, f"{len(octets)} bytes, the block has {bits // 8 or f'at most {MAX_OCTETS}'}")
+        raise Error(
+            E_LENGTH, where, f"{count(len(octets), 'byte')}, the block has {bits // 8 or f'at most {MAX_OCTETS}'}"
+        )
     return octets
 
 

@@ -8,13 +8,13 @@ from typing import Final, NamedTuple
 
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import Error
-from dissect.scd.layout import Key
+from dissect.scd.layout import Key, address_text
 from dissect.scd.mapping import entries_of
 from dissect.scd.messages import Message
 from dissect.scd.model import StructType, Variable
 from dissect.scd.ranges import is_mapping, pdo_of_index
 from dissect.scd.types import UINT64, Value
-from dissect.wire.text import encodable, printable, shortened
+from dissect.wire.text import count, encodable, printable, shortened
 
 #: Characters of a text and octets of a block that a line shows.
 _TEXT: Final = 60
@@ -92,9 +92,9 @@ def _mapped(variable: Variable, value: Value) -> str:
     except Error:
         return "no entry of a mapping"
     if not entry.target:
-        return f"a gap of {entry.bits} bits"
+        return f"a gap of {count(entry.bits, 'bit')}"
     at = f" from bit {entry.offset}" if wide else ""
-    return f"{address_text((entry.target, entry.sub))}, {entry.bits} bits{at}"
+    return f"{address_text((entry.target, entry.sub))}, {count(entry.bits, 'bit')}{at}"
 
 
 def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | None:
@@ -110,11 +110,6 @@ def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | 
             if field.name == key:
                 return field
     return None
-
-
-def address_text(key: tuple[int, int]) -> str:
-    """Return index and sub-index as people write them: "0x6041:0"."""
-    return f"0x{key[0]:04x}:{key[1]}"
 
 
 def subject(dictionary: Dictionary, message: Message) -> str:
@@ -154,7 +149,7 @@ def value_text(value: Value) -> str:
         return f'"{shortened(value, _TEXT)}"'
     if type(value) is bytes:
         shown = value[: _TEXT // 2].hex(" ")
-        return f"{len(value)} bytes {shown}{' …' if len(value) > _TEXT // 2 else ''}".rstrip()
+        return f"{count(len(value), 'byte')} {shown}{' …' if len(value) > _TEXT // 2 else ''}".rstrip()
     return printable(str(value))
 
 

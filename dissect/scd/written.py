@@ -9,6 +9,7 @@ from fractions import Fraction
 from ipaddress import AddressValueError, IPv4Address
 from typing import Final
 
+from dissect.config.hints import close_to
 from dissect.scd.errors import E_RANGE, E_VALUE, Error
 from dissect.scd.model import Variable
 from dissect.scd.types import Kind, SimpleType, Value
@@ -23,6 +24,8 @@ _OCTAL: Final = re.compile(r"[+-]?0[0-9]{1,39}")
 _PAIR: Final = re.compile(r"\[?\s*([+-]?[0-9]{1,10})\s*[,;]\s*([+-]?[0-9]{1,10})\s*\]?")
 #: Digits of a number that anything here can hold.
 _MOST_DIGITS: Final = 40
+#: Texts of values that an error names.
+_MOST_TEXTS: Final = 8
 
 
 def whole(text: str) -> int:
@@ -88,7 +91,16 @@ def parse_written(text: str, variable: Variable) -> Value:
             return variable.check(_raw_number(text.strip(), variable))
         return variable.check(written_value(text, variable.type))
     except ValueError as error:
-        raise Error(E_VALUE, variable.label, f"{text[:60]!r} {error}") from None
+        raise Error(E_VALUE, variable.label, f"{text[:60]!r} {error}{_texts_meant(text, variable)}") from None
+
+
+def _texts_meant(text: str, variable: Variable) -> str:
+    """Return which words the dictionary has for the values of a variable, for the error that a text is no value."""
+    texts = [name for _, name in variable.traits.texts]
+    if not texts or text[:1].isdecimal():
+        return ""
+    more = f" and {len(texts) - _MOST_TEXTS} more" if len(texts) > _MOST_TEXTS else ""
+    return close_to(text, texts) or f", nor one of {', '.join(repr(name) for name in texts[:_MOST_TEXTS])}{more}"
 
 
 def _raw_number(written: str, variable: Variable) -> object:

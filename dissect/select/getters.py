@@ -269,7 +269,7 @@ def function(thing: Transaction | Message, _context: Context) -> CodeValue | Non
 def function_names() -> Iterable[str]:
     """Return the names of all functions."""
     yield from FUNCTIONS.names().values()
-    yield from (READ, WRITE, "notification", "pdo")
+    yield from (READ, WRITE, "notification", "S7comm-plus notification", "pdo")
     for group, table in USERDATA_SUBFUNCTIONS.items():
         yield USERDATA_GROUPS.name(group)
         for name in table.names().values():

@@ -66,13 +66,19 @@ class CaptureError(Exception):
 
 
 class SourceFile:
-    """One file of a run. ``first_frame`` is the number of its first packet in the run; the rest is as in `Reader`."""
+    """One file of a run.
+
+    ``first_frame`` is the number of its first packet in the run. ``first_ns`` and ``last_ns`` are the times of its first and
+    last packet, nanoseconds since 1970; 0 before they are read. The other attributes are as in `Reader`.
+    """
 
     def __init__(self, name: str, first_frame: i64) -> None:
         self.name: str = name
         self.first_frame: i64 = first_frame
         self.packets: i64 = 0
         self.octets: i64 = 0
+        self.first_ns: i64 = 0
+        self.last_ns: i64 = 0
         self.damage: str = ""
         self.rejected: i64 = 0
         self.notes: list[str] = []

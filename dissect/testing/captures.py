@@ -13,12 +13,18 @@ from dissect.source.packet import CaptureError
 
 if TYPE_CHECKING:
     from dissect.golden.model import Session
+    from dissect.session import Event
 
 #: What whoever writes tests has said wrongly or has wrong on disk: told at the line of the test, without what is behind it.
 MISTAKES: Final = (CaptureError, OSError, ValueError)
 
 #: What a name may lack.
-SUFFIXES: Final = (".pcapng", ".pcap", ".pcapng.gz", ".pcap.gz", ".s7.txt")
+SUFFIXES: Final = (
+    ".pcapng",
+    ".pcap",
+    *(f"{form}{packing}" for packing in (".gz", ".zst") for form in (".pcapng", ".pcap")),
+    ".s7.txt",
+)
 _LIKE: Final = 5
 
 
@@ -32,7 +38,7 @@ class Capture:
         """Return what `dissect.analyze` gives."""
         return dissect.analyze(str(self.path), slow_ns=slow_ns)
 
-    def events(self) -> Iterator[object]:
+    def events(self) -> Iterator[Event]:
         """Yield what `dissect.open` yields without single PDUs: connections, transactions, operations, findings."""
         return dissect.open(str(self.path), pdus=False)
 

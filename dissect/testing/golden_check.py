@@ -97,6 +97,8 @@ class GoldenCheck:
         self._checked.add(place)
         self._ledger.used.add(place)
         session = self._session(what, where)
+        if where is not None and not session.links and not session.damage:
+            return f"where={where!r} selects nothing of {near(session.name)}, so there is nothing to compare"
         return self._compare(place, session, options, latency is not None)
 
     def _session(self, what: object, where: str | None) -> Session:

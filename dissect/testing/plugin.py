@@ -31,6 +31,7 @@ _UNUSED: Final = "unused"
 
 _LEDGER: Final = pytest.StashKey[GoldenFiles]()
 _SERVERS: Final = pytest.StashKey["Servers"]()
+_RECORDERS: Final = pytest.StashKey["Recorders"]()
 _TAGS: Final = pytest.StashKey["Naming"]()
 
 
@@ -115,25 +116,31 @@ def s7_server(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> Iter
 
 
 @pytest.fixture
-def s7_record(tmp_path: Path) -> Iterator[Recorders]:
+def s7_record(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Recorders]:
     """Record what passes to a PLC: ``s7_record(to=("127.0.0.1", 102)).port``."""
     from dissect.testing.recorder import Recorders
 
     recorders = Recorders(tmp_path)
+    request.node.stash[_RECORDERS] = recorders
     yield recorders
     recorders.close()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Fail a test whose fake PLC was asked what was not recorded; where it fails anyway, say so beside."""
-    __tracebackhide__ = True
+    """Fail a test whose fake PLC was asked what was not recorded; where it fails anyway, say so beside.
+
+    There the problems of recorders are told too: a PLC that cannot be reached is no more than a reset to the client.
+    """
     try:
         result = yield
-    except BaseException:
+    except BaseException as error:
         complaint = _complaint(item)
         if complaint:
             item.add_report_section("call", "s7_server", complaint)
+        problems = "\n".join([problem for problem in _problems(item) if problem not in str(error)])
+        if problems:
+            item.add_report_section("call", "s7_record", problems)
         raise
     complaint = _complaint(item)
     if complaint:
@@ -144,6 +151,11 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
 def _asked_else(item: pytest.Item) -> bool:
     servers = item.stash.get(_SERVERS, None)
     return servers is not None and servers.asked_else()
+
+
+def _problems(item: pytest.Item) -> list[str]:
+    recorders = item.stash.get(_RECORDERS, None)
+    return recorders.problems() if recorders is not None else []
 
 
 def _complaint(item: pytest.Item) -> str:

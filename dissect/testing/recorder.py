@@ -174,6 +174,10 @@ class Recorders:
         self._made.append(recorder)
         return recorder
 
+    def problems(self) -> list[str]:
+        """Return what went wrong that no packet shows, each once."""
+        return list(dict.fromkeys([problem for recorder in self._made for problem in recorder.problems]))
+
     def close(self) -> None:
         """End all of them."""
         for recorder in self._made:

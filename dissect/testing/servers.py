@@ -34,7 +34,7 @@ class Servers:
         repeat: str = "last",
         memory: bool = False,
         latency_ms: float | None = 0,
-        faults: Sequence[Fault | str] = (),
+        faults: Sequence[Fault | str] | Fault | str = (),
     ) -> Server:
         """Serve a capture or a golden on a free port of this machine; the server has ``host`` and ``port``.
 

@@ -91,7 +91,18 @@ class OpenRequests:
     int object, even while older requests stay open because their answers were not captured.
     """
 
-    __slots__ = ("_before", "_before_key", "_given_up", "_table", "anew", "count", "latest", "latest_key", "orphans")
+    __slots__ = (
+        "_before",
+        "_before_key",
+        "_given_up",
+        "_table",
+        "anew",
+        "answered",
+        "count",
+        "latest",
+        "latest_key",
+        "orphans",
+    )
 
     def __init__(self) -> None:
         self.latest: Transaction | None = None  # sent after `_before`, which was sent after all those in `_table`
@@ -101,6 +112,7 @@ class OpenRequests:
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
         self.anew: i64 = 0  # number of the latest request that repeats one which the client had given up (`no_answer`)
+        self.answered: i64 = 0  # number of the request that was answered last
         self.count: i64 = 0  # may be more than len(table): several requests may share a key
         self.orphans: list[Orphan] | None = None
 

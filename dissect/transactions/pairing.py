@@ -19,7 +19,15 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.contradictions import contradicts, is_strange
-from dissect.transactions.open_requests import FEW_JOBS, GIVEN_UP_NS, REPEAT_NS, acknowledged, excludes, no_answer
+from dissect.transactions.open_requests import (
+    FEW_JOBS,
+    GIVEN_UP_NS,
+    REPEAT_NS,
+    OpenRequests,
+    acknowledged,
+    excludes,
+    no_answer,
+)
 from dissect.transactions.results import (
     EXPECTED,
     FUNCTION_MISMATCH,
@@ -131,6 +139,7 @@ class Dialogue:
                 if orphan.transaction.response_frame < frame:
                     transaction.flags |= REORDERED
                 self._join(transaction, orphan.transaction)
+                requests.answered = transaction.number
                 return transaction
             if side.peer is not None:
                 for passed in requests.passed_orphans(side.end_seq):
@@ -194,6 +203,7 @@ class Dialogue:
                     self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
                     return None
                 self.open -= 1
+                requests.answered = waiting.number
                 if mismatch(waiting.parameters, parameters):
                     waiting.flags |= FUNCTION_MISMATCH
                 waiting.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
@@ -207,7 +217,13 @@ class Dialogue:
             waiting = None  # the asking side had received this answer before it sent that request
         asking = side.peer
         holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes`, inlined
-        if waiting is None or (holes and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)):
+        if waiting is None or (
+            holes
+            and (
+                _passed_over(side, requests, waiting)
+                or contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
+            )
+        ):
             # A gap may contain the answer to the open request, or the request of this answer.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
@@ -217,6 +233,7 @@ class Dialogue:
         else:
             requests.take(key, waiting)
         self.open -= 1
+        requests.answered = waiting.number
         if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
             if mismatch(waiting.parameters, parameters):
                 waiting.flags |= FUNCTION_MISMATCH
@@ -243,6 +260,8 @@ class Dialogue:
         """
         requests = side.connection.open_requests[1 - side.index]
         holes: bool = _holes(side)
+        if holes and _passed_over(side, requests, waiting):
+            return None
         if side.connection.jobs_allowed(1 - side.index) > 1 and side.hole_frame < requests.first(waiting).request_frame:
             return self._take_oldest(side, key, waiting, rosctr, parameters, buf, at, size, data_at)
         if waiting.earlier is None and excludes(waiting, side.end_seq, side.last_ack):
@@ -486,6 +505,20 @@ class Dialogue:
         )
         head: i64 = 12 if rosctr == ACK or rosctr == ACK_DATA else 10
         self._answered(transaction, parameters, at + head + len(parameters.octets))
+
+
+def _passed_over(side: Side, requests: OpenRequests, waiting: Transaction) -> bool:
+    """Return whether an answer of ``side`` probably belongs to a later request than ``waiting``, of the same reference.
+
+    That is so where octets of both sides are missing after ``waiting``: they may include its answer, and another request that
+    uses the reference again. Servers answer in order, so they do include them if a request sent later is answered already.
+    """
+    asking = side.peer
+    asked: i64 = waiting.request_frame
+    if asking is None or side.hole_frame <= asked or requests.answered <= waiting.number:
+        return False
+    # The asking side has a gap, or one that is not given up yet: the answer acknowledges octets that were not captured.
+    return asking.hole_frame > asked or 0 < (side.last_ack - asking.stream.next_seq) & MASK < HALF_SPACE
 
 
 def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:

@@ -10,6 +10,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.alarms import ALARM
+from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address
 from dissect.s7plus.events import (
@@ -37,7 +38,7 @@ from dissect.s7plus.skimming import PLACE
 from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import DONE, FAILED, REFUSED, Operation, OperationBook
+from dissect.transactions.operation import DONE, FAILED, NOT_CAPTURED, REFUSED, Operation, OperationBook
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 #: Kinds of operations by the events that begin them.
@@ -67,6 +68,8 @@ _POLLED: Final = 3
 MAX_POLLS: Final = 1024
 #: At so many open operations, those that the book has closed are removed.
 _MANY: Final = 1024
+#: Up to this size all captured octets of an answer are kept; if a larger one is incomplete, its rest may have been dropped.
+_ALL_KEPT: Final = MAX_PDU - 0x10004
 #: A poll is identified by its addresses if they have up to so many octets, else by a digest: a request may have 8 MiB.
 _LARGEST: Final = 2048
 #: Where the body of a request begins, how much later in version 3, and the octets that end the addresses in it.
@@ -185,6 +188,9 @@ class PlusOperations:
         elif kind == kinds.UPLOAD:
             operation.octets = int(transaction.response_size)
             self._book.gather(operation, transaction.response_octets)
+            if transaction.response_size <= _ALL_KEPT and not parsed(transaction.response_octets).whole:
+                self._book.close(operation, NOT_CAPTURED)
+                return
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:
             self._book.close(operation, DONE)  # the request wanted no answer
         elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
@@ -209,25 +215,31 @@ class PlusOperations:
         if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
             operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
 
-    def notified(self, subscription: i64, transaction: Transaction) -> None:
-        """Add a notification to the operation of its subscription."""
+    def notified(self, subscription: i64, transaction: Transaction) -> bool:
+        """Add a notification to the operation of its subscription; return True if that begins the operation.
+
+        It does for the first notification of a subscription that was made before the capture began.
+        """
         here = _open_on(transaction.connection)
         operation = here.pushing
         if operation is None or here.notified != subscription:
             operation = here.objects.get(int(subscription))
             if operation is None:
-                self._begin_before(subscription, transaction)
-                return
+                return self._begin_before(subscription, transaction)
             here.pushing = operation
             here.notified = subscription
         if not operation.result:
             operation.push(transaction, int(transaction.response_size))
+        return False
 
-    def _begin_before(self, subscription: int, transaction: Transaction) -> None:
-        """Begin an operation with a notification of a subscription that was made before the capture began."""
+    def _begin_before(self, subscription: int, transaction: Transaction) -> bool:
+        """Begin an operation with the first notification of a subscription that was made before the capture began.
+
+        Return False if it may have been made later, or too many operations are open.
+        """
         connection = transaction.connection
         if not connection.mid_stream or subscription < 0 or len(connection.operations.these) >= kinds.MAX_OPEN:
-            return
+            return False
         told = transaction.plus_halves()[1]
         alarms = told is not None and any([one.class_id == ALARM for one in told.contents.objects])
         subject = f"subscription 0x{subscription:08x} from before the capture"
@@ -236,6 +248,7 @@ class PlusOperations:
         operation.asked_by = int(connection.client_side)
         operation.count_push(transaction, int(transaction.response_size))
         self._remember(subscription, transaction, operation)
+        return True
 
     def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:
         """Keep an operation until its object is deleted."""

@@ -36,9 +36,13 @@ class WantedError(ValueError):
 
 
 class Known:
-    """The names that arguments may have: those of ``naming``, and ``others`` (of SCD)."""
+    """The names that arguments may have: those of ``naming``, and ``others`` (of SCD).
 
-    def __init__(self, naming: Naming | None, others: Iterable[str] = ()) -> None:
+    ``of_command``: they are those of a command, which may be files as well, and tags come by its option.
+    """
+
+    def __init__(self, naming: Naming | None, others: Iterable[str] = (), of_command: bool = True) -> None:
+        self.of_command = of_command
         self.tags: list[tuple[Tag, TagNaming | None]] = []
         if isinstance(naming, HostNaming):
             for one in naming.all:
@@ -154,5 +158,7 @@ def _wrong(text: str, why: str, known: Known) -> str:
         return f"{shown}: no such tag; close to it: {', '.join([shortened(name, 60) for name in near])}"
     if "is not an address" not in why:
         return why
-    tags = "nor a tag of the files of --tags" if known.has_tags else "and without --tags there are no names"
-    return f"{shown}: neither a file nor an address such as DB10.DBD4, DB10.DBD4:REAL, MW20 or I0.1, {tags}"
+    option = "--tags" if known.of_command else "tags="
+    tags = f"nor a tag of the files of {option}" if known.has_tags else f"and without {option} there are no names"
+    neither = "neither a file nor an address" if known.of_command else "not an address"
+    return f"{shown}: {neither} such as DB10.DBD4, DB10.DBD4:REAL, MW20 or I0.1, {tags}"

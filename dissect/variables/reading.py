@@ -58,7 +58,7 @@ def values(
     if names:
         from dissect.variables.choosing import Known, choose, scd_names
 
-        wanted = choose(names, Known(naming, scd_names(decoder)))
+        wanted = choose(names, Known(naming, scd_names(decoder), of_command=False))
     chosen = _where(where, options)
     collector = Collector(wanted, changes, every_ns, False, chosen.predicate("transaction") if chosen else None)
     run = Run([path, *more], collector, options)
@@ -79,9 +79,12 @@ def _where(where: str | Where | None, options: Options) -> Where | None:
 
 
 def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:
-    while run.step():
+    try:
+        while run.step():
+            yield from collector.take()
         yield from collector.take()
-    yield from collector.take()
+    finally:
+        run.close()
 
 
 def value_tables(rows: Iterable[ValueRow]) -> dict[str, pyarrow.Table]:

@@ -171,7 +171,7 @@ M: Final = 'holds = "messages"'
         (table("udp = 1", 'holds = "pumpt"'), "in the dictionary 'Насосная'; close to it: 'pump_t'"),
         (table("udp = 1", 'holds = "message"'), "close to it: 'messages'"),
         (table("udp = 1", 'holds = "Давленье 2"'), "close to it: 'Давление 2'"),
-        (table("udp = 1", 'holds = "Насос 1.sped"'), "'Насос 1' has no sub-index 'sped'"),
+        (table("udp = 1", 'holds = "Насос 1.sped"'), "'Насос 1' has no field 'sped'; close to it: 'speed'"),
         (table("udp = 1", 'holds = "Насос 3.speed"'), "close to it: 'Насос 2.speed', 'Насос 1.speed'"),
         (table("udp = 1", 'holds = "0x6000:3"'), "holds: sub-index 3 of 'Насос 1' is reserved"),
         (table("udp = 1", 'holds = "0x6002"'), "no PDO, struct or object '0x6002' in the dictionary"),

@@ -83,6 +83,7 @@ def test_an_unknown_topic_is_wrong_use(capfdbinary: Capture) -> None:
         (["trans"], "Did you mean transactions?"),
         (["scd", "chek"], "Did you mean check?"),
         (["docs"], "It is a folder: s7dissect index docs"),
+        (["trace.pcapng"], "There is no such file either."),
     ],
 )
 def test_a_wrong_command_is_answered_by_the_right_one(

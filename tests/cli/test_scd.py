@@ -319,3 +319,15 @@ def test_no_such_command(capfdbinary: Capture) -> None:
     ran = run(capfdbinary, "scd", "nonsense")
     assert (ran.code, ran.out) == (2, "")
     assert "No such command" in ran.err
+
+
+def test_one_of_a_thing_is_told_in_the_singular(capfdbinary: Capture, tmp_path: Path) -> None:
+    source = tmp_path / "one.toml"
+    source.write_text(
+        '[dictionary]\nname = "One"\n[[object]]\nindex = 0x6000\nname = "a"\ntype = "bool"\n'
+        '[[pdo]]\ndir = "T"\nnumber = 1\nmap = ["a"]\n',
+        encoding="utf-8",
+    )
+    out = run(capfdbinary, "scd", "check", source).out
+    assert "One: 2 objects, 0 types, 1 TPDO, 0 RPDOs, the default envelope" in out
+    assert "T1  0x1a00  1 byte" in out

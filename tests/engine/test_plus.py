@@ -29,7 +29,7 @@ from tests.s7plus.pdus import (
     notified,
     told,
 )
-from tests.transactions.talk import ACK, CLIENT, FIN, MS, SECOND, SERVER, Talk, dt, read, words
+from tests.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, Talk, dt, read, words
 
 HELLO = bytes.fromhex("1603010005010000010a")
 
@@ -271,6 +271,25 @@ def test_a_hole_inside_a_pdu_leaves_its_head() -> None:
     assert (talk.pipeline.plus.cut_pdus, talk.pipeline.plus.unpaired) == (1, 1)
 
 
+@pytest.mark.parametrize("ends", ["a gap", "a reset", "a new one"])
+def test_what_is_left_of_a_pdu_has_the_packet_of_its_last_frame(ends: str) -> None:
+    """Not the one that shows that no more of it comes, which may be another request's."""
+    talk = begun()
+    talk.ask(framed(asked(1)))
+    first = talk.packet(SERVER, dt(framed(told(1), trailer=False)))
+    last = talk.packet(SERVER, dt(framed(bytes(100), trailer=False)))
+    if ends == "a reset":
+        talk.packet(CLIENT, flags=RST)
+    else:
+        if ends == "a gap":
+            talk.lose(SERVER, framed(bytes(100), trailer=False))
+        talk.ask(framed(asked(2)))
+        talk.tell(framed(told(2)))
+    talk.close()
+    answer = talk.transactions[0]
+    assert (last, answer.response_frame, answer.latency_ns) == (first + 1, last, 2 * MS)
+
+
 def test_a_gap_excuses_the_next_request_and_no_more() -> None:
     """The numbers of the first one are those of anything: it may be the rest of another."""
     talk = begun()
@@ -296,6 +315,18 @@ def test_a_gap_excuses_the_next_notification_and_no_more() -> None:
     talk.close()
     found = [one.detail for one in talk.findings if one.rule.slug == "s7plus.notifications_lost"]
     assert found == ["10.0.0.2:102, subscription 0x70000e51: number 11 follows 9"]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_rest_of_a_pdu_behind_a_gap_is_no_notification(version: int) -> None:
+    """It begins with the octet of one, as one rest in 256 does; a notification is one behind a gap, too."""
+    for data, pushes in ((b"\x33" + bytes(range(40)), 0), (notified(7), 1)):
+        talk = begun()
+        talk.lose(SERVER, framed(told(1), version, trailer=False))
+        talk.packet(CLIENT, flags=ACK)
+        talk.tell(framed(data, version))
+        talk.close()
+        assert (len(talk.transactions), talk.pipeline.plus.unpaired) == (pushes, 1 - pushes)
 
 
 def test_a_gap_excuses_the_rest_behind_it_and_no_more() -> None:

@@ -42,6 +42,13 @@ def test_only_what_is_wanted() -> None:
     assert "Valve.pressure" in set(frames.items["name"].dropna())
 
 
+def test_one_table_may_be_named_without_a_list_and_tab_finds_the_tables() -> None:
+    only = dissect.frames(ERRORS, library="arrow", tables="transactions")
+    assert list(only) == ["transactions"]
+    assert "transactions" in dir(only)
+    assert "items" not in dir(only)
+
+
 def test_wrong_names_and_missing_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="did you mean pandas"):
         dissect.frames(ERRORS, library="panda")

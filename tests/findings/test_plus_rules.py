@@ -23,14 +23,14 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, UDINT, UINT, WSTRING
-from dissect.s7plus.values import Blob, Value, build_value
+from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, STRUCT, UDINT, UINT, WSTRING
+from dissect.s7plus.values import Blob, Struct, Value, build_value
 from dissect.s7plus.walk import MAX_WORK
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.operation import OperationBook
 from tests.findings.plus_scenarios import opened
 from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
+from tests.s7plus.pdus import asked, framed, notified, told
 from tests.s7plus.test_program import type_of, variable
 from tests.s7plus.test_session import LIST, RECORD
 from tests.transactions.talk import RST, SERVER, Talk
@@ -142,6 +142,55 @@ def test_a_subscription_reports_it() -> None:
         data = b"\x33" + bodies.rid(0x70008001) + b"\4\0\0\0\0\0" + bytes((credit, credit, 1))
         talk.tell(framed(data + b"\x92\0\0\0\4" + build_value(Value(0, DINT, state)) + b"\0" + bytes(4), 3))
     assert said(talk) == [("security.stopped", "operating state STOP")]
+
+
+def diagnosis(state: int) -> Value:
+    """What a CPU says of its hardware in one: how it is, and the operating state."""
+    return Value(0, STRUCT, Struct(3481, [(3482, Value(0, DINT, 4)), (3486, Value(0, DINT, state)), (3487, NOTHING)]))
+
+
+#: By what the operating state comes, and that of which object: what a transaction of that asks for.
+WAYS = {
+    "a read of several": bodies.get_multi(Address(0, 80, 3736, [9]), Address(0, 52, 2237, [])),
+    "attributes of an object": bodies.rid(52) + b"\2\2\x12" + bodies.number(2237) + bodies.QUALIFIER + bodies.end(9),
+    "a read of one": bodies.get_stream(52, [2237]) + bodies.end(9),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_cpu_reports_it_with_all_of_its_diagnosis(way: str) -> None:
+    talk = begun()
+    for number, state in enumerate((8, 4, 4), 1):
+        value = build_value(diagnosis(state))
+        if way == "a read of one":
+            do(talk, number, GET_VAR_SUBSTREAMED, WAYS[way], b"\0\0" + value)
+        else:
+            items = b"\1" + build_value(Value(0, BOOL, True)) + b"\2" + value
+            do(talk, number, GET_MULTI_VARIABLES, WAYS[way], b"\0" + items + b"\0\0")
+    assert said(talk) == [("security.stopped", "operating state STOP")]
+
+
+def test_the_state_of_other_hardware_is_not_that_of_the_cpu() -> None:
+    """A module that stands still: read with or without what it stands in, or reported by its subscription."""
+    talk = begun()
+    made = PlusObject(
+        211, 1001, 0, 0, 0,
+        [Attribute(1048, Value(0x20, UDINT, [0x80010000, 0, 1, 0x80150002, 4, 48, 0x88E10101, 0, 2237, 3486]))],
+    )  # fmt: skip
+    answer = b"\0\1" + bodies.number(0x70008001)
+    do(talk, 1, CREATE_OBJECT, bodies.create_object(285, NOTHING, made, integrity_id=1), answer)
+    for number, state in ((2, 8), (3, 4)):
+        read_one = bodies.get_stream(0x88E10101, [2237, 3486]) + bodies.end(9)
+        do(talk, 3 * number, GET_VAR_SUBSTREAMED, read_one, b"\0\0" + build_value(Value(0, DINT, state)))
+        read_all = bodies.get_multi(Address(0, 0x88E10101, 2237, []))
+        told_all = b"\0\1" + build_value(diagnosis(state)) + b"\0\0"
+        do(talk, 3 * number + 1, GET_MULTI_VARIABLES, read_all, told_all)
+        data = b"\x33" + bodies.rid(0x70008001) + b"\4\0\0\0\0\0" + bytes((number, number, 1))
+        talk.tell(framed(data + b"\x92\0\0\0\4" + build_value(Value(0, DINT, state)) + b"\0" + bytes(4), 3))
+    assert [one for one in said(talk) if one[0].startswith("security")] == []
+    plus = talk.connections[0].plus
+    assert plus is not None
+    assert plus.identity.state == -1
 
 
 def test_a_variable_of_a_subscription_that_is_refused() -> None:
@@ -292,6 +341,20 @@ def test_a_client_that_subscribes_on_another_connection() -> None:
         explore(other, number)
     other.close()
     assert "security.reconnaissance" not in [slug for slug, _ in said(talk)]
+
+
+@pytest.mark.parametrize(("pushes", "slugs"), [(0, ["security.reconnaissance"]), (1, [])])
+def test_a_client_that_subscribed_before_the_capture(pushes: int, slugs: list[str]) -> None:
+    """What the CPU sends it says so, on a connection that was there when the capture began."""
+    talk = Talk()
+    talk.tell(*[framed(notified(5 + number), 2) for number in range(pushes)])
+    other = Talk(client_port=50001, beside=talk)
+    other.hello()
+    other.connect()
+    for number in range(1, 4):
+        explore(other, number)
+    other.close()
+    assert [slug for slug, _ in said(talk) if slug.startswith("security")] == slugs
 
 
 def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:

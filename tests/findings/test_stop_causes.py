@@ -101,8 +101,8 @@ def test_the_events_that_state_a_stop_are_those_whose_names_do() -> None:
         ),
         (
             "s7plus/online_stop_yeni_yeni.pcapng",
-            [110, 111],
-            "192.168.41.10:102 reports to 192.168.55.5:63360: operating state STOP",
+            [42, 46],
+            "192.168.41.10:102 reports to 192.168.55.5:62973: operating state STOP",
         ),
     ],
 )

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import cast
 
 import pytest
 from hypothesis import given
@@ -9,7 +10,20 @@ from hypothesis import strategies as st
 from scapy.packet import Packet, Raw
 
 from dissect.iso import layouts as iso_layouts
-from dissect.layers import fields
+from dissect.layers import (
+    COTP_DT,
+    S7,
+    SCD,
+    COTP_Parameter,
+    S7_DataItem,
+    S7_FileName,
+    S7_Job,
+    S7_PIName,
+    S7_ReadVarRequest,
+    S7_UserdataShort,
+    at,
+    fields,
+)
 from dissect.layers.fields import WireLayer, fill_number, header_fields
 from dissect.layers.part_classes import S7Plus_Address, S7Plus_ItemValue
 from dissect.layers.plus_messages import plus_parts
@@ -80,6 +94,21 @@ def test_a_number_too_large_for_its_field_is_refused() -> None:
         (lambda: S7Plus_Address(sub_area="pump"), "sub_area: no value is called 'pump': give its number"),
         (lambda: S7Plus_Address(lids=["M"]), "lids is a number, not 'M'"),
         (lambda: plus_parts(Value(0, 0x99, 5)), "0x99 does not take int"),
+        (lambda: S7(pdu_ref="a"), "pdu_ref is a number, not 'a'"),
+        (lambda: COTP_DT(credit="a"), "credit is a number, not 'a'"),
+        (lambda: S7_UserdataShort(subfunction="read SZL"), "subfunction is a number, not 'read SZL'"),
+        (lambda: S7_FileName(block_number=1), "block_number takes bytes or a text, not the number 1"),
+        (lambda: S7_DataItem(octets=5), "octets takes bytes or a text, not the number 5"),
+        (lambda: S7_PIName(service="П"), "service: 'П' is not in Latin-1: give the bytes"),
+        (lambda: S7_Job(parameters=["x"]), "parameters takes packets, or bytes, not 'x'"),
+        (lambda: S7_ReadVarRequest(items=["MB0"]), "items takes packets, or bytes, not 'MB0': at('MB0') makes an item"),
+        (lambda: S7_ReadVarRequest(items=5), "items takes packets, or bytes, not 5"),
+        (lambda: S7_ReadVarRequest(items=[None]), "items takes packets, or bytes, not None"),
+        (lambda: S7_ReadVarRequest(items=[[at("MB0")]]), "items takes packets, or bytes, not [<S7_Any"),
+        (lambda: bytes(S7_ReadVarRequest(items=[at("MB0")] * 300)), "item_count would be 300, more than its byte can"),
+        (lambda: COTP_Parameter.called(cast("str", 0x0102)), "a TSAP is a text such as '01.02', or bytes, not 258"),
+        (lambda: SCD(kind="reed"), "kind: no value is called 'reed': do you mean read? Else give write, read, pdo"),
+        (lambda: SCD(kind="read").refuse("nope"), "err: no value is called 'nope': give "),
         (lambda: plus_parts(Value(0, INT, 1 << 15)), "32768 does not fit into Int"),
     ],
 )  # fmt: skip
@@ -88,6 +117,21 @@ def test_what_has_no_such_name_is_one_line_that_says_which_there_are(made: Calla
         made()
     assert str(error.value).startswith(said)
     assert "\n" not in str(error.value)
+
+
+def test_the_most_items_that_can_be_counted_and_a_count_of_ones_own() -> None:
+    assert bytes(S7_ReadVarRequest(items=[at("MB0")] * 255))[1] == 255
+    assert bytes(S7_ReadVarRequest(items=[at("MB0")] * 300, item_count=2))[1] == 2
+    assert bytes(S7_ReadVarRequest(items=None)) == b"\x04\0"
+
+
+def test_packets_in_anything_that_gives_them_one_by_one() -> None:
+    items = [at("MB0"), at("MB1")]
+    wanted = bytes(S7_ReadVarRequest(items=items))
+    assert bytes(S7_ReadVarRequest(items=tuple(items))) == wanted
+    assert bytes(S7_ReadVarRequest(items=(item for item in items))) == wanted
+    assert bytes(S7_ReadVarRequest(items=items[0])) == bytes(S7_ReadVarRequest(items=items[:1]))
+    assert bytes(S7_ReadVarRequest(items=b"ab")) == b"\x04\x01ab"
 
 
 def test_a_name_of_several_numbers_is_the_lowest() -> None:

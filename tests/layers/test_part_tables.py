@@ -57,6 +57,19 @@ def test_the_stub_names_the_classes() -> None:
     assert all(f"class {row.name}(S7_Part): ..." in done.stdout for row in ROWS)
 
 
+def test_the_stub_of_the_package_has_its_names_for_a_star_import(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(dissect.__file__).parent.parent)}
+    script = [sys.executable, str(ROOT / "scripts" / "layers_stub.py"), "package"]
+    done = subprocess.run(script, capture_output=True, text=True, check=True, env=environment)
+    stub = Path(dissect.layers.__file__).with_suffix(".pyi")
+    assert done.stdout == stub.read_text(encoding="utf-8"), f"python scripts/layers_stub.py package > {stub}"
+    user = tmp_path / "user.py"
+    user.write_text(f"from dissect.layers import *\n\nprint({', '.join(dissect.layers.__all__)})\n")
+    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", os.devnull, str(user)]
+    checked = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
+    assert [line for line in checked.stdout.splitlines() if line.startswith("user.py")] == []
+
+
 def test_counts_of_a_row_name_classes_that_there_are() -> None:
     for row in ROWS:
         for field, names in row.counted.items():

@@ -131,6 +131,18 @@ def test_the_empty_dt_before_a_pdu_changes_nothing(tmp_path: Path) -> None:
     assert bytes(read[TPKT]) == READ
 
 
+def test_a_pdu_of_no_known_rosctr_is_no_s7plus(tmp_path: Path) -> None:
+    pdu = bytes((0x32, 4)) + READ[9:]
+    talk = Talk().open()
+    talk.send("c", READ)
+    talk.send("c", bytes(TPKT() / COTP_DT() / Raw(pdu)))
+    talk.send("c", bytes(TPKT() / COTP_DT(eot=0) / Raw(pdu[:9])))
+    talk.send("c", bytes(TPKT() / COTP_DT() / Raw(pdu[9:])))
+    _, whole, _, joined = seen(tmp_path, talk.packets)
+    assert [type(packet[COTP_DT].payload) for packet in (whole, joined)] == [Raw, Raw]
+    assert (whole[Raw].load, joined[Raw].load) == (pdu, pdu)
+
+
 def test_a_fragment_that_looks_like_s7_is_none(tmp_path: Path) -> None:
     """The end of an S7comm-plus TSDU that happens to begin with 0x32 0x01."""
     talk = Talk().open()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from dissect.engine.pipeline import Options
@@ -47,12 +48,17 @@ NAUGHTY: Final = (
 )
 
 
-def gathered_of(paths: Sequence[Path], tags: Sequence[str] = (), options: Options | None = None) -> Gathered:
-    """Return what a report gathers of captures."""
-    rows = Rows([path.name for path in paths], Clock(), {})
+def gathered_of(
+    paths: Sequence[Path],
+    tags: Sequence[str] = (),
+    options: Options | None = None,
+    hosts: Mapping[str, str] = MappingProxyType({}),
+) -> Gathered:
+    """Return what a report gathers of captures; ``hosts`` are names by address."""
+    rows = Rows([path.name for path in paths], Clock(), hosts)
     gathered = Gathered(rows, choose(tags, Known(None)) if tags else None)
     run = Run(paths, gathered, options or Options(strict=True))
-    rows.places = Places(run.files, len(paths) > 1)
+    rows.places = Places(run.files, len(paths) > 1, hosts)
     gathered.files = run.files
     while run.step():
         pass

@@ -3,6 +3,7 @@ the wire neither runs nor breaks its layout."""
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -154,7 +155,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
         root.querySelector('.ground').dispatchEvent(new PointerEvent('pointermove', {bubbles: true,
             clientX: frame.left + (arguments[0] + 1) * ratio, clientY: frame.top + (arguments[1] + 1) * ratio}));
         return document.getElementById('tip').textContent;"""
-    assert re.match(r"\d+ answers in ", browser.run(hover, float(box[1]), float(box[2])))
+    assert re.match(r"(1 answer|\d+ answers) in ", browser.run(hover, float(box[1]), float(box[2])))
     assert browser.count("#plot-times circle.point") == len(data["points"]) >= 5
     assert browser.count("#plot-spreads a.hit") == len(data["spreads"]["rows"]) == 4
     assert browser.count("#plot-polls a.hit") == len(data["polls"]["rows"]) == 2
@@ -170,6 +171,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
     assert path_of_steps.startswith("M")
     assert browser.count("#plot-rates a[href='#f-transaction.item_error']") >= 1
     browser.open(written(path.parent, "plant", page_of(PLANT, tags=['DB1."setpoint"'])))
+    assert browser.texts("#plot-times .legend li") == ["1 answer", "one of the slowest"]  # no cell has more
     assert browser.count("#plot-lanes svg.timed rect.span") == 7
     assert browser.texts("#plot-lanes g text") == ["STOP", "RUN"]
     assert "the polling of S7comm-plus are among the operations" in browser.texts("#plot-polls p")[0]
@@ -225,9 +227,36 @@ def test_plots_rows_and_findings_lead_to_each_other(browser: Browser, busy: tupl
     pair = data["talks"]["pairs"][0]
     assert (
         browser.run("return document.querySelector('#table-connections input').value")
-        == f"{pair['client']} {pair['server']}"
+        == f"{pair['client']}: {pair['server']}:"
     )
     assert browser.count("#table-connections tbody tr:not(.how)") == 1
+
+
+def test_a_pair_of_hosts_leads_to_its_connections_only(browser: Browser, folder: Path) -> None:
+    ends = [("10.0.0.1", "10.0.0.2"), ("10.0.0.10", "10.0.0.2"), ("10.0.0.1", "10.0.0.20"), ("fe80::1", "fe80::2")]
+    packets = [packet for client, server in ends for packet in begun(Flow(client, server)).packets()]
+    browser.open(written(folder, "pairs", page_of(saved(folder / "pairs.pcapng", sorted(packets)))))
+    for number, (client, server) in enumerate(ends, 1):
+        browser.run(
+            """[...document.querySelectorAll('#plot-talks a.hit')].find((one) => one.dataset.tip.startsWith(arguments[0]))
+               .dispatchEvent(new MouseEvent('click', {bubbles: true}))""",
+            f"{client} → {server}\n",
+        )
+        assert len(browser.texts("#table-connections tbody tr")) == 1, number
+
+
+def test_distributions_and_polls_lead_to_their_rows(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
+    path, data = busy
+    for plot, rows, said in (
+        ("spreads", data["spreads"]["rows"], lambda row: [row["host"], row["function"]]),
+        ("polls", data["polls"]["rows"], lambda row: [row["host"], row["subject"]]),
+    ):
+        for number, row in enumerate(rows):
+            link = f"return document.querySelectorAll('#plot-{plot} a.hit')[{number}].getAttribute('href')"
+            browser.open(path)
+            browser.open(path, fragment=browser.run(link))
+            cells = browser.texts("tr.found td")
+            assert [cell for cell in said(row) if cell in cells] == said(row), cells
 
 
 def test_durations_are_written_as_the_commands_write_them(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
@@ -262,6 +291,7 @@ def test_time_can_be_zoomed(browser: Browser, busy: tuple[Path, dict[str, Any]])
 def test_it_is_used_by_keyboard(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.ui import WebDriverWait
 
     path, _ = busy
     browser.open(path)
@@ -272,7 +302,8 @@ def test_it_is_used_by_keyboard(browser: Browser, busy: tuple[Path, dict[str, An
     browser.run("arguments[0].focus()", point)
     assert "Read Var" in browser.texts("#tip")[0] or "Setup" in browser.texts("#tip")[0]
     point.send_keys(Keys.ENTER)
-    assert browser.count("tr.found") == 1
+    # The page follows once the browser says that the place has changed.
+    WebDriverWait(browser.driver, 10).until(lambda _driver: browser.count("tr.found") == 1)
 
 
 def test_nothing_leaves_the_page_and_nothing_overflows(browser: Browser, busy: tuple[Path, dict[str, Any]]) -> None:
@@ -308,6 +339,31 @@ def test_times_past_midnight_have_their_day(browser: Browser, folder: Path) -> N
     late = begun(Flow(ports=(40003, 102))).packets(start_ns=EPOCH_NS + 18 * 3600 * 10**9, step_ns=600 * 1000 * MS)
     browser.open(written(folder, "late", page_of(saved(folder / "late.pcapng", late))))
     assert re.match(r"03-04 \d\d:\d\d:\d\d", browser.texts("#table-connections td.short")[0])
+
+
+def test_times_of_several_years_have_their_year_and_names_of_files_their_room(browser: Browser, folder: Path) -> None:
+    year = 365 * 86400 * 10**9
+    paths = []
+    for number in range(2):
+        talk = begun(Flow(ports=(40004 + number, 102))).packets(start_ns=EPOCH_NS + number * year)
+        paths.append(
+            saved(folder / f"a_long_name_of_a_capture_of_the_filling_station_in_the_north_{number}.pcapng", talk)
+        )
+    browser.open(written(folder, "years", render([Side(gathered_of(paths), [path.name for path in paths])], "0")), 1400)
+    assert re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d", browser.texts("#table-connections td.short")[0])
+    touching = """return [...document.querySelectorAll('#table-slowest td')].filter((one) => one.scrollWidth > one.clientWidth)
+        .map((one) => one.textContent)"""
+    assert browser.count("#table-slowest tbody tr") == 2
+    assert browser.run(touching) == []
+
+
+def test_an_answer_captured_before_its_request_took_nobody_knows_how_long(browser: Browser, folder: Path) -> None:
+    packets = read(begun(Flow(ports=(40006, 102))), 1).packets()
+    early, late = packets[-2:]
+    turned = [*packets[:-2], late._replace(time_ns=early.time_ns), early._replace(time_ns=late.time_ns)]
+    browser.open(written(folder, "turned", page_of(saved(folder / "turned.pcapng", turned))))
+    rows = browser.texts("#table-functions tbody tr")
+    assert [row.endswith("???") for row in rows if "Read Var" in row] == [True]
 
 
 def test_labels_stay_in_their_plot(browser: Browser, folder: Path) -> None:
@@ -372,14 +428,26 @@ def test_it_prints_without_controls(browser: Browser, busy: tuple[Path, dict[str
             assert (
                 browser.run("return getComputedStyle(document.querySelector(arguments[0])).display", hidden) == "none"
             )
-        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it.
-        sheet = {"width": 720, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        printed = browser.driver.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})
+        box = re.search(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", base64.b64decode(printed["data"]))
+        assert box is not None
+        assert float(box[1]) > float(box[2])  # the widest tables have 13 columns
+        # A sheet of A4 within its margins, where nothing can be scrolled: every column is on it, addresses and times whole.
+        sheet = {"width": 1047, "height": 700, "deviceScaleFactor": 1, "mobile": False}
         browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", sheet)
         browser.run("dispatchEvent(new Event('beforeprint'))")
         assert browser.count("details .scroll table") > 1
         wider = """return [...document.querySelectorAll('.scroll table')]
             .filter((one) => one.getBoundingClientRect().right > innerWidth).map((one) => one.textContent.slice(0, 40))"""
         assert browser.run(wider) == []
+        broken = """return [...document.querySelectorAll('#lists td.short')].filter((one) => {
+            const range = document.createRange();
+            range.selectNodeContents(one);
+            const lines = new Set([...range.getClientRects()].map((box) => box.top)).size;
+            return lines > one.textContent.split(' ').length;
+        }).map((one) => one.textContent)"""
+        assert browser.count("#table-connections td.short") == 6
+        assert browser.run(broken) == []
     finally:
         browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
@@ -432,6 +500,8 @@ def test_a_capture_without_s7_opens_too(browser: Browser, folder: Path) -> None:
     browser.open(path)
     assert browser.console() == []
     assert browser.texts("#lists p") == ["There is nothing to list."]
+    assert browser.texts("#plot-rates h3") == ["Transactions per second"]
+    assert browser.run("return document.getElementById('zoom').offsetHeight") == 0  # there is no time to zoom
 
 
 def shot(browser: Browser, name: str) -> None:

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from dissect.page import data as drawing
 from dissect.page import gathered as room
 from dissect.page import tag_steps
 from dissect.page.data import Data
+from dissect.page.verdict import verdict
 from tests.page.support import gathered_of
 from tests.properties import messages
 from tests.properties.messages import dt
@@ -86,6 +88,76 @@ def test_files_apart_leave_a_gap_of_all(tmp_path: Path) -> None:
     assert gathered_of([first]).between_files() == []
 
 
+def test_a_gap_between_files_is_seen_past_one_without_s7_and_an_open_request(tmp_path: Path) -> None:
+    """Neither is a file whose packets hold no S7 a gap, nor does what is told at the end hide one."""
+    hour = 3600 * 10**9
+    silent = [
+        packet._replace(time_ns=packet.time_ns + hour) for packet in Talk(Flow(ports=(50000, 80))).handshake().packets()
+    ]
+    asked = polled([1])
+    asked.send(0, dt(messages.read_job(99, [WORD])))  # which nobody answers
+    paths = [
+        saved(tmp_path / "a.pcapng", asked.packets()),
+        saved(tmp_path / "b.pcapng", silent),
+        saved(tmp_path / "c.pcapng", polled([2], 40001).packets(start_ns=EPOCH_NS + 2 * hour)),
+    ]
+    for order in (paths, paths[::-1]):
+        gaps = gathered_of(order).between_files()
+        assert [round((gap.end_ns - gap.begin_ns) / hour, 2) for gap in gaps] == [1, 1]
+
+
+def test_files_that_continue_each_other_break_no_line(tmp_path: Path) -> None:
+    first = saved(tmp_path / "a.pcapng", polled([1]).packets())
+    soon = saved(tmp_path / "b.pcapng", polled([2], 40001).packets(start_ns=EPOCH_NS + 10**9))
+    late = saved(tmp_path / "c.pcapng", polled([3], 40002).packets(start_ns=EPOCH_NS + 3600 * 10**9))
+    found = gathered_of([first, soon, late], ["DB10.DBW4"])
+    (steps,) = found.tags.found.values()
+    assert [(step.first, step.broken) for step in steps.steps] == [(1, False), (2, False), (3, True)]
+
+
+def test_medians_are_those_of_the_analysis(tmp_path: Path) -> None:
+    """Of an even number of answers the mean of the two in the middle, wherever they lie."""
+    talk = polled([])
+    for ref, pause in enumerate((1, 200), 1):
+        talk.send(0, dt(messages.read_job(ref, [WORD])))
+        for _ in range(pause):
+            talk.ack(1)
+        talk.send(1, dt(messages.read_answer(ref, [WORD], [b"\x00\x01"])))
+    found = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
+    told = {
+        spread["function"]: (spread["median"], spread["p95"]) for spread in Data(found, "").as_dict()["spreads"]["rows"]
+    }
+    counted = {
+        one.name: (one.latencies.quantile(0.5), one.latencies.quantile(0.95))
+        for one in found.analysis.functions.values()
+    }
+    assert told == counted
+    assert told["Read Var"][0] > 50 * MS
+
+
+def test_machines_alike_in_vlans_of_their_own_are_told_apart(tmp_path: Path) -> None:
+    packets: list[Packet] = []
+    for vlans in ((), (10,), (20,)):
+        talk = begun(Flow(ports=(50000 + sum(vlans), 102), vlans=vlans))
+        for ref in range(1, 6):
+            read(talk, ref, WORD, 0x0A if vlans == (20,) else b"\x00\x01")
+        packets += talk.packets()
+    found = gathered_of([saved(tmp_path / "a.pcapng", sorted(packets))], ["DB10.DBW4"])
+    plcs = ["10.0.0.2", "10.0.0.2 in VLAN 10", "10.0.0.2 in VLAN 20"]
+    data = Data(found, "").as_dict()
+    assert sorted([(pair["server"], pair["errors"]) for pair in data["talks"]["pairs"]]) == list(
+        zip(plcs, (0, 0, 5), strict=True)
+    )
+    assert sorted({row["host"] for row in data["spreads"]["rows"]}) == plcs
+    assert sorted({row["host"] for row in data["polls"]["rows"]}) == plcs
+    assert sorted({row["host"] for row in data["tags"]["series"]}) == plcs[:2]
+    tables = {table["name"]: table["rows"] for table in data["tables"]}
+    assert sorted([row["cells"][0] for row in tables["variables"]]) == plcs
+    assert "vlan == 20" in tables["variables"][0]["show"]
+    assert {row["cells"][3] for row in tables["failed"]} == {"10.0.0.1 → 10.0.0.2 in VLAN 20"}
+    assert verdict(found).sentences[2].startswith("It concerns 10.0.0.1 → 10.0.0.2 in VLAN 20")
+
+
 def test_captures_in_another_order_span_all_their_packets(tmp_path: Path) -> None:
     early = saved(tmp_path / "a.pcapng", polled([1, 2]).packets())
     late = saved(tmp_path / "b.pcapng", polled([3, 4], 40001).packets(start_ns=EPOCH_NS + 10**9))
@@ -133,15 +205,28 @@ def test_tables_are_bounded_and_count_what_they_leave_out(tmp_path: Path, monkey
     found = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
     assert (len(found.slowest()), len(found.failed), found.failed_in_all) == (3, 2, 5)
     assert found.spreads_not_told_apart == 9
+    (functions,) = [table for table in Data(found, "").as_dict()["tables"] if table["name"] == "functions"]
+    assert (len(functions["rows"]), functions["total"]) == (1, 2)  # Setup communication, and Read Var, nine times
     latencies = [row["cells"][4] for row in found.slowest()]
     assert latencies == sorted(latencies, reverse=True)
 
 
+def test_too_many_marks_are_thinned_out_over_all_of_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "_MARKS", 8)
+    talk = begun()
+    for ref in range(1, 40):
+        read(talk, ref, WORD, 0x0A)
+    data = Data(gathered_of([saved(tmp_path / "a.pcapng", talk.packets())]), "").as_dict()
+    times = [mark[0] for mark in data["marks"]["marks"]]
+    assert len(times) <= 8 < data["marks"]["total"]
+    assert times[-1] > data["span"] * 0.7
+
+
 def test_modes_and_operations_of_a_plant_are_on_its_lane() -> None:
     found = gathered_of([ROOT / "captures" / "crafted" / "plus-plant.pcapng"])
-    assert [(mode.host, mode.text) for mode in found.modes] == [("192.0.2.20", "STOP"), ("192.0.2.20", "RUN")]
+    assert [(mode.host, mode.text) for mode in found.modes] == [(("192.0.2.20", 0), "STOP"), (("192.0.2.20", 0), "RUN")]
     assert {span.kind for span in found.spans} >= {"control", "download", "session"}
-    assert {span.host for span in found.spans} == {"192.0.2.20"}
+    assert {span.host for span in found.spans} == {("192.0.2.20", 0)}
 
 
 def test_an_empty_capture_gathers_nothing(tmp_path: Path) -> None:

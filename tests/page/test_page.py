@@ -9,14 +9,17 @@ import itertools
 import json
 import math
 import re
+import shlex
 from importlib.resources import files
 from typing import Any
 
 import pytest
 
 from dissect import analyze
+from dissect.page.data import Data
 from dissect.page.rendering import embedded
-from tests.page.support import NAUGHTY, data_of, page_of, session_of
+from tests.cli.support import run
+from tests.page.support import NAUGHTY, data_of, gathered_of, page_of, session_of
 from tests.report.schemas import ROOT
 
 STYLE = files("dissect.page").joinpath("page.css").read_text(encoding="utf-8")
@@ -170,3 +173,35 @@ def test_outcomes_and_severities_are_told_apart_without_red_or_green_cones() -> 
 def test_a_page_is_small() -> None:
     assert len(SCRIPT) + len(STYLE) < 64_000
     assert len(PAGE) < 120_000
+
+
+@pytest.mark.parametrize("name", ["crafted/program", "crafted/plus-plant", "item-errors", "crafted/cotp-refused"])
+def test_the_command_in_each_row_shows_something(
+    capfdbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path = ROOT / "captures" / f"{name}.pcapng"
+    monkeypatch.chdir(path.parent)
+    commands = {row["show"] for table in session_of(page_of(path))["tables"] for row in table["rows"][:10]}
+    assert len(commands) > 3
+    for command in sorted(commands):
+        ran = run(capfdbinary, *shlex.split(command)[1:])
+        assert (ran.code, ran.err) == (0, ""), command
+        assert ran.out, command
+
+
+def test_functions_are_of_who_answers_and_commands_name_both() -> None:
+    """A PLC that is loaded asks for each piece of a block, and the engineering station answers."""
+    session = session_of(page_of(ROOT / "captures" / "crafted" / "program.pcapng"))
+    (table,) = [table for table in session["tables"] if table["name"] == "functions"]
+    assert table["columns"][0][0] == "answered by"
+    (row,) = [row for row in table["rows"] if row["cells"][1] == "Download block"]
+    assert row["cells"][0] == "192.0.2.10"
+    assert """'answered_by == 192.0.2.10 and function == "Download block"'""" in row["show"]
+
+
+def test_hosts_have_their_names_wherever_they_stand_in_a_table() -> None:
+    names = {"192.0.2.20": "Press", "192.0.2.10": "Desk", "192.0.2.30": "Panel"}
+    gathered = gathered_of([ROOT / "captures" / "crafted" / "plus-plant.pcapng"], hosts=names)
+    for table in Data(gathered, "").as_dict()["tables"]:
+        for row in table["rows"]:
+            assert not [cell for cell in row["cells"] if isinstance(cell, str) and "192.0.2." in cell], table["name"]

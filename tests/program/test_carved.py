@@ -13,6 +13,9 @@ import dissect
 from captures.craft.mc7 import DB2, FC3, OB1, OB1_CHANGED
 from dissect.program.carved import CarvedBlock, block_of, carve, plus_block
 from dissect.program.classic import read_classic
+from dissect.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.s7plus.value_tables import BOOL, STRUCT, WORD, WSTRING
+from dissect.s7plus.values import Struct, Value
 from dissect.transactions import operation
 from tests.program.transfers import Said, activate, carry, download, upload
 from tests.transactions.talk import CLIENT, FIN, SERVER, Talk, dt
@@ -254,3 +257,20 @@ def test_a_program_of_an_s7_1200_is_taken_apart(corpus: Path) -> None:
     ]  # fmt: skip
     assert {(block.direction, block.protocol, block.complete) for block in found} == {("upload", "s7comm_plus", True)}
     assert len([id_ for id_, _ in (found[-1].plus.blobs() if found[-1].plus else ()) if id_ == 2533]) == 15
+    # Instances of MB_CLIENT and MB_SERVER, which come with TIA Portal and are protected.
+    assert [block.label for block in found if block.protected] == ["DB3", "DB4", "DB5"]
+
+
+@pytest.mark.parametrize(
+    ("value", "protected"),
+    [
+        (Value(0, STRUCT, Struct(3447, [(3448, Value(0, WORD, 3)), (3449, Value(0, WSTRING, ""))])), True),
+        (Value(0, STRUCT, Struct(3447, [(3448, Value(0, WORD, 0))])), False),
+        (Value(0, STRUCT, Struct(3447, [])), False),
+        (Value(0, BOOL, True), False),
+    ],
+)
+def test_know_how_protection_of_s7comm_plus(value: Value, protected: bool) -> None:
+    block = plus_block(build_object(PlusObject(0x8A320001, 2647, 0, 0, 0, [Attribute(2524, value)])))
+    assert block is not None
+    assert block.protected == protected

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import pytest
+
 from captures.craft.mc7 import DB2, FC3, OB1, OB1_CHANGED
-from dissect.program.carved import CarvedBlock, block_of
+from dissect.program.carved import CarvedBlock, block_of, plus_block
 from dissect.program.compare import BlockChange, compare, over_time
+from dissect.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.s7plus.value_tables import BLOB
+from dissect.s7plus.values import Blob, Value
 
 
 def said(changes: list[BlockChange]) -> list[tuple[str, str, tuple[str, ...]]]:
@@ -66,3 +71,33 @@ def test_the_latest_whole_version_counts() -> None:
     (change,) = compare(blocks(OB1), [cut])
     assert not change.comparable
     assert said(over_time(blocks(OB1, OB1_CHANGED))) == [("changed", "OB1", ("code", "header"))]
+
+
+def plus(rid: int, **octets: bytes) -> CarvedBlock:
+    """A block of S7comm-plus with blobs by the id of their attribute (``a2533``)."""
+    attributes = [Attribute(int(id_[1:]), Value(0, BLOB, Blob(0, each))) for id_, each in octets.items()]
+    block = plus_block(build_object(PlusObject(rid, 2574, 0, 0, 0, [*attributes])))
+    assert block is not None
+    return block
+
+
+OB, DB = 0x8A320001, 0x8A0E0001
+
+
+@pytest.mark.parametrize(
+    ("rid", "id_", "part"),
+    [
+        (OB, "a2533", "code"), (OB, "a2580", "code"), (OB, "a2591", "code"), (OB, "a2586", "code"),
+        (OB, "a2544", "interface"), (OB, "a2584", "header"), (OB, "a2453", "header"),
+        (DB, "a2548", "values"), (DB, "a2550", "values"), (DB, "a4578", "interface"), (DB, "a2533", "header"),
+    ],
+)  # fmt: skip
+def test_which_part_of_a_block_of_s7comm_plus_differs(rid: int, id_: str, part: str) -> None:
+    """Constants, called blocks: code, though not in it. Values of a data block; comments of networks are no code."""
+    (change,) = compare([plus(rid, **{id_: b"before"})], [plus(rid, **{id_: b"after it"})])
+    assert change.parts == (part,)
+
+
+def test_a_data_block_of_s7comm_plus_under_another_number_is_moved() -> None:
+    (change,) = compare([plus(DB, a2548=bytes(9))], [plus(DB + 1, a2548=bytes(9))])
+    assert (change.state, change.block.label) == ("moved", "DB2")

@@ -111,7 +111,10 @@ def test_what_is_still_open_is_not_without_answer(capfdbinary: Capture) -> None:
     assert brief[1].endswith("; 48 transactions, 7 with errors, 11 still open")
     (row,) = [line for line in brief if line.startswith("  192.0.2.20 ")]
     assert row.split()[-2:] == [".", "11"]
-    assert len([line for line in brief if line.endswith(" 75 PDUs, 7 with errors, 11 still open")]) == 1
+    assert (
+        len([line for line in brief if line.endswith(" 75 PDUs, 7 with errors, 11 still open, closed by the server")])
+        == 1
+    )
 
 
 def test_the_row_of_a_plc_counts_connections_without_messages(capfdbinary: Capture) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.report.endings import ending_as_dict, phrase
+from dissect.report.endings import ending_as_dict, phrase, short
 from dissect.report.words import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
@@ -40,6 +40,20 @@ def test_a_cut_names_who_how_and_what_was_open() -> None:
     talk.packet(CLIENT, flags=RST, after_ns=2 * SECOND)
     said = "reset by the client at packet 11 with 1 request pending: Read Var DB1.DBW2 (packet 10), 2.00 s old"
     assert phrase(connection(talk), PLACES) == f"{said}; last answer 2.10 s earlier"
+    assert short(talk.connections[0]) == "reset by the client"
+
+
+def test_in_short_only_who_ended_it() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.packet(SERVER, flags=FIN | ACK)
+    assert short(connection(talk)) == "closed by the server"
+
+
+def test_what_is_open_has_no_end_in_short() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    assert short(connection(talk)) == ""
 
 
 def test_several_open_requests() -> None:

@@ -151,6 +151,24 @@ def test_a_transaction_says_what_is_wrong_with_its_contents() -> None:
     assert line.endswith(f"GetMultiVariables  {missing}, {request.replace('MALFORMED', 'MALFORMED request:')}")
 
 
+def test_a_transaction_says_what_is_not_all_there() -> None:
+    """The beginning of a request, of an answer and of a notification: what is said of each is not all that it says."""
+    talk = begun()
+    talk.send(0, dt(framed(asked(1, body=bodies.get_multi(LEVEL)), 3)))
+    talk.send(1, dt(framed(told(1, body=b"\0\1\0\7\0\5"), 3, trailer=False)))
+    talk.send(1, dt(framed(notified(5), 2, trailer=False)))
+    talk.send(0, dt(framed(asked(2, body=bodies.get_multi(LEVEL)), 3, trailer=False)))
+    everything = Everything()
+    observed(everything, read(talk, 1).packets())
+    lines = [line.partition("  S7comm-plus ")[2] for line in everything.transactions if "S7comm-plus" in line]
+    level = "DB3 LID 14 [CRC 0xaabbccdd]"
+    assert lines == [
+        f"GetMultiVariables  {level} = Int 5, response incomplete",
+        "notification  push  subscription 0x70000e51, number 5, notification incomplete",
+        f"GetMultiVariables  NO ANSWER (capture ends)  {level}, request incomplete",
+    ]
+
+
 def test_transactions(found: Everything) -> None:
     plus = [line.partition("  S7comm-plus ")[2] for line in found.transactions if "S7comm-plus" in line]
     level = "DB3 LID 14 [CRC 0xaabbccdd]"
@@ -160,7 +178,7 @@ def test_transactions(found: Everything) -> None:
         "SetVariable  one way  expects no response, 0x70000e51.SubscriptionCreditLimit = Int 5",
         "notification  push  subscription 0x70000e51, number 5",
         f"GetMultiVariables  NO ANSWER (capture ends)  {level}, MW100",
-        "GetMultiVariables  NO ANSWER (capture ends)",
+        "GetMultiVariables  NO ANSWER (capture ends)  request incomplete",
     ]
     keys = ("pdu_ref", "rosctr", "function", "function_name", "outcome", "errors")
     refused = ["6", "", "1356", "S7comm-plus GetMultiVariables", "answered", "return value: 0xfff4 Object not found"]

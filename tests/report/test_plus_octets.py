@@ -13,11 +13,13 @@ from librt.strings import BytesWriter
 from dissect.engine.observer import Observer
 from dissect.report.plus import as_text, head_json, plus_notes
 from dissect.report.plus_items import write_item
+from dissect.report.tree_fields import meaning
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.contents import Address
 from dissect.s7plus.ids import SECRETS
 from dissect.s7plus.items import Half, PlusItem, join_items
+from dissect.s7plus.layouts import OBJECT_ID
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION
 from dissect.s7plus.stamps import _STAMPS
@@ -28,6 +30,7 @@ from dissect.s7plus.values import Value, build_value
 from dissect.session import Run
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
+from dissect.wire.part import Part
 from tests.properties.messages import dt
 from tests.report.support import OWN, begun, observed
 from tests.s7plus import bodies
@@ -262,3 +265,12 @@ def test_what_is_remembered_has_a_bound() -> None:
     assert sum([len(alike) for alike in kept._known.values()]) <= 2048
     assert len(kept._known) == 1
     assert len(kept._items) <= 2048
+
+
+@pytest.mark.parametrize(
+    ("id_", "said"),
+    [(0x70100459, "0x70100459"), (0x34, "0x00000034 52 NativeObjects.theCPUexecUnit_Rid"), (960, "0x000003c0 960")],
+)
+def test_an_id_without_a_name_is_said_once(id_: int, said: str) -> None:
+    part = Part(OBJECT_ID, id_.to_bytes(4, "big"), 0, 4)
+    assert [meaning(value) for value in part.values] == [said]

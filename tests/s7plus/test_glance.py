@@ -50,7 +50,8 @@ _OK: Final = b"\0"
 def _state_of(asks: Contents, tells: Contents, function: int) -> int | None:
     """Give the operating state as all of the contents tell it, None when it was not asked for."""
     found: list[Value] = []
-    if function == GET_VAR_SUBSTREAMED and asks.ids[-1] == OPERATING_STATE and tells.value is not None:
+    streamed = function == GET_VAR_SUBSTREAMED and asks.object_id == CPU_EXEC_UNIT
+    if streamed and asks.ids[-1] == OPERATING_STATE and tells.value is not None:
         found = [tells.value]
     elif function == GET_MULTI_VARIABLES:
         values = dict(tells.items)

@@ -2,12 +2,27 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.s7plus.id_tables import IDS
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.id_tables import IDS, MEMBERS, MEMORY
+from dissect.s7plus.message import parse_plus
 from dissect.s7plus.program_tables import DATATYPES, MEANINGS
 from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS
-from dissect.s7plus.tables import ERRORS, FUNCTIONS, NOTIFIED, OPCODES, RETURN_CODES, TAGS, VERSIONS, refuses
-from dissect.s7plus.value_tables import VALUE_FLAGS, VALUE_TYPES
+from dissect.s7plus.tables import (
+    ERRORS,
+    FUNCTIONS,
+    NOTIFIED,
+    OPCODES,
+    RETURN_CODES,
+    SET_VARIABLE,
+    TAGS,
+    VERSIONS,
+    refuses,
+)
+from dissect.s7plus.value_tables import DINT, RID, STRUCT, VALUE_FLAGS, VALUE_TYPES
+from dissect.s7plus.values import Struct, Value
 from dissect.wire.codes import CodeTable
+from tests.s7plus import bodies
+from tests.s7plus.pdus import asked, framed
 
 
 @pytest.mark.parametrize("table", [FUNCTIONS, OPCODES, RETURN_CODES, VERSIONS], ids=lambda table: str(table.title))
@@ -21,11 +36,31 @@ def test_rows(table: CodeTable) -> None:
 
 
 @pytest.mark.parametrize(
-    "table", [*MEANINGS.values(), IDS, DATATYPES, VALUE_TYPES, VALUE_FLAGS, TAGS, NOTIFIED, GENERIC_CODES, ORIGINS]
+    "table", [*MEANINGS.values(), IDS, MEMBERS, DATATYPES, VALUE_TYPES, VALUE_FLAGS, TAGS, NOTIFIED, GENERIC_CODES, ORIGINS]
 )
 def test_every_row_has_a_name(table: CodeTable) -> None:
     assert len(table) > 1
     assert all(row.name and (not row.text or row.text.endswith(".")) for row in table)
+
+
+def test_members_of_memory_are_no_objects() -> None:
+    """Their numbers are also those of objects (appendix G of the reference); those of all other members are ids like any."""
+    assert MEMBERS.name(3) == "LID_OMS_STB_ClassicBlob"
+    assert IDS.name(3) == "NativeObjects.thePLCProgram_Rid"
+    differ = [row.number for row in MEMBERS if row.name != IDS.name(row.number)]
+    assert differ == [number for number, _, _ in MEMORY] == [1, 2, 3, 4, 5]
+    assert len(MEMBERS) == len(IDS)
+    memory = Struct(1533, [(1, Value(0, RID, 0x90010000)), (3486, Value(0, DINT, 8))])
+    body = bodies.set_variable(52, [2550], Value(0, STRUCT, memory))
+    found = parse_contents(parse_plus(framed(asked(1, SET_VARIABLE, body=body), 2)))
+    members = [part for part in found.parts if part.layout.name == "member"][:2]
+    assert [part.note for part in members] == [
+        "1 LID_OMS_STB_DescriptionRID = RID 0x90010000",
+        "3486 AS_DIS.OperatingState = DInt 8 RUN",
+    ]
+    first = members[0].find("id")
+    assert first is not None
+    assert first.meaning == "LID_OMS_STB_DescriptionRID"
 
 
 def test_the_codes_of_the_reference() -> None:

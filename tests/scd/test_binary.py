@@ -90,6 +90,27 @@ def test_loading_gives_the_same(tmp_path: Path) -> None:
     assert scd.load(PLANT).octets == plant.octets
 
 
+def test_the_suffix_of_a_source_is_that_in_capitals_too(tmp_path: Path) -> None:
+    (tmp_path / "PLANT.TOML").write_bytes(PLANT.read_bytes())
+    (tmp_path / "SMALL.JSON").write_text('{"dictionary": {"name": "small"}}')
+    assert scd.load(tmp_path / "PLANT.TOML").octets == scd.load(PLANT).octets
+    assert scd.load(tmp_path / "SMALL.JSON").name == scd.compile(tmp_path / "SMALL.JSON").name == "small"
+
+
+def test_a_file_of_another_kind_is_told_by_what_it_may_be(tmp_path: Path) -> None:
+    (tmp_path / "plant.txt").write_bytes(PLANT.read_bytes())
+    with pytest.raises(DictionaryError) as text:
+        scd.load(tmp_path / "plant.txt")
+    assert "nor, by its suffix, a source: .toml, .json, .eds, .dcf, .xdd, .xdc" in str(text.value)
+    (tmp_path / "plant.scd").write_bytes(FILE)
+    with pytest.raises(DictionaryError) as compiled:
+        scd.compile(tmp_path / "plant.scd")
+    assert (
+        str(compiled.value)
+        == f"{tmp_path / 'plant.scd'}: file: is compiled already; `s7dissect scd dump` makes a source of it"
+    )
+
+
 @pytest.mark.requirement("R18")
 def test_the_same_octets_whatever_the_hash_seed() -> None:
     """Dictionaries are identical at all participants."""

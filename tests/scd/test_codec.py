@@ -153,6 +153,22 @@ def test_missing_and_surplus_values() -> None:
     assert codec.encode("T1", {"v6001": "A"}, partial=True) == b"\0A\0" + bytes(6)
 
 
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({1: 5}, "E_INDEX: 1: values go by (index, sub-index), by an address such as '0x6000:1' or by a name"),
+        ({(0x6000,): 5}, "E_INDEX: (24576,): values go by (index, sub-index)"),
+        ({(0x6000, "x"): 5}, "E_INDEX: (24576, 'x'): values go by (index, sub-index)"),
+        ({"0x6000": 1, (0x6000, 0): 1}, "E_COUNT: 0x6000:0: the value of this variable is given twice"),
+        ({(0x6000, 0): 1, (0x6000, 255): 1}, "E_SUB: 0x6000:255: "),
+    ],
+)
+def test_a_key_that_names_no_variable_is_told(values: dict[Any, object], said: str) -> None:
+    with pytest.raises(Error) as error:
+        making.pdo(UINT8).encode("T1", values)
+    assert said in str(error.value)
+
+
 def test_unknown_pdos() -> None:
     codec = making.pdo(UINT8)
     for key in ("T2", "R1", "T513", "pump"):

@@ -128,6 +128,16 @@ def test_no_payloads_and_payloads_of_nothing() -> None:
     assert making.pdo().decode_many("T1", b"abc", [0, 1]) == {}
 
 
+def test_no_payloads_of_any_kind_of_variable() -> None:
+    codec = making.pdo(BOOL, UINT12, INT16, FLOAT32, UINT64, INT8, (STRING, 16), NETTIME, MAC_T, (BLOCK, 16))
+    for octets in (b"", bytes(100)):
+        columns = codec.decode_many("T1", octets, [])
+        some = codec.decode_many("T1", bytes(100), [0])
+        assert [(column.dtype, len(column)) for column in columns.values()] == [
+            (column.dtype, 0) for column in some.values()
+        ]
+
+
 def test_without_numpy_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "numpy", None)
     with pytest.raises(ImportError, match=r"pip install 's7dissect\[scd\]'"):

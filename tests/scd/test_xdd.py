@@ -177,7 +177,7 @@ def test_every_loss_is_told(pump: Imported) -> None:
         "no access is given; assumed: rw": ("0x2006:0",),
         "omitted: no type is given": ("0x2007",),
         "its limit 'x' is omitted: is not a number": ("0x2008:0",),
-        "the PDO is switched off: Run has 1 bits, not 8": ("0x1a01",),
+        "the PDO is switched off: Run has 1 bit, not 8": ("0x1a01",),
     }
 
 

@@ -251,6 +251,17 @@ def test_a_capture_without_a_connection_is_no_session(project: Project) -> None:
     assert not project.goldens.exists()
 
 
+def test_a_selection_of_nothing_is_told(project: Project) -> None:
+    project.test("""
+def test_pump(s7_golden):
+    s7_golden.check("pump", where="function == plc_stop")
+""")
+    result = project.run("--s7-update", "all")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["where='function == plc_stop' selects nothing of tests/captures/pump.pcapng, so *"])
+    assert not project.goldens.exists()
+
+
 def test_a_golden_that_cannot_be_read_is_told_with_its_line(project: Project) -> None:
     written(project)
     text = project.change("DB1.DBB116 BYTE = 116", "DB1.DBB116 BYTE = many")

@@ -113,6 +113,7 @@ def test_what_was_not_recorded_fails_the_test(project: Project) -> None:
     result = project.run(f"{module}::test_pump", f"{module}::test_allowed")
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(["*_ test_pump _*", asked, request, "Record it as well, or *"], consecutive=True)
+    assert "traceback" not in result.stdout.str()
     result = project.run(f"{module}::test_failing")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*assert 'this' == 'that'", "*- Captured s7_server call -*", asked, request])
@@ -229,11 +230,32 @@ def test_nobody(s7_record, s7_golden):
     )
 
 
+def test_why_a_client_was_cut_off_is_printed_with_a_test_that_fails(project: Project) -> None:
+    project.test(
+        CLIENT
+        + """
+import socket
+
+def test_nobody(s7_record):
+    with socket.create_server(("127.0.0.1", 0)) as nobody:
+        port = nobody.getsockname()[1]
+    with connected(s7_record(to=port)):
+        pass
+"""
+    )
+    result = project.run()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        ["*- Captured s7_record call -*", "127.0.0.1:* cannot be reached: Connection refused; *"]
+    )
+    assert result.stdout.str().count("cannot be reached") == 1
+
+
 def test_a_plc_of_a_whole_module_is_a_fixture_as_the_documentation_has_it(project: Project) -> None:
     text = (ROOT / "docs" / "pytest.md").read_text(encoding="utf-8")
-    (fixture,) = re.findall(r"```python\n(@pytest.fixture.*?)```", text, re.DOTALL)
+    (fixture,) = re.findall(r"```python\n(import pytest.*?)```", text, re.DOTALL)
     project.test(
-        f"import pytest\nimport dissect.playback.server\n{CLIENT}\n{fixture}"
+        f"{fixture}\n{CLIENT}\n"
         """
 @pytest.mark.parametrize("number", range(2))
 def test_pump(plc, s7_record, s7_golden, number):

@@ -594,6 +594,39 @@ def test_a_reference_used_again_after_a_hole_is_no_fault_of_the_client(talk: Tal
     assert "transaction.unanswered" not in talk.slugs()
 
 
+def test_an_answer_in_a_hole_is_not_replaced_by_that_to_a_later_request_in_a_hole(talk: Talk) -> None:
+    """The answer to reference 1 is missing, and so is the request that uses it again: only its answer was captured."""
+    lost = talk.ask(read(1, dbw(1, 0)))
+    talk.lose(SERVER, words(1, 1))
+    asked = [talk.ask(read(2, dbw(1, 0)))]
+    answered = [talk.tell(words(2, 2))]
+    heal(talk)
+    talk.lose(CLIENT, read(1, dbw(1, 0)))
+    orphan = talk.tell(words(1, 3))
+    asked.append(talk.ask(read(2, dbw(1, 0))))
+    answered.append(talk.tell(words(2, 4)))
+    heal(talk)
+    talk.close()
+    assert sorted(talk.pairs()) == sorted([(lost, 0), (0, orphan), *zip(asked, answered, strict=True)])
+    assert {one.outcome_name: one.reason for one in talk.transactions} == {
+        "answered": "",
+        "unanswered": HOLE,
+        "orphan_answer": HOLE,
+    }
+
+
+def test_without_a_hole_of_the_client_a_late_answer_is_that_of_its_reference(talk: Talk) -> None:
+    talk.ask(read(3, dbw(1, 0)))
+    talk.lose(SERVER, words(3, 3))
+    slow = talk.ask(read(1, dbw(1, 0)))
+    asked = talk.ask(read(2, dbw(1, 0)))
+    answered = talk.tell(words(2, 2))
+    heal(talk)
+    late = talk.tell(words(1, 1))
+    talk.close()
+    assert {(slow, late), (asked, answered)} < set(talk.pairs())
+
+
 def test_an_answer_whose_request_is_in_a_hole(talk: Talk) -> None:
     talk.lose(CLIENT, read(1, dbw(1, 0)))
     orphan = talk.tell(words(1, 1))

@@ -9,10 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dissect
+from dissect.program.carved import carve, plus_block
 from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, SET_VARIABLE
+from dissect.s7plus.tables import (
+    CREATE_OBJECT,
+    DELETE_OBJECT,
+    EXPLORE,
+    GET_MULTI_VARIABLES,
+    SET_VAR_SUBSTREAMED,
+    SET_VARIABLE,
+)
 from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
 from dissect.transactions.operation import MAX_OPEN
@@ -21,7 +29,7 @@ from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, ex
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_session import LIST, client
-from tests.transactions.talk import MS, Talk
+from tests.transactions.talk import ACK, CLIENT, MS, SERVER, Talk
 
 LIST_ID = 0x70008001
 
@@ -187,6 +195,84 @@ def test_blocks() -> None:
         ("upload", "OB1 'Main' (SCL)", "done", 1, 0),
     ]
     assert [one.error_code for one in talk.operations] == [0, 0xFF9C, 0, 0]
+
+
+def shown(*blocks: PlusObject) -> bytes:
+    """An answer to Explore that shows them in the root of the CPU, 9 bytes of which follow the last one."""
+    root = PlusObject(1, 2478, 0, 0, 0, list(blocks))
+    return told(4, EXPLORE, b"\0" + bodies.rid(3) + b"\x05" + build_object(root) + bytes(8))
+
+
+def explored(*frames: bytes, asks: bool = True) -> Talk:
+    """Explore with an answer in frames; None of them is the last."""
+    talk = begun()
+    if asks:
+        body = bodies.rid(3) + b"\0\1\1\0\0\0" + bodies.end(4) + b"\0"
+        talk.ask(framed(asked(4, EXPLORE, body=body), 3))
+    for frame in frames:
+        talk.tell(frame)
+    return talk
+
+
+ONE = block(0x8A320001, 2647, "Main", 4)
+TWO = block(0x8A0E0003, 2574, "tank", 5)
+
+
+@pytest.mark.parametrize("lost", [True, False], ids=["a gap", "the capture ends"])
+def test_what_an_upload_begins_with_when_its_end_did_not_pass(lost: bool) -> None:
+    """The block that is whole, the one that is not, and a finding: whatever of the answer the capture lacks."""
+    data = shown(ONE, TWO)
+    talk = explored(framed(data[:-17], 3, trailer=False))
+    if lost:
+        talk.lose(SERVER, framed(data[-17:-12], 3, trailer=False))
+        talk.packet(CLIENT, flags=ACK)
+        talk.tell(framed(data[-12:], 3))
+    assert told_of(talk) == [("upload", "at least OB1 'Main' (SCL)", "not_captured", 1, 0)]
+    assert [one.slug for one in talk.findings if one.slug != "stream.hole"] == ["security.program_read"]
+    whole, begun_one = carve(talk.operations[0])
+    assert (whole.label, whole.missing, whole.octets) == ("OB1", "", build_object(ONE))
+    assert (begun_one.label, begun_one.name, begun_one.language) == ("DB3", "tank", "DB")
+    assert begun_one.missing == f"ended after {len(begun_one.octets)} bytes"
+    assert build_object(TWO).startswith(begun_one.octets)
+    again = plus_block(begun_one.octets)
+    assert again is not None
+    assert (again.label, again.missing, again.parts()) == ("DB3", begun_one.missing, begun_one.parts())
+
+
+def test_an_upload_that_is_too_long_to_keep_is_over() -> None:
+    """What it begins with is there; the rest passed, and was answered."""
+    long = block(0x8A0E0004, 2574, "archive", 5)
+    long.elements.append(Attribute(2580, Value(0, BLOB, Blob(0, bytes(MAX_PDU)))))
+    data = shown(ONE, long)
+    starts = range(0, len(data), 60_000)
+    talk = explored(*[framed(data[at : at + 60_000], 3, trailer=at == starts[-1]) for at in starts])
+    assert told_of(talk) == [("upload", "at least OB1 'Main' (SCL), DB4 'archive' (DB)", "done", 1, 0)]
+    assert [(one.label, one.complete) for one in carve(talk.operations[0])] == [("OB1", True), ("DB4", False)]
+
+
+def test_an_upload_whose_request_did_not_pass() -> None:
+    talk = explored(framed(shown(ONE, TWO), 3), asks=False)
+    assert told_of(talk) == [("upload", "OB1 'Main' (SCL), DB3 'tank' (DB)", "done", 1, 0)]
+    assert [block.label for block in carve(talk.operations[0]) if block.complete] == ["OB1", "DB3"]
+    assert "security.program_read" in [one.slug for one in talk.findings]
+
+
+def test_an_upload_that_was_refused_shows_nothing() -> None:
+    refused = bytearray(shown(ONE))
+    refused[10:11] = DENIED
+    talk = explored(framed(bytes(refused), 3), asks=False)
+    assert told_of(talk) == []
+
+
+def test_a_cpu_says_what_it_is_though_its_client_did_not_pass() -> None:
+    talk = begun()
+    version = Value(0, STRUCT, Struct(314, [(319, Value(0, WSTRING, "1;6ES7 215-1AG40-0XB0 ;V4.3"))]))
+    answer = build_object(PlusObject(288, 287, 0, 0, 0, [Attribute(306, version)]))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\1\x87\x07" + answer + bodies.FILL), 1))
+    talk.close()
+    identity = talk.connections[0].plus.identity if talk.connections[0].plus is not None else None
+    assert identity is not None
+    assert (identity.order_number, identity.firmware) == ("6ES7 215-1AG40-0XB0", "V4.3")
 
 
 def test_orders_to_stop_and_to_start() -> None:

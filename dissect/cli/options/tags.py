@@ -22,7 +22,6 @@ MAX_LISTED: Final = 50
 def tag_options(command: Callable[..., int]) -> Callable[..., int]:
     """Add ``--tags`` and what belongs to it to a command, which is given the ``naming`` they make, or None without them."""
 
-    @tag_reading_options
     @click.option(
         "--tags",
         "tags",
@@ -31,6 +30,7 @@ def tag_options(command: Callable[..., int]) -> Callable[..., int]:
         help="Names, types and units for addresses: a tag table, symbol table, source of a DB or CSV; HOST=FILE for one PLC. "
         "Repeatable.",
     )
+    @tag_reading_options
     @functools.wraps(command)
     def with_naming(
         *arguments: Any, tags: tuple[str, ...], encoding: str, numbers: dict[str, int], **options: Any
@@ -48,7 +48,7 @@ def tag_reading_options(command: Callable[..., int]) -> Callable[..., int]:
         multiple=True,
         callback=_numbers,
         metavar="NAME=N",
-        help="The number of a data block whose source gives only its name. Repeatable.",
+        help="The number of a data block of which a tag file gives only the name. Repeatable.",
     )(command)
     return click.option(
         "--tags-encoding",

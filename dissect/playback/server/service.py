@@ -36,6 +36,8 @@ CONNECT_S: Final = 10.0
 TAKE_S: Final = 30.0
 #: How long it waits for the client's end after its own, in seconds.
 LEAVE_S: Final = 2.0
+#: The longest that an answer may be made to take, in milliseconds.
+MAX_LATENCY_MS: Final = 3_600_000
 _LOOK_S: Final = 0.5
 _DANGER: Final = "which would mistake it for a PLC"
 _JOIN_S: Final = 10.0
@@ -61,8 +63,8 @@ class Server:
 
     ``repeat``: what comes when all recorded answers to a request were given, ``last`` the last one again, ``cycle`` the first
     one. ``memory``: reads give what was written. ``latency_ms``: how long an answer takes, None for as long as it was
-    recorded. ``faults``: what is to go wrong (`parse_fault`). ``writer`` records what passes. Listening begins at once;
-    raises `ServerError` when it cannot, `ValueError` for a fault that is none.
+    recorded. ``faults``: what is to go wrong (`parse_fault`), one or several. ``writer`` records what passes. Listening begins
+    at once; raises `ServerError` when it cannot, `ValueError` for a fault or a latency that is none.
     """
 
     def __init__(
@@ -75,7 +77,7 @@ class Server:
         repeat: str = LAST,
         memory: bool = False,
         latency_ms: float | None = 0,
-        faults: Sequence[Fault | str] = (),
+        faults: Sequence[Fault | str] | Fault | str = (),
         writer: PcapngWriter | None = None,
     ) -> None:
         if repeat not in {LAST, CYCLE}:
@@ -84,7 +86,10 @@ class Server:
             raise ValueError(f"{port} is not a port")
         places = places_to_serve(Address(host, port), allow_remote)
         self.recording = recording if isinstance(recording, Recording) else load_recording(recording)
-        told = [parse_fault(fault) if isinstance(fault, str) else fault for fault in faults]
+        if latency_ms is not None and not 0 <= latency_ms <= MAX_LATENCY_MS:
+            raise ValueError(f"latency_ms={latency_ms}: give 0 to {MAX_LATENCY_MS}, or None for what was recorded")
+        several = [faults] if isinstance(faults, (str, Fault)) else faults
+        told = [parse_fault(fault) if isinstance(fault, str) else fault for fault in several]
         self.desk = RequestLog(Stage(self.recording, repeat, memory), told, latency_ms)
         self.connections = 0
         self.error: Exception | None = None
