@@ -31,17 +31,17 @@ from dissect.transactions.table import MAX_CONNECTIONS
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
 
-#: How many sides and open requests are looked at with one call; the others wait for the next one.
+#: Sides, and open requests, that are looked at in one go; the others have to wait for the next one.
 _SIDES_AT_ONCE: Final = 1024
 _REQUESTS_AT_ONCE: Final = 8192
 #: The shortest time between two looks at a side with open requests.
 _PAUSE_NS: Final = 50_000_000
-#: When so many sides are kept, those of closed connections are removed. It is more than can be open at once.
+#: When there are this many sides, more than can be open, those whose connection is over are dropped.
 _MANY: Final = 8 * MAX_CONNECTIONS
 
 
 class _Entry:
-    """A heap entry: a side, and when to look at it."""
+    """A side, and the time at which it is looked at."""
 
     __slots__ = ("due_ns", "side")
 
@@ -64,7 +64,7 @@ class OverdueWatch:
         dialogue.watching = True
 
     def look(self, now_ns: i64) -> None:
-        """It is ``now_ns``: report the requests that are overdue and were not reported before."""
+        """It is ``now_ns``: report the requests that are overdue by now and were not reported before."""
         self._take_new()
         due = self._due
         sides: i64 = 0
@@ -82,7 +82,7 @@ class OverdueWatch:
             heapq.heappush(due, _Entry(self._look_at(side, now_ns), side))
 
     def _take_new(self) -> None:
-        """Take over the sides that sent requests since the last look; each is due with the latest request of its connection."""
+        """Add the sides that asked since the last look; each is due when the latest request of its connection is."""
         fresh = self._dialogue.asking
         if not fresh:
             return
@@ -119,10 +119,10 @@ class OverdueWatch:
             self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
-#: Waiting sides are looked at whenever capture time passes a multiple of this. The times do not depend on what waits, so that
-#: the results for a connection do not depend on other connections in the capture.
+#: How often what waits is looked at, in capture time: always at multiples of this, so that what is found of a connection does
+#: not depend on the other ones in the capture.
 TICK_NS: Final = 50_000_000
-#: When so many sides are in the list, those that no longer wait are removed.
+#: When the list of sides that wait has grown to this, those whose connection is over are dropped.
 _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
 #: The deadline while nothing waits.
 FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
@@ -134,13 +134,13 @@ def next_tick(now_ns: i64) -> i64:
 
 
 class Timers:
-    """Keeps the sides with something that waits, and passes their octets on when it is time."""
+    """Keeps the sides on which something waits, and passes it on, or gives it up, when it is time."""
 
     def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64) -> None:
         self._counters: Counters = counters
         self._exchange: Exchange = exchange
         self._waiting: list[Side] = []  # sides with held segments or held answers
-        self._doubts: list[Side] = []  # sides that sent since the last look, of connections whose end is in doubt
+        self._doubts: list[Side] = []  # sides whose end is in doubt, and that sent something since the last look
         self._overdue: OverdueWatch | None = None
         self._rest_ns: i64 = FAR_FUTURE  # the deadline while nothing waits
         if overdue_ns:
@@ -247,7 +247,7 @@ class Timers:
             exchange.beside(self._counters.frames, self._counters.now_ns)
 
     def passing(self, side: Side, peer: Side, ack: i64, acknowledges: bool) -> None:
-        """Something of this connection waits: look whether the packet at hand, which ``side`` sent, ends the waiting."""
+        """Take a packet of a connection on which something waits: it may be what that waited for."""
         now_ns: i64 = self._counters.now_ns
         if side.tcp.doubt is not None:
             ends.look(self._counters, side)
@@ -278,9 +278,9 @@ class Timers:
             side.waiting = side.stream.time_bound or asked.orphans is not None
 
     def look_at_ends(self) -> None:
-        """Look at the connections whose end is in doubt, and which sent something since the last look.
+        """Look at the connections whose end is in doubt, and on which something passed since the last look.
 
-        Nothing new is known of the others. There may be thousands of them, until the end of the capture.
+        Nothing new can be known of the others, of which there may be thousands until the end of the capture.
         """
         held: list[Side] = []
         for side in self._doubts:
@@ -302,13 +302,13 @@ class Timers:
             self._overdue.look(self._counters.now_ns)
 
     def settle(self, lingering: bool) -> None:
-        """Forget the sides that no longer wait. If none is left, and no closed connection is kept (``lingering``), rest."""
+        """Forget the sides on which nothing waits any longer; rest when none is left, unless closed connections linger."""
         self._waiting = [side for side in self._waiting if side.waiting]
         if self._overdue is None and not self._waiting and not self._doubts and not lingering:
             self.deadline_ns = FAR_FUTURE
 
     def oldest_held(self) -> i64:
-        """Return the number of the first packet with a segment or an answer that is held back, 0 when there is none."""
+        """Return the first packet whose segment or answer is held back, 0 when nothing is held back."""
         oldest: i64 = 0
         for side in self._waiting:
             held = side.stream.held

@@ -95,7 +95,10 @@ def _open_stdin() -> PlainSource:
 
 
 def find_reader(source: OctetSource, name: str) -> Reader:
-    """Return the reader for what ``source`` holds; ``name`` is what errors call it."""
+    """Return the reader for what ``source`` holds.
+
+    Raises `CaptureError` when that is no capture, with ``name`` in front of the reason.
+    """
     head = _read_head(source)
     packed = compression(head)
     if packed:

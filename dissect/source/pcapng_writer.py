@@ -142,7 +142,7 @@ def _cut(octets: bytes) -> bytes:
 
 
 def _comments(comments: Sequence[str], room: int) -> list[bytes]:
-    """Return as many comments as fit into ``room`` octets; a last one says how many did not."""
+    """Return comments as octets, as many as have ``room``; how many had none is said in a last one."""
     told: list[bytes] = []
     for index, comment in enumerate(comments):
         octets = comment_octets(comment)

@@ -1,4 +1,4 @@
-"""`TcpConnection`: the two ends of a TCP connection and their streams, how it began and how it ended."""
+"""A TCP connection: its two ends and their streams, how it began and how it ended."""
 
 from __future__ import annotations
 
@@ -9,26 +9,24 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.tcp.doubt import Doubt
 from dissect.tcp.stream import FAR_AHEAD, MASK, Endpoint, HalfStream
 
-#: A reset counts if it is at most this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
+#: A reset is believed this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
 _RESET_WINDOW: Final = 65536
-#: The Ethernet address where there is none, as on loopback.
+#: An Ethernet address that stands for none.
 _NO_MAC: Final = bytes(6)
 
 
-@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header of the garbage collector
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
 class TcpConnection:
     """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
 
     ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is
-    open, then ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``, whichever came first.
-    ``ended_by`` is the side that began to close, -1 for neither. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
-    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``doubt`` is there while ``ended`` comes
-    from a RST or FIN that its receiver need not have accepted.
-
-    ``macs`` are the Ethernet addresses of sides 0 and 1 at the beginning of the connection, six octets each, empty where the
-    link has none. ``heard`` has a bit for each side that sent a packet with its address; that of the other side is then only
-    known from packets to it. ``vlan`` is the VLAN key (`link.find_ip`) of the first packet; ``also`` are the keys of further
-    VLANs in which packets of the connection were captured.
+    open, then what came first: ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``.
+    ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
+    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``doubt`` is set while ``ended`` rests on a
+    packet that its receiver may have ignored. ``macs`` are the Ethernet addresses of both sides at the beginning, six octets
+    each, empty where the link has none; ``heard`` has a bit for each side that was captured sending, so that its address is
+    certain. ``vlan`` is the VLAN key (`link.find_ip`) of the first packet, ``also`` those of other VLANs in which packets of
+    the connection were captured.
     """
 
     __slots__ = (
@@ -64,8 +62,7 @@ class TcpConnection:
         self.vlan: i64 = vlan
         self.also: tuple[int, ...] = ()
         self._streams: list[HalfStream] | None = [HalfStream(), HalfStream()]
-        # The next four are what is kept of the two streams after `let_go`.
-        self._first_octets: i64 = 0
+        self._first_octets: i64 = 0  # this and the next three are what is kept of the streams once they are let go
         self._first_position: i64 = 0
         self._second_octets: i64 = 0
         self._second_position: i64 = 0
@@ -89,7 +86,7 @@ class TcpConnection:
 
     @property
     def streams(self) -> list[HalfStream]:
-        """The streams of sides 0 and 1. After `let_go` they have only ``octets`` and ``position``."""
+        """What each side sent; once the connection was let go, only ``octets`` and ``position`` are right."""
         found = self._streams
         if found is not None:
             return found
@@ -99,7 +96,7 @@ class TcpConnection:
         return [first, second]
 
     def let_go(self) -> None:
-        """The connection is over: keep only how much passed, because results keep many connections."""
+        """The connection is over: keep how much passed, and forget the streams, because results keep many connections."""
         streams = self._streams
         if streams is None:
             return
@@ -111,15 +108,15 @@ class TcpConnection:
         self._streams = None
 
     def note_vlan(self, vlan: int) -> None:
-        """Packets of the connection were captured in this VLAN as well."""
+        """Take a VLAN in which packets of the connection were captured as well."""
         if vlan != self.vlan and vlan not in self.also:
             self.also = (*self.also, vlan)
 
     def note_link(self, side: i64, addresses: bytes) -> None:
-        """Take the Ethernet addresses of a packet that ``side`` sent, destination first, as on the wire."""
+        """Take the Ethernet addresses of a packet that ``side`` sent, the receiver's in front, as on the wire."""
         if len(addresses) != 12:
             return
-        if side == 1 and (self.heard == 0 or addresses == self.macs):  # `macs` has the address of side 0 first
+        if side == 1 and (self.heard == 0 or addresses == self.macs):  # in the order that they are kept in
             self.macs = addresses
             self.heard |= 2
             return
@@ -130,7 +127,7 @@ class TcpConnection:
         self.heard |= 1 << side
 
     def mac(self, side: i64) -> bytes:
-        """Return the Ethernet address of a side; empty where it is unknown, all zero, or a multicast address."""
+        """Return the Ethernet address of a side; empty where it is not known, all zeros, or that of a group."""
         found = self.macs[6 * side : 6 * side + 6]
         return found if found and found != _NO_MAC and not found[0] & 1 else b""
 
@@ -142,7 +139,7 @@ class TcpConnection:
 
     @property
     def known_start(self) -> bool:
-        """True when the SYN was captured, so that the capture has the beginning of the connection."""
+        """True when the SYN was captured, so that nothing before can have been missed."""
         return self.initiator >= 0
 
     def is_new_connection(self, side: i64, isn: i64) -> bool:
@@ -153,11 +150,11 @@ class TcpConnection:
         return stream.start_seq != ((isn + 1) & MASK)
 
     def note_fin(self, side: i64, end_seq: i64, frame: i64, time_ns: i64, read: bool = True) -> bool:
-        """Take a FIN; return False, and ignore it, when its sequence number is far from what is expected.
+        """Take a FIN; the first one says who closed. False when it is far from what is expected, and is ignored.
 
         ``end_seq`` is the sequence number after the octets that it came with. It may be further away than that of a reset,
-        because the octets before it may be missing from the capture. ``read``: the octets of the connection are followed, so
-        that the expected number is known and the FIN may be in doubt.
+        because octets before it may be missing from the capture. ``read``: the octets of the connection are followed, so that
+        the FIN can be doubted.
         """
         if not self._fits(side, end_seq, FAR_AHEAD):
             return False
@@ -165,7 +162,7 @@ class TcpConnection:
         return True
 
     def _note_end(self, how: str, side: i64, seq: i64, frame: i64, time_ns: i64, read: bool) -> None:
-        """Take an end. The first one counts; it is in doubt if its sequence number ``seq`` is not the one expected."""
+        """Take an end: one with the expected sequence number is certain, the first of any others is in doubt."""
         silent: i64 = 3 if how == "reset" else 1 << side
         stream = self.streams[side]
         if self.ended:
@@ -181,7 +178,7 @@ class TcpConnection:
         self._silent |= silent
 
     def withdraw(self) -> None:
-        """The end in doubt did not happen. If a certain end came after it, that one takes its place."""
+        """The end that was in doubt was none: what ended the connection since then, if anything did, takes its place."""
         doubt = self.doubt
         if doubt is None:
             return
@@ -196,14 +193,14 @@ class TcpConnection:
             self.reset_by, self.reset_frame, self.reset_ns = self.ended_by, self.ended_frame, self.ended_ns
 
     def _fits(self, side: i64, seq: i64, window: i64) -> bool:
-        """Return whether a sequence number is within ``window`` of the one expected from ``side``."""
+        """Return whether a sequence number is within ``window`` of what is expected from ``side``."""
         stream = self.streams[side]
         if stream.next_seq < 0:
             return True
         return -window <= stream.distance(seq) <= window
 
     def note_reset(self, side: i64, seq: i64, frame: i64, time_ns: i64) -> bool:
-        """Take a RST; return False, and ignore it, when its sequence number is far from what is expected."""
+        """Take a RST; False when its sequence number is far from what is expected, so that it is ignored."""
         if not self._fits(side, seq, _RESET_WINDOW):
             return False
         self._note_end("reset", side, seq, frame, time_ns, True)

@@ -29,17 +29,16 @@ from dissect.transactions.transaction import Transaction
 MAX_ORPHANS: Final = 64
 ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
-#: They are held so many times as long while a message of the asking side is unfinished: what came of it may turn out to be a
-#: whole request.
+#: They are held this many times longer while a message of the asking side is unfinished, because a whole request may be in it.
 UNFINISHED_HOLD: Final = 10
 #: Identical requests that may be open under one key, and how long after the one before each of them may come.
 MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
-#: A client that got nothing for so long since a request has given that request up. One that wants several open requests sends
-#: them in quick succession, or as answers come.
+#: A client that got nothing for this long and asks again gave its request up: clients that have several open send one soon
+#: after the other, or after an answer.
 BESIDE_NS: Final = 200_000_000
-#: Requests of a side that may wait behind others of the same key. So many may come where a capture shows all packets of the
-#: client first. Each answer looks at all of them.
+#: Requests of a side that may wait behind others with their reference, as where all packets of a client were captured first.
+#: Each answer looks at all of them.
 MAX_BEHIND: Final = 256
 #: Clients wait at least two seconds before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
@@ -80,15 +79,15 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
 
 
 def no_answer(request: Transaction, before: Transaction) -> bool:
-    """Return whether the client, when it sent ``request``, had got nothing since ``before`` for so long that it gave up."""
+    """Return whether a client gave the request ``before`` up, because it had got nothing since when it sent ``request``."""
     return request.request_ns - before.request_ns > BESIDE_NS and request.request_ack == before.request_ack
 
 
 class OpenRequests:
-    """The open requests of one asking side, and the answers that are held for requests of it.
+    """The open requests of one asking side, and the answers to it that found none of them.
 
-    Most clients have one or two requests open. So the two latest ones stand outside the dictionary, which saves the key as an
-    int object, even while older requests stay open because their answers were not captured.
+    Most clients wait for each answer, or have two requests open. So the two that were asked last need no dictionary and no int
+    object as a key, even where others are open whose answers were not captured.
     """
 
     __slots__ = (

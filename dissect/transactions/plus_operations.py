@@ -63,7 +63,7 @@ _PANELS: Final = "6AV"
 _DELETE: Final = "delete "
 _LOAD: Final = "load "
 _MAX_SUBJECT: Final = 200
-#: How many reads of the same variables are polling, and how many different reads are remembered.
+#: Reads of the same variables that make it polling, and different ones that are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
 #: At so many open operations, those that the book has closed are removed.
@@ -72,7 +72,7 @@ _MANY: Final = 1024
 _ALL_KEPT: Final = MAX_PDU - 0x10004
 #: A poll is identified by its addresses if they have up to so many octets, else by a digest: a request may have 8 MiB.
 _LARGEST: Final = 2048
-#: Where the body of a request begins, how much later in version 3, and the octets that end the addresses in it.
+#: Where the body of a request begins (in version 3 behind the integrity part), and what ends the addresses in it.
 _BODY: Final = 18
 _DIGEST: Final = 33
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"

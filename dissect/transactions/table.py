@@ -26,12 +26,12 @@ LOOK_AT_ONCE: Final = 64
 #: How many of the longest idle connections a round finds; the next round begins when fewer than `_FEW_LEFT` are left.
 MAX_FOUND: Final = 512
 _FEW_LEFT: Final = 160
-#: How many of the connections found `IdleSearch.take` tries for one that is still idle.
+#: How many of those found are looked at for one that is still idle.
 _TRIED: Final = 16
 
 
 class _Idle:
-    """A connection, with the time of its last packet when the search looked at it."""
+    """How idle a connection was when it was looked at."""
 
     __slots__ = ("first_frame", "last_ns", "side")
 
@@ -41,7 +41,7 @@ class _Idle:
         self.first_frame: i64 = side.tcp.first_frame
 
     def look(self, side: Side) -> None:
-        """Take another connection into this object."""
+        """Take another connection instead."""
         self.side = side
         self.last_ns = side.tcp.last_ns
         self.first_frame = side.tcp.first_frame
@@ -222,14 +222,14 @@ class Attempt:
         self.told: bool = False
 
     def again(self, frame: i64, time_ns: i64) -> None:
-        """The SYN came again; one that comes too early was captured twice."""
+        """The SYN came again; one that comes at once was captured twice, and is not counted."""
         if time_ns - self.last_ns >= _REPEATED_NS:
             self.repeats += 1
             self.last_frame = frame
             self.last_ns = time_ns
 
     def give_up(self, repeats: i64) -> bool:
-        """Return whether it was repeated at least ``repeats`` times; True only once."""
+        """Return whether the SYN was repeated ``repeats`` times or more; True only once."""
         if self.told or self.repeats < repeats:
             return False
         self.told = True

@@ -24,12 +24,12 @@ _LONG: Final = 40
 
 
 def json_page(value: object, indent: int, before: str = "") -> str:
-    r"""Return ``json.dumps(value, indent=indent)``, each line but the first after ``before``, with DEL as ``\u007f``."""
+    r"""Return ``json.dumps(value, indent=indent)`` with ``before`` in front of each line but the first, DEL as ``\u007f``."""
     return JsonPage(indent).text(value, before)
 
 
 class JsonPage:
-    """Makes `json_page` of many values; names and sentences that are repeated are escaped only once."""
+    """Writes values with ``indent`` blanks for each level; names and sentences that come again are put together once."""
 
     __slots__ = ("_before", "_indent", "_lines", "_names", "_parts", "_texts")
 

@@ -45,7 +45,7 @@ _MISSED_ERRORS: Final = 15
 
 _ETHERNET: Final = 1
 _RAW: Final = 101
-#: ARPHRD number -> LINKTYPE number and name, of interfaces that the ring can capture on; dumpcap can on others as well.
+#: ARPHRD number -> LINKTYPE number and name; what is not here is captured by dumpcap only.
 LINK_TYPES: Final = {1: (_ETHERNET, "Ethernet"), 772: (_ETHERNET, "Ethernet")} | dict.fromkeys(
     (519, 768, 776, 0xFFFE), (_RAW, "raw IP")
 )

@@ -11,10 +11,10 @@ from dissect.source.live.reader import WAIT_MS, LiveError, LiveReader, Unavailab
 
 #: Ways to capture, the preferred one first.
 ENGINES: Final = ("dumpcap", "ring")
-#: The largest snap length, in octets, and the largest kernel buffer, in MiB.
+#: What may be given as a snap length and as the size of the kernel's buffer, in octets and MiB.
 MAX_SNAPLEN: Final = 262_144
 MAX_BUFFER_MIB: Final = 1024
-#: The default size of the kernel's buffer, in MiB.
+#: What the kernel holds unless told otherwise.
 BUFFER_MIB: Final = 32
 
 

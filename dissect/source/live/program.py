@@ -66,7 +66,10 @@ class Assembler:
         self._items.append((code, k, yes, no))
 
     def assemble(self) -> list[Instruction]:
-        """Return the program. A comparison can only jump over 255 instructions; farther jumps get instructions of their own."""
+        """Return the program. A comparison reaches 255 instructions far: farther ones go by a jump of their own.
+
+        Raises `TooLongError`.
+        """
         far: set[int] = set()
         while True:
             starts, size = [], 0
@@ -171,7 +174,7 @@ def compile_with_libpcap(expression: str, interface: str) -> list[Instruction]:
 
 
 def complaint_of_libpcap(expression: str, link_type: int = 1) -> str:
-    """Return libpcap's error for ``expression``, empty when it is valid. `LookupError` when there is no libpcap."""
+    """Return what libpcap has against ``expression``, empty when it is valid. `LookupError` without libpcap."""
     library = _load()
     if library is None:
         raise LookupError
