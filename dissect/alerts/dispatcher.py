@@ -107,7 +107,8 @@ class SpoolLane:
         if counts.failed or counts.dropped:
             self._complaints.say(f"{counts.failed} failed, {counts.dropped} dropped, {counts.delivered} delivered")
         if left:
-            self._complaints.say(f"{words.count(left, 'alert')} wait in {self.spool.folder} for the next run")
+            waiting = words.count(left, "alert waits", "alerts wait")
+            self._complaints.say(f"{waiting} in {self.spool.folder} for the next run")
 
     # ---- threads ----------------------------------------------------------------------------------------------------
 

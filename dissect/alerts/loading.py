@@ -153,7 +153,7 @@ def seconds(table: Table, key: str, default: float) -> float:
     """Return a duration in seconds, more than 0 and at most an hour."""
     duration = _duration(table, key, round(default * _S))
     if not 0 < duration <= _UNITS["h"]:
-        raise table.fail(key, "is not between 0 and an hour")
+        raise table.fail(key, "must be more than 0 and at most an hour")
     return duration / _S
 
 

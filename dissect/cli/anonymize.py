@@ -40,7 +40,7 @@ def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
 
 
 @click.command("anonymize", epilog=_EXIT_CODES)
-@click.argument("file", type=click.Path(), metavar="FILE")
+@click.argument("file", type=click.Path(readable=False), metavar="FILE")
 @click.option(
     "-o", "--output", "output", required=True, metavar="OUT", help="The pcapng file to write; - is standard output."
 )

@@ -44,22 +44,25 @@ _EXIT_CODES = (
     "-o",
     "--output",
     metavar="PLANT.toml",
-    type=click.Path(),
+    type=click.Path(readable=False),
     help="File to write the baseline to (default: standard output).",
 )
 @click.option(
-    "--update", metavar="OLD.toml", type=click.Path(), help="Extend this baseline; it may also be the output."
+    "--update",
+    metavar="OLD.toml",
+    type=click.Path(readable=False),
+    help="Extend this baseline; it may also be the output.",
 )
 @click.option(
     "--against",
     metavar="PLANT.toml",
-    type=click.Path(),
+    type=click.Path(readable=False),
     help="Do not learn; report what this baseline does not contain.",
 )
 @click.option(
     "--rules",
     metavar="ALERTS.toml",
-    type=click.Path(),
+    type=click.Path(readable=False),
     help="Report alerts that these rules would raise; no action is executed.",
 )
 @click.option(

@@ -72,7 +72,7 @@ class _Command(click.Command):
     "-o",
     "--output",
     "output",
-    type=click.Path(),
+    type=click.Path(readable=False),
     metavar="DIR",
     help="Write each block to a file in DIR, with manifest.json.",
 )

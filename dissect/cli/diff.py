@@ -46,8 +46,8 @@ _IGNORABLE = "\n".join(
 
 
 @click.command("diff", epilog=f"{_EXIT_CODES}\n\n\b\nKinds of differences for --ignore:\n{_IGNORABLE}")
-@click.argument("first", metavar="A", type=click.Path())
-@click.argument("second", metavar="B", type=click.Path())
+@click.argument("first", metavar="A", type=click.Path(readable=False))
+@click.argument("second", metavar="B", type=click.Path(readable=False))
 @format_option(DIFFERENCES)
 @click.option(
     "--ignore",

@@ -23,7 +23,7 @@ from dissect.cli.options.tls import tls_option
 from dissect.cli.run import checksums_option, complain_of, drive, files_argument, slow_option
 from dissect.cli.task import current
 from dissect.source.remote import is_remote, shown
-from dissect.wire.saving import Saving, SavingFolder, is_special
+from dissect.wire.saving import Saving, SavingFolder, expect_place, is_special
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
@@ -216,6 +216,8 @@ def check_output(target: Target, files: Sequence[str], force: bool) -> None:
 @contextmanager
 def saved(target: Target) -> Iterator[Path]:
     """Give the place to write to, which becomes the output when the block ends well. Raises `OSError` that names the output."""
+    if not target.folder:
+        expect_place(target.path)  # databases have words of their own for it
     saving: Any = SavingFolder(target.path) if target.folder else Saving(target.path)
     try:
         with saving:

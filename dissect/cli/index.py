@@ -39,7 +39,7 @@ _NAMED: Final = 3
     epilog="Exit code: 0 success, 2 wrong use or an unreadable folder, 3 a file that cannot be read or is damaged, 5 the index "
     "or the output could not be written, 130 interrupted.",
 )
-@click.argument("folder", type=click.Path(file_okay=False), metavar="DIR")
+@click.argument("folder", type=click.Path(file_okay=False, readable=False), metavar="DIR")
 @where_option(help="Only the names of the files from which this expression can select something, one per line.")
 @format_option(OUTCOME)
 @click.option("-0", "--null", is_flag=True, help="With -Y: the names alone, each ended by a NUL byte, for xargs -0.")
@@ -47,7 +47,7 @@ _NAMED: Final = 3
 @click.option(
     "--file",
     "index_file",
-    type=click.Path(dir_okay=False),
+    type=click.Path(dir_okay=False, readable=False),
     metavar="INDEX",
     help="Keep the index here.  [default: in DIR]",
 )

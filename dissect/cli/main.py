@@ -246,7 +246,9 @@ def _show(exc: click.ClickException, arguments: list[str]) -> None:
             vars(exc)["message"] = exc.message.replace(word, printable(word))
     said = io.StringIO()
     exc.show(file=said)
-    click.echo("\n".join([printable(line) for line in said.getvalue().rstrip("\n").split("\n")]), err=True)
+    # click lists choices with tabs, which are none of a name: those in names were escaped above.
+    lines = said.getvalue().rstrip("\n").replace("\n\t", "\n    ").split("\n")
+    click.echo("\n".join([printable(line) for line in lines]), err=True)
 
 
 def _meant(exc: click.ClickException, arguments: list[str]) -> str:

@@ -68,13 +68,28 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     except ValueError:
         raise click.BadParameter(f"expected seconds, got {value!r}.", ctx, param) from None
     if not 0 < number <= 1e9:
-        raise click.BadParameter(f"{value} is not between 0 and 1000000000.", ctx, param)
+        raise click.BadParameter(f"expected more than 0 and at most 1000000000 seconds, got {value!r}.", ctx, param)
     return int(number * 1e9)
 
 
+def _one(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> str | None:
+    """Return the interface: of several, which the capture programs take, all but the last would go unseen."""
+    if len(values) > 1:
+        raise click.BadParameter("only one interface can be watched: start a monitor for each.", ctx, param)
+    return values[0] if values else None
+
+
 @click.command("monitor", epilog=_EXIT_CODES)
-@click.argument("file", required=False, type=click.Path(), metavar="[FILE]")
-@click.option("-i", "--interface", "interface", metavar="NAME", help="Interface to watch (see `s7dissect interfaces`).")
+@click.argument("file", required=False, type=click.Path(readable=False), metavar="[FILE]")
+@click.option(
+    "-i",
+    "--interface",
+    "interface",
+    multiple=True,
+    callback=_one,
+    metavar="NAME",
+    help="Interface to watch (see `s7dissect interfaces`).",
+)
 @click.option(
     "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture filter, for example 'tcp port 102'."
 )
@@ -180,7 +195,7 @@ def command(
         scrape.watch(session)
         beside.watch(session, on_screens)
         if on_screens:
-            code = _on_screens(session, slow_ns, chosen, wanted)
+            code = _on_screens(session, slow_ns, chosen, wanted, beside)
         else:
             code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics, chosen)
     return gate(session.run, fail_on, code)
@@ -285,7 +300,7 @@ def _screens_will_do() -> bool:
     return will_do()
 
 
-def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None) -> int:
+def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None, beside: Beside) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.monitor.terminal import NoKeyboardError, keyboard
     from dissect.report.words import Places
@@ -306,6 +321,7 @@ def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSe
             try:
                 interrupted = run_app(session, slow_ns, clock(), chosen.where, Places([], False, hosts()), wanted)
             finally:
+                beside.watch(session, False)  # what is said from now on, nobody would see there
                 session.close()
     except NoKeyboardError as error:
         raise click.ClickException(f"the screens need a terminal for the keys ({error}); use --plain") from None

@@ -16,6 +16,7 @@ from dissect.cli.options.scd import scd_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import slow_option
+from dissect.cli.second_pass import check_out
 from dissect.cli.watching import (
     POLL_MOST,
     POLL_S,
@@ -134,6 +135,8 @@ def command(
         raise click.UsageError(
             f"-w - writes the capture to standard output, so -T {format_.name} and --only cannot be used."
         )
+    if output is not None:
+        check_out((), output, force)
     tap = Tap()
     relay = Relay(places_to_listen(listen, allow_remote), places_to_connect(to), tap)
     try:
@@ -193,7 +196,7 @@ class _Lines:
         sent = " and ".join(
             [f"{octets} bytes from {who}" for octets, who in zip(relay.octets, ("clients", "the PLC"), strict=True)]
         )
-        unreached = f", {relay.failed} more failed to connect" if relay.failed else ""
+        unreached = f", {relay.failed} failed to connect" if relay.failed else ""
         _say(f"{words.count(relay.connections, 'connection')} relayed{unreached}; {sent}")
         for line in summary_lines(status, "file"):
             _say(line)

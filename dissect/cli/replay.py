@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -12,8 +11,10 @@ import click
 from dissect.cli.diff import Comparison
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import write_text
-from dissect.cli.main import EXIT_GATE, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
+from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
+from dissect.cli.second_pass import check_out
+from dissect.cli.watching import Interruption
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError, Session
 from dissect.report import words
@@ -32,7 +33,8 @@ REPLAY_SCHEMA: Final = "s7dissect.replay/1"
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the answers match the recording, 1 they differ, 2 wrong use, an unreadable or damaged file, or a target that "
-    "is not allowed or cannot be reached, 5 the output could not be written, 130 interrupted."
+    "is not allowed or cannot be reached, 5 the output could not be written, 130 interrupted by SIGINT or SIGTERM (with "
+    "results)."
 )
 _TSAP: Final = re.compile(r"[0-9A-Fa-f]{2}(?:\.?[0-9A-Fa-f]{2})*")
 _MAX_TSAP: Final = 32
@@ -60,7 +62,7 @@ def _pace(ctx: click.Context, param: click.Parameter, value: str) -> float | Non
 
 
 @click.command("replay", epilog=_EXIT_CODES)
-@click.argument("file", metavar="FILE", type=click.Path())
+@click.argument("file", metavar="FILE", type=click.Path(readable=False))
 @click.option("--to", "to", metavar="HOST[:PORT]", help="The server (default port 102). Required unless --dry-run.")
 @click.option("--allow-remote", is_flag=True, help="Allow a --to address on another machine.")
 @click.option("--allow-write", is_flag=True, help="Also send Write Var.")
@@ -187,7 +189,10 @@ def command(
         raise click.UsageError("missing --to HOST:PORT, the server (or --dry-run).")
     if dry_run and format_ is not formats_for(DIFFERENCES)[0]:
         raise click.UsageError("--dry-run writes text only; -T applies to the result of a replay.")
-    _check_output(file, output)
+    if output == "-":
+        raise click.UsageError("-w needs a file: standard output is used for the differences.")
+    if output is not None and not dry_run:
+        check_out((file,), output, force)
     recorded = load_recorded(file, decoder)
     plan = make_plan(recorded, numbers, _place(tsap, rack, slot))
     if not one_by_one:
@@ -214,13 +219,6 @@ def _place(tsap: bytes | None, rack: int | None, slot: int | None) -> bytes | tu
     return rack, slot
 
 
-def _check_output(file: str, output: str | None) -> None:
-    if output == "-":
-        raise click.UsageError("-w needs a file: standard output is used for the differences.")
-    if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
-        raise click.UsageError("-w would overwrite the recording.")
-
-
 def _replayed(
     recorded: Session,
     plan: Sequence[Part],
@@ -230,11 +228,14 @@ def _replayed(
     decoder: PayloadDecoder | None,
 ) -> Outcome:
     from dissect.playback.client import places_of, replay
+    from dissect.playback.client.watch import Watch
 
     places = places_of(*where)
     writer = _writer(*out) if out[0] is not None else None
+    watch = Watch()
     try:
-        return replay(recorded, plan, places, where[0], *how, writer, decoder)
+        with Interruption(watch.halt):
+            return replay(recorded, plan, places, where[0], *how, writer, decoder, watch)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
 
@@ -261,6 +262,9 @@ def _report(outcome: Outcome, options: DiffOptions, format_: Format, most: int) 
     if outcome.file_trouble:
         _say(f"the capture file is incomplete: {outcome.file_trouble}")
         return EXIT_OUTPUT
+    if outcome.interrupted:
+        _say("interrupted")
+        return EXIT_INTERRUPTED
     if outcome.unreachable or outcome.expected.damage:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK

@@ -46,6 +46,13 @@ def needs_template_engine() -> None:
         raise click.ClickException(rendering.NEEDS)
 
 
+def _two_captures(ctx: click.Context, param: click.Parameter, both: tuple[str, str] | None) -> tuple[str, str] | None:
+    """Refuse an option in the place of the second capture: click would miss it elsewhere."""
+    if both is not None and both[1].startswith("-"):
+        raise click.BadParameter(f"expected two captures, got {both[0]!r} and the option {both[1]!r}.", ctx, param)
+    return both
+
+
 @click.command("report", epilog=_EXIT_CODES)
 @files_if_any
 @click.option(
@@ -63,8 +70,9 @@ def needs_template_engine() -> None:
     "--diff",
     "both",
     nargs=2,
-    type=click.Path(),
+    type=click.Path(readable=False),
     default=None,
+    callback=_two_captures,
     metavar="A B",
     help="Instead of FILE: two captures side by side, their plots overlaid.",
 )

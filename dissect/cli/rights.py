@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.wire.text import printable
+
 if TYPE_CHECKING:
     from dissect.cli.options.monitor import Beside
     from dissect.source.live.privileges import User
@@ -53,16 +55,26 @@ def open_interface(
     """
     from dissect.source.live import privileges
     from dissect.source.live.opening import open_live
+    from dissect.source.live.reader import LiveError
 
     root = privileges.is_root()
     keeps = user == _ROOT
     become = privileges.heir(user) if root and not keeps else None
-    reader = _by_ring_first(interface, expression, buffer_mib) if become is not None and engine == "auto" else None
+    reader: LiveReader | None = None
+    remedy = "--engine ring drops all privileges"
+    if become is not None and engine == "auto":
+        try:
+            reader = open_live(interface, expression, "ring", buffer_mib=buffer_mib)
+        except LiveError as why:  # dumpcap may, or says why nobody can
+            if user:
+                remedies = why.advice or (f"-Z {user} needs the ring; -Z root keeps all privileges",)
+                raise LiveError(str(why), remedies) from None
+            remedy = f"the ring, which drops all privileges, cannot be used: {why}"
     if reader is None:
         reader = open_live(interface, expression, engine, buffer_mib=buffer_mib)
     if keeps or reader.engine != "ring":
         if root and not keeps:
-            _say(f"{reader.engine} and the dissection run as root; --engine ring drops all privileges")
+            _say(printable(f"{reader.engine} and the dissection run as root; {remedy}"))
         return reader
     try:
         _relinquish(beside, become, on_screens)
@@ -72,17 +84,6 @@ def open_interface(
     if become is not None:
         _say(f"interface opened; now running as {become} without privileges")
     return reader
-
-
-def _by_ring_first(interface: str, expression: str, buffer_mib: int) -> LiveReader | None:
-    """Open the ring, None where it cannot be: dumpcap may, or says why nobody can."""
-    from dissect.source.live.opening import open_live
-    from dissect.source.live.reader import LiveError
-
-    try:
-        return open_live(interface, expression, "ring", buffer_mib=buffer_mib)
-    except LiveError:
-        return None
 
 
 def _import_all() -> None:

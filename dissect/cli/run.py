@@ -58,10 +58,12 @@ def _files(_ctx: click.Context, _param: click.Parameter, files: tuple[str, ...])
 
 
 #: The files to read: `-` is standard input, a pattern or a range of days what it finds.
-files_argument = click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE...", callback=_files)
+files_argument = click.argument(
+    "files", nargs=-1, required=True, type=click.Path(readable=False), metavar="FILE...", callback=_files
+)
 #: The same where a command does without.
 files_if_any: Final[Callable[[Any], Any]] = click.argument(
-    "files", nargs=-1, type=click.Path(), metavar="FILE...", callback=_files
+    "files", nargs=-1, type=click.Path(readable=False), metavar="FILE...", callback=_files
 )
 
 
@@ -80,7 +82,7 @@ def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> i
     except ValueError:
         raise click.BadParameter(f"expected milliseconds, got {ms!r}.", ctx, param) from None
     if not 0 <= number <= 1e9:
-        raise click.BadParameter(f"{ms} is not between 0 and 1000000000.", ctx, param)
+        raise click.BadParameter(f"expected 0 to 1000000000 milliseconds, got {ms}.", ctx, param)
     return int(number * 1e6)
 
 

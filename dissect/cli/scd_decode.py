@@ -31,7 +31,13 @@ _HEADINGS: Final = ("address", "name", "value", "unit", "raw", "flags")
 _SHOWN_NUMBERS: Final = ("tid", "seq", "src", "dst", "port")
 
 dictionary_option = click.option(
-    "-d", "--dictionary", "path", required=True, metavar="X", type=click.Path(dir_okay=False), help="The dictionary."
+    "-d",
+    "--dictionary",
+    "path",
+    required=True,
+    metavar="X",
+    type=click.Path(dir_okay=False, readable=False),
+    help="The dictionary.",
 )
 
 

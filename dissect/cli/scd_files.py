@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _CHECK_SCHEMA: Final = "s7dissect.scd-check/1"
 _DIFF_SCHEMA: Final = "s7dissect.scd-diff/1"
-_FILE: Final = click.Path(exists=False, dir_okay=False)
+_FILE: Final = click.Path(exists=False, dir_okay=False, readable=False)
 #: Exit codes of `diff` by what differs.
 _DIFFERENT: Final = {"same": EXIT_OK, "names": EXIT_GATE, "wire": 2}
 _LEVELS: Final = {

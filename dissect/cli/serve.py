@@ -8,6 +8,7 @@ import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK
 from dissect.cli.run import files_argument
+from dissect.cli.second_pass import check_out
 from dissect.cli.watching import Interruption
 from dissect.wire.text import printable
 
@@ -118,12 +119,15 @@ def command(
     from dissect.playback.server import Server, load_recording
     from dissect.playback.server.service import places_to_serve
 
-    places_to_serve(listen, allow_remote)  # before the file is read, which may take a while
+    # Before the file is read, which may take a while.
+    places_to_serve(listen, allow_remote)
+    if output == "-":
+        raise click.UsageError("-w needs a file: standard output is used for messages.")
+    if output is not None:
+        check_out(files, output, force)
     recording = load_recording(*files)
     for note in recording.notes:
         _say(note)
-    if output == "-":
-        raise click.UsageError("-w needs a file: standard output is used for messages.")
     server = Server(
         recording,
         listen.port,

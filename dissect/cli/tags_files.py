@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _CHECK_SCHEMA: Final = "s7dissect.tags-check/1"
 _LIST_SCHEMA: Final = "s7dissect.tags-list/1"
-_FILE: Final = click.Path(dir_okay=False)
+_FILE: Final = click.Path(dir_okay=False, readable=False)
 files_argument = click.argument("files", nargs=-1, required=True, type=_FILE, metavar="FILE...")
 #: Overlaps, addresses without a tag and characters of a name that a text shows.
 _SHOWN: Final = 20
@@ -51,7 +51,7 @@ _WRITING: Final = "Exit code: 0 success, 2 wrong use, or tags that cannot be use
     "--capture",
     "captures",
     multiple=True,
-    type=click.Path(),
+    type=click.Path(readable=False),
     metavar="CAPTURE",
     help="Also report how much of the traffic in this capture the tags cover. Repeatable.",
 )

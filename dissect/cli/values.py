@@ -62,7 +62,7 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
 
 
 @click.command("values", epilog=EXIT_CODES)
-@click.argument("files", nargs=-1, required=True, type=click.Path(), metavar="FILE... [ADDRESS|TAG]...")
+@click.argument("files", nargs=-1, required=True, type=click.Path(readable=False), metavar="FILE... [ADDRESS|TAG]...")
 @format_option(VALUES)
 @click.option("--changes", is_flag=True, help="Only values that differ from the one before, and the first of each.")
 @click.option(

@@ -28,7 +28,7 @@ POLL_MOST: Final = 512
 
 
 def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...]:
-    topics = tuple([topic.strip() for topic in value.split(",")]) if value else ()
+    topics = tuple([topic.strip() for topic in value.split(",")]) if value is not None else ()
     for topic in topics:
         if topic not in _TOPICS:
             raise click.BadParameter(f"expected {', '.join(_TOPICS)}, got {topic!r}.", ctx, param)

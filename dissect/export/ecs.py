@@ -162,7 +162,7 @@ class EcsExport(Export, Observer):
             "reason": row["ended"],
             "start": self._clock.iso(row["ts_ns"]),
             "end": self._clock.iso(row["end_ns"]),
-            "duration": row["end_ns"] - row["ts_ns"],
+            "duration": _duration(row["end_ns"] - row["ts_ns"]),
         }
         told["network"] |= {"bytes": row["client_bytes"] + row["server_bytes"], "packets": row["packets"]}
         for side in ("client", "server"):
@@ -189,7 +189,7 @@ class EcsExport(Export, Observer):
             "start": self._clock.iso(row["ts_ns"]),
         }
         if row["response_ns"] is not None and asked:
-            told["event"] |= {"end": self._clock.iso(row["response_ns"]), "duration": row["latency_ns"]}
+            told["event"] |= {"end": self._clock.iso(row["response_ns"]), "duration": _duration(row["latency_ns"])}
         if row["errors"]:
             told["error"] = {"message": encodable("; ".join(row["errors"]))}
         told["s7dissect"] |= {
@@ -335,6 +335,11 @@ def _outcome(row: Mapping[str, Any]) -> str:
     if row["failed"]:
         return "failure"
     return "success" if row["outcome"] in {"answered", "unsolicited"} else "unknown"
+
+
+def _duration(ns: int | None) -> int | None:
+    """Return a duration, None below zero: the clock of the capture ran backwards, and the schema has none of these."""
+    return ns if ns is None or ns >= 0 else None
 
 
 def _without_nothing(told: dict[str, Any]) -> dict[str, Any]:

@@ -216,8 +216,8 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
     for name in only:
         if name not in form.names():
             near = close_names(name, form.names())
-            hint = f"Did you mean {' or '.join(near)}?" if near else f"It has {', '.join(form.names())}."
-            raise UnknownTableError(f"{form.about} has no part {name!r}. {hint}")
+            hint = f"Did you mean {' or '.join(near)}?" if near else f"Known are {', '.join(form.names())}."
+            raise UnknownTableError(f"no part {name!r} in {form.about}. {hint}")
     single = form.shape == "file" or (form.shape == "either" and not prefixed and len(set(only)) == 1 and files == 1)
     return Target(form, path, not single)
 

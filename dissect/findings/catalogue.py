@@ -56,8 +56,8 @@ class Rule:
 #: Slug, severity, kind, sentence, advice, and the keys of MITRE techniques with spaces between them.
 _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     # The capture itself.
-    ("capture.damaged", WARNING, CAPTURE, "The capture file is damaged or cut off.",
-     "Everything before the damage was analyzed. Copy the file again, or stop the capture cleanly before copying.", ""),
+    ("capture.damaged", WARNING, CAPTURE, "The capture is damaged, or ended too early.",
+     "All before that was analyzed. Copy the file again after a clean stop; of a live capture, check the interface.", ""),
     ("capture.dropped", WARNING, CAPTURE, "Packets were lost while capturing.",
      "This can cause gaps and unanswered requests. Filter out what you do not need (-f), or capture on a faster machine.", ""),
     ("capture.cut_frames", WARNING, CAPTURE, "The capture kept only the beginning of some packets (snaplen).",

@@ -257,6 +257,8 @@ class SecurityWatch:
         body = transaction.request_body
         name = body.text("service") if body is not None else ""
         slug = _service_slug(name)
+        if slug == "security.unknown_service" and _is_cut_short(transaction, name):
+            return
         if slug:
             self.tell(slug, transaction)
 
@@ -349,7 +351,8 @@ class SecurityWatch:
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
             within = duration_text(int(now_ns - since))
-            detail = f"{PACE} messages within {within} from {connection.client} to {connection.server}"
+            who = f"{connection.client} and {connection.server}"
+            detail = f"{PACE} messages within {within} between {who}, both directions together"
             self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
@@ -458,6 +461,12 @@ def _forced(transaction: Transaction) -> str:
     """Return the function, and which variables it sets to which value; empty where the request does not say it."""
     said = items_said(transaction.connection.naming, transaction.results(), True, _NAMED)
     return f"{transaction.function_name} {said}" if said else ""
+
+
+def _is_cut_short(transaction: Transaction, name: str) -> bool:
+    """Return whether the name of a PI service is the beginning of one that is known, in a request that was captured in part."""
+    request = transaction.request
+    return request is not None and bool(request.malformed) and any([row.startswith(name) for row in PI_SERVICES])
 
 
 def _service_slug(name: str) -> str:

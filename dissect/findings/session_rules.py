@@ -201,9 +201,7 @@ def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
         if tsap is not None:
             said += f", called TSAP {tsap.describe()}"
     elif ending.oldest is not None:
-        said += (
-            f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {ending.waited()}"
-        )
+        said += f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {ending.age()}"
         said += ending.last_heard()
     frames = [frame for frame in (ending.oldest_frame, ending.frame) if frame]
     judge.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)

@@ -272,7 +272,7 @@ def _why(transaction: Transaction) -> str:
     connection = transaction.connection
     ending = connection.ending
     if transaction.reason == CONNECTION_CLOSED and ending is not None:
-        deed = ending.deed(connection, int(transaction.request_ns))
+        deed = ending.deed_after(connection, transaction.request_frame, transaction.request_ns)
         if deed:
             return deed
     return REASON_TEXTS[transaction.reason]

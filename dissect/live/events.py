@@ -16,7 +16,7 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
-#: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself.
+#: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself, an ``ALERT`` one that an alert is told in.
 OPENED: Final = "connection_opened"
 CLOSED: Final = "connection_closed"
 TRANSACTION: Final = "transaction"
@@ -25,6 +25,7 @@ FINDING: Final = "finding"
 SCD: Final = "scd"
 DEVICE: Final = "device"
 PROBLEM: Final = "problem"
+ALERT: Final = "alert"
 KINDS: Final = frozenset((OPENED, CLOSED, TRANSACTION, OPERATION, FINDING, SCD, DEVICE, PROBLEM))
 
 

@@ -78,7 +78,7 @@ class PlainLines:
             return f"{begun}  {self._finding(what)}"
         if isinstance(what, Fact):
             return f"{begun}  {self._device(what)}"
-        return f"{begun}  PROBLEM {printable(what)}"
+        return f"{begun}  PROBLEM  {printable(what)}"
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
         """Return the line that says how many events, by kind, were left out because the output was not taken in time."""

@@ -127,6 +127,8 @@ _DROPS_EVERY_NS: Final = _SECOND
 _TICK_NS: Final = 50_000_000
 #: After this long the findings may be as many again as in the beginning.
 _RENEW_NS: Final = 60 * _SECOND
+#: Silence before the end that counts as such.
+_SILENCE_NS: Final = _SECOND
 #: How long what already arrived is still read after `LiveRun.stop`.
 _DRAIN_NS: Final = 2 * _SECOND
 #: Failures of companions that are kept in words.
@@ -235,6 +237,11 @@ class LiveRun:
         return int(self._source.octets)
 
     @property
+    def notes(self) -> list[str]:
+        """What a live source has said so far, in sentences; a file says it when it was read (``file.notes``)."""
+        return self._source.notes if self._live is not None else []
+
+    @property
     def now_ns(self) -> int:
         """The time by the clock of the capture; that of this machine while nothing was captured yet."""
         if not self.pipeline.frames:
@@ -289,9 +296,21 @@ class LiveRun:
         file.notes = list(source.notes)
         if file.loss:
             self.pipeline.note_damage(f"{file.name}: {file.loss}")
+        self._let_silence_count()
         self.pipeline.finish()
         for companion in self._companions:
             self._close(companion)
+
+    def _let_silence_count(self) -> None:
+        """End at the present time where the line was silent: what is open has waited until now, not until the last packet.
+
+        A recording that came through a pipe ends with its last packet.
+        """
+        silence = self._clock() - self._anchor
+        if self._live is None or not self.pipeline.frames or silence < _SILENCE_NS:
+            return
+        self.pipeline.counters.now_ns = self.now_ns
+        self._anchor += silence
 
     def show_packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int) -> None:
         """Give a packet to the companions that want it."""

@@ -88,6 +88,7 @@ class Session:
         self._thread: threading.Thread | None = None
         self._stop_asked = False
         self._failures_told = 0
+        self._notes_told = 0
         self._patient = False
         self.engine = ""
         self.error: Exception | None = None
@@ -148,14 +149,14 @@ class Session:
             self._changed.notify_all()
             return taken
 
-    def say(self, text: str) -> None:
-        """Add a sentence about the monitor itself as a ``PROBLEM``. May be called from any thread."""
-        event = Event(PROBLEM, self.run.now_ns, text)
+    def say(self, text: str, kind: str = PROBLEM) -> None:
+        """Add a sentence: a ``PROBLEM`` of the monitor itself, or an ``ALERT``. May be called from any thread."""
+        event = Event(kind, self.run.now_ns, text)
         with self._changed:
             if len(self._events) < self._max_events + _RESERVE:
                 self._events.append(event)
             else:
-                self.lost[PROBLEM] = self.lost.get(PROBLEM, 0) + 1
+                self.lost[kind] = self.lost.get(kind, 0) + 1
             self._changed.notify()
 
     def close(self, wait_s: float = 10.0) -> None:
@@ -205,6 +206,9 @@ class Session:
         for told in run.failures[self._failures_told :]:
             fresh.append(Event(PROBLEM, run.now_ns, told))
             self._failures_told += 1
+        for note in run.notes[self._notes_told :]:
+            fresh.append(Event(PROBLEM, run.now_ns, note))
+            self._notes_told += 1
         if not fresh:
             return
         self._collector.fresh = []

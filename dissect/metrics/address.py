@@ -9,6 +9,8 @@ from typing import Final, NamedTuple
 
 #: Where people expect it; the port is the one after that of Prometheus' own node exporter and its kin.
 DEFAULT: Final = "127.0.0.1:9102"
+#: What only this machine can reach.
+THIS_MACHINE: Final = "127.0.0.1"
 
 _ADDRESS: Final = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%\w]+)\]|(?P<host>[^\[\]:\s]+)):(?P<port>[0-9]{1,5})", re.ASCII)
 
@@ -57,7 +59,7 @@ def resolve(address: Address, allow_remote: bool) -> Target:
     if not allow_remote and not is_loopback(host):
         raise AddressError(
             f"{address} can be reached from other machines, and anyone who reaches it can read the metrics: "
-            f"use {DEFAULT}, or add --allow-remote if that is intended"
+            f"use {Address(THIS_MACHINE, address.port)}, or add --allow-remote if that is intended"
         )
     port = int(where[1])
     return Target(family, (host, port, int(where[2]), int(where[3])) if len(where) == 4 else (host, port))

@@ -92,7 +92,7 @@ class MonitorApp(App[bool]):
     """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times.
 
     Of what rolls by only that is shown which ``where`` selects, until another expression is asked for. ``places`` names hosts.
-    ``wanted`` variables are watched from the beginning; without them all are, from the moment their values are asked for.
+    ``wanted`` variables are watched from the beginning; without them all are, once their values are asked for.
     """
 
     ENABLE_COMMAND_PALETTE = False
@@ -154,7 +154,7 @@ class MonitorApp(App[bool]):
         self._second = 0.0
         self._height = 24
         self._told_end = False
-        self._problems_told = 0
+        self._told = 0
 
     # ---- coming and going -------------------------------------------------------------------------------------------
 
@@ -210,9 +210,9 @@ class MonitorApp(App[bool]):
         if not self.paused and isinstance(self.screen, ValuesScreen):
             self._show_values(self.screen, status)
         self._show_head(status)
-        if len(self.model.problems) > self._problems_told:
-            self.foot.say(f"PROBLEM {printable(self.model.problems[-1])}")
-        self._problems_told = len(self.model.problems)
+        if self.model.said > self._told:
+            self.foot.say(printable(self.model.latest))
+        self._told = self.model.said
 
     def _show_panes(self, status: Status) -> None:
         facts = self.model.connections(status.now_ns)
@@ -292,7 +292,7 @@ class MonitorApp(App[bool]):
         why = str(error) or type(error).__name__ if error is not None else self._session.run.file.loss
         if why:
             self.foot.say(f"BROKEN OFF: {printable(why)}")
-        elif not self.model.problems:
+        elif not self.model.said:
             self.foot.say(f"the source has ended  {_END_KEYS}")
 
     # ---- room -------------------------------------------------------------------------------------------------------

@@ -159,6 +159,7 @@ def watched_details(facts: WatchedFacts, clock: Clock | None = None, places: Pla
                 4,
             )
         )
-    lines += [Line(""), Line("Its latest changes, the newest first", HEADING)]
+    title = "Its latest changes, the newest first" if facts.changes else "Where it was seen first"
+    lines += [Line(""), Line(title, HEADING)]
     lines += [Line(f"  {value_line(row, clock, places)}", PLAIN, 4) for row in reversed(facts.rows)]
     return lines

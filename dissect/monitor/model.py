@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Final
 
 from dissect.findings.reporter import Finding
-from dissect.live.events import CLOSED, Event
+from dissect.live.events import ALERT, CLOSED, Event
 from dissect.monitor.entries import Entry, Ring, What, detached
 from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
@@ -21,21 +20,21 @@ from dissect.variables.wanted import WantedSet
 #: Entries that are kept of each sort, and the octets they may take.
 MAX_ENTRIES: Final = 1000
 MAX_OCTETS: Final = 8_000_000
-#: Sentences about the monitor itself.
-_MAX_PROBLEMS: Final = 20
 
 
 class Model:
     """Folds events.
 
     What failed or was slow is kept beside the rest, so that it does not roll by with it; so is what a filter
-    wants, from the moment it is set. An answer later than ``slow_ns`` is slow.
+    wants, from the moment it is set. An answer later than ``slow_ns`` is slow. ``said`` counts problems of the monitor and
+    alerts, ``latest`` is the last of them.
     """
 
     def __init__(self, slow_ns: int = 1_000_000_000, most: int = MAX_ENTRIES, most_octets: int = MAX_OCTETS) -> None:
         self.slow_ns = slow_ns
         self.wanted = Wanted("", slow_ns)
-        self.problems: deque[str] = deque(maxlen=_MAX_PROBLEMS)
+        self.said = 0
+        self.latest = ""
         self.came = 0
         self._most = most
         self._most_octets = most_octets
@@ -66,7 +65,8 @@ class Model:
             elif isinstance(what, Finding):
                 self._findings.note(what)
             elif isinstance(what, str):
-                self.problems.append(what)
+                self.said += 1
+                self.latest = what if event.kind == ALERT else f"PROBLEM {what}"
             elif isinstance(what, Fact):
                 continue  # its lines are those of the plain form
             elif not isinstance(what, tuple) or not what[0].message.phase:  # SCD with a phase is in a transaction

@@ -230,7 +230,7 @@ def _took(entry: Entry) -> str:
         return "-"
     if isinstance(what, Transaction):
         return words.answer_time(what.latency_ns)
-    return words.duration(what.duration_ns)
+    return words.answer_time(what.duration_ns)
 
 
 def _frames(entry: Entry) -> str:
@@ -294,9 +294,7 @@ _BY: Final = 16
 def watched_heads(title: str, width: int) -> str:
     """Return the heads of the columns, the title where the names stand."""
     name, trend = _watched_sizes(width)
-    return " ".join(
-        [fit(title, name), fit("value", _VALUE), fit("changed", _WHEN), fit("by", _BY), fit("trend", trend)]
-    )
+    return " ".join([fit(title, name), fit("value", _VALUE), fit("since", _WHEN), fit("by", _BY), fit("trend", trend)])
 
 
 def watched_row(facts: WatchedFacts, width: int, clock: Clock, look: Look, now_ns: int) -> list[Piece]:

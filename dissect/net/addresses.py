@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from typing import Final, NamedTuple
 
-from dissect.metrics.address import Address, AddressError, is_loopback, parse_address
+from dissect.metrics.address import THIS_MACHINE, Address, AddressError, is_loopback, parse_address
 from dissect.source.packet import CaptureError
 
 #: Where the proxy listens unless told otherwise.
@@ -55,7 +55,7 @@ def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER
         if not allow_remote and not is_loopback(str(place.address[0])):
             raise ProxyError(
                 f"{address} can be reached from other machines, {danger}: "
-                f"listen on {DEFAULT}, or add --allow-remote if that is intended"
+                f"listen on {Address(THIS_MACHINE, address.port)}, or add --allow-remote if that is intended"
             )
     return places if address.port else places[:1]  # a port that the system chooses is another one for each
 

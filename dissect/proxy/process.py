@@ -148,7 +148,8 @@ class RelayProcess:
         finally:
             code = os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
             if not over:
-                self.error = self.error or f"its process ended with {code}"
+                how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+                self.error = self.error or f"its process {how}"
 
     def _take_in(self, message: _Message) -> None:
         if message.counts is not None:

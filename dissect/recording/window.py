@@ -87,7 +87,11 @@ def parse_window(text: str) -> Window:
     begin, dots, end = text.partition("..")
     if not dots or not (begin or end):
         raise ValueError(f"{text!r} is not of the form BEGIN..END")
-    return Window(parse_moment(begin) if begin else None, parse_moment(end) if end else None)
+    window = Window(parse_moment(begin) if begin else None, parse_moment(end) if end else None)
+    first, last = window.begin, window.end
+    if first is not None and last is not None and first.base == last.base != _MIDNIGHT and last.ns < first.ns:
+        raise ValueError(f"{text!r} ends before it begins")
+    return window
 
 
 def parse_moment(text: str) -> Moment:

@@ -66,7 +66,7 @@ def _before(ending: Ending, places: Places) -> str:
         at = places.phrase([int(ending.oldest_frame)])
         first = "" if ending.open_requests == 1 else "the oldest is "
         open_then = words.count(ending.open_requests, "request")
-        parts = f" with {open_then} pending: {first}{oldest.subject} ({at}), {ending.waited()}"
+        parts = f" with {open_then} pending: {first}{oldest.subject} ({at}), {ending.age()}"
     elif ending.how in {FIN, DISCONNECT, OPEN}:
         return ""
     return parts + ending.last_heard(

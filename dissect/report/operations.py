@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.report import facets, words
+from dissect.report.line_octets import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.s7.szl import SZL_HEAD
@@ -54,9 +55,9 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
     what = f"{what} → {told}" if told else what
     said = "  ".join([text for text in (what, _carried(operation), result(operation)) if text])
     return (
-        f"{clock.moment(operation.begin_ns)}  #{operation.number:<4} {frames:<12}"
+        f"{clock.moment(operation.begin_ns)}  #{operation.number:<{NUMBER_WIDTH}} {frames:<{FRAMES_WIDTH}}"
         f" {places.end(ends[operation.asked_by])} → {places.end(ends[1 - operation.asked_by])}"
-        f"  {words.duration(operation.duration_ns):>8}  {NAMES[operation.kind]}  {said}"
+        f"  {words.answer_time(operation.duration_ns):>{LATENCY_WIDTH}}  {NAMES[operation.kind]}  {said}"
     )
 
 
@@ -78,7 +79,8 @@ def _carried(operation: Operation) -> str:
     each = operation.push_interval_ns
     if operation.kind == POLLING and operation.parts > 1:
         each = operation.duration_ns // int(operation.parts - 1)
-    if operation.pushes > 1 or (operation.kind == POLLING and operation.parts > 1):
+    # Below zero the clock of the capture ran backwards.
+    if each >= 0 and (operation.pushes > 1 or (operation.kind == POLLING and operation.parts > 1)):
         parts.append(f"one in {words.duration(each)} on average")
     if operation.octets:
         announced = f" of {operation.announced}" if operation.announced not in {-1, operation.octets} else ""

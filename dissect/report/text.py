@@ -276,7 +276,7 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
         yield Line(f"     {said}", PLAIN, 5)
     if connection.refused:
         yield Line(f"     REFUSED: {connection.refused}", "error", 5)
-    granted, asked = connection.granted, connection.setup_asked
+    granted, asked = connection.granted, connection.granted_for or connection.setup_asked
     if granted is not None:
         wish = (
             f" (requested {asked.pdu_length})" if asked is not None and asked.pdu_length != granted.pdu_length else ""
@@ -507,11 +507,12 @@ def finding_lines(
         where = f"connection {finding.connection}, " if finding.connection else ""
         said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
-    if count > most and details:
+    untold = count - min(len(details), most)  # of some rules only the first time is told
+    if untold and details:
         rest = _last_packets(details[most:], _MORE_FRAMES + 1)
         more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
         at = f": {places.phrase(sorted(rest[:_MORE_FRAMES]))}{more}" if rest else ""
-        yield Line(f"      and {count - most} more{at}", PLAIN, 8)
+        yield Line(f"      and {untold} more{at}", PLAIN, 8)
     yield Line(f"      → {rule.advice}", DIM, 8)
     if rule.techniques:
         yield Line(f"      MITRE ATT&CK: {', '.join([str(technique) for technique in rule.techniques])}", DIM, 8)

@@ -192,7 +192,8 @@ def _headers(packet: IbhPacket) -> int:
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
     """Yield what a parser found wrong, in the words of the other reports, and which octet of the tree that is."""
     for fact in facts:
-        yield f"    MALFORMED  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
+        what = "TRUNCATED" if fact.limit == "snaplen" else "MALFORMED"
+        yield f"    {what}  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
 
 
 def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:

@@ -205,6 +205,7 @@ class Connection:
         "ending",
         "errors",
         "granted",
+        "granted_for",
         "identified_by",
         "iso_ended",
         "iso_ended_by",
@@ -296,6 +297,7 @@ class Connection:
         self.iso_ended_ns: i64 = 0
         self.setup_asked: Setup | None = None
         self.granted: Setup | None = None
+        self.granted_for: Setup | None = None  # what was asked for then; a later setup may have been refused
         self._setup_by: i64 = 0
         self.setup_seen: bool = False
         self.setup_open: bool = False  # a setup was asked and not answered yet
@@ -474,6 +476,7 @@ class Connection:
     def grant(self, setup: Setup, asked_by: i64) -> None:
         """An answer to the setup that ``asked_by`` sent: these values hold from now on."""
         self.granted = setup
+        self.granted_for = self.setup_asked
         self._setup_by = asked_by
         self.pdu_length = setup.pdu_length
 

@@ -147,25 +147,41 @@ class Ending:
             return ""
         return f"; last {answer} {distance_text(self.time_ns - self.last_answer_ns)}"
 
-    def waited(self) -> str:
-        """Return how long the oldest open request had waited at the end, or how long after the end it was sent."""
-        age: int = self.time_ns - self.oldest_ns
-        return f"{duration_text(age)} old" if age >= 0 else f"asked {duration_text(-age)} after the end"
+    def deed(self, connection: Connection) -> str:
+        """Return who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
+        if self.how not in _DEEDS:
+            return ""
+        if self.reset_frame and self.reset_side != self.side:
+            return f"{self._first_deed(connection)}, the {connection.role(self.reset_side)} reset it,"
+        return f"{self._first_deed(connection)}{' and reset it' if self.reset_frame else ''}"
 
-    def deed(self, connection: Connection, asked_ns: int = 0) -> str:
-        """Return who ended the connection and how, empty when neither side did: ``the server reset the connection``.
+    def deed_after(self, connection: Connection, asked_frame: i64, asked_ns: i64) -> str:
+        """Return `deed` with its time relative to a request: ``the server reset the connection 1.20 s later``.
 
-        With ``asked_ns``, the time of a request, also when that was, relative to the request.
+        ``asked_frame`` and ``asked_ns`` are packet and time of the request. Empty when neither side ended the connection.
         """
         if self.how not in _DEEDS:
             return ""
-        when = f" {distance_text(asked_ns - self.time_ns)}" if asked_ns else ""
-        then = ""
-        if self.reset_frame and self.reset_side == self.side:
-            then = " and reset it"
-        elif self.reset_frame:
-            then = f", the {connection.role(self.reset_side)} reset it{'' if when else ','}"
-        return f"the {connection.role(self.side)} {_DEEDS[self.how]}{when}{then}"
+        if asked_ns > self.time_ns:
+            if asked_frame < self.frame:
+                return self.deed(connection).removesuffix(",")  # the clock ran backwards between the two
+            return f"sent {duration_text(asked_ns - self.time_ns)} after {self._first_deed(connection)}"
+        return f"{self.deed(connection)} {distance_text(asked_ns - self.time_ns)}"
+
+    def age(self) -> str:
+        """Return how old the oldest open request was at the end: ``1.20 s old``.
+
+        It may also have been sent after the end had begun, because a side may still send requests after the other side's FIN.
+        """
+        asked_ns = self.oldest_ns
+        if asked_ns > self.time_ns:
+            if self.oldest_frame < self.frame or not self.frame:
+                return "of unknown age, the clock ran backwards"
+            return f"sent {duration_text(asked_ns - self.time_ns)} after the end had begun"
+        return f"{duration_text(self.time_ns - asked_ns)} old"
+
+    def _first_deed(self, connection: Connection) -> str:
+        return f"the {connection.role(self.side)} {_DEEDS[self.how]}"
 
     @property
     def cut(self) -> bool:

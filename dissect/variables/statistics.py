@@ -20,22 +20,27 @@ _BUCKET_NS: Final = 1_000_000
 
 
 class Pace:
-    """How often a client came: ``count`` times, on average every ``mean`` nanoseconds, of which ``jitter`` is the deviation."""
+    """How often a client came: ``count`` times, on average every ``mean`` nanoseconds, of which ``jitter`` is the deviation.
 
-    __slots__ = ("count", "last_ns", "mean", "squares")
+    Times between two values are ``gaps``; one below zero, where the clock of the capture ran backwards, is none.
+    """
+
+    __slots__ = ("count", "gaps", "last_ns", "mean", "squares")
 
     def __init__(self) -> None:
         self.count: i64 = 0
+        self.gaps: i64 = 0
         self.last_ns: i64 = 0
         self.mean: float = 0.0
         self.squares: float = 0.0
 
     def add(self, time_ns: i64) -> None:
         """Take the time of another value (Welford's way of adding up deviations)."""
-        if self.count:
+        if self.count and time_ns >= self.last_ns:
             gap = float(time_ns - self.last_ns)
             off = gap - self.mean
-            self.mean += off / float(self.count)
+            self.gaps += 1
+            self.mean += off / float(self.gaps)
             self.squares += off * (gap - self.mean)
         self.count += 1
         self.last_ns = time_ns
@@ -43,12 +48,12 @@ class Pace:
     @property
     def period_ns(self) -> int | None:
         """The mean time between two values, None for fewer than two."""
-        return round(self.mean) if self.count > 1 else None
+        return round(self.mean) if self.gaps else None
 
     @property
     def jitter_ns(self) -> int | None:
         """The standard deviation of that time, None for fewer than two of them."""
-        return round(math.sqrt(self.squares / float(self.count - 1))) if self.count > 2 else None
+        return round(math.sqrt(self.squares / float(self.gaps))) if self.gaps > 1 else None
 
 
 class Statistics:

@@ -125,7 +125,7 @@ def test_actions() -> None:
         (ACTION + 'command = ["no-such-program"]\n', ACT + "command: 'no-such-program' is not an executable program"),
         (ACTION + 'command = ["true", "{text}"]\n', ACT + "command: {text} is not a placeholder; known: {rule}"),
         (ACTION + 'command = ["true"]\nparallel = 9\n', ACT + "parallel: 9 is outside 1 to 8"),
-        (ACTION + 'command = ["true"]\ntimeout = 0\n', ACT + "timeout: is not between 0 and an hour"),
+        (ACTION + 'command = ["true"]\ntimeout = 0\n', ACT + "timeout: must be more than 0 and at most an hour"),
         (ACTION + 'command = ["true"]\nshell = true\n', ACT + "shell: no such key here"),
         (ACTION.replace('"a"', '"stderr"') + 'command = ["true"]\n', ACT + "name: 'stderr' exists already"),
         (ACTION + 'syslog = "/no/such/socket"\n', ACT + "syslog: there is no '/no/such/socket'"),

@@ -23,6 +23,8 @@ def test_each_shell_has_its_script(capfdbinary: Capture) -> None:
     ran = run(capfdbinary, "completion", "tcsh")
     assert (ran.code, ran.out) == (2, "")
     assert "'bash', 'zsh', 'fish'" in ran.err
+    ran = run(capfdbinary, "completion")
+    assert ran.err.endswith("Choose from:\n    bash,\n    zsh,\n    fish\n")
 
 
 def test_bash_completes_by_it(capfdbinary: Capture, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ import termios
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import pytest
@@ -100,6 +100,34 @@ def test_2_when_there_is_nothing_to_read(
         path.write_bytes(content)
     ran = run(capfdbinary, command, path)
     assert (ran.code, ran.out, ran.err) == (2, "", f"s7dissect: {path}: {said}\n")
+
+
+def test_no_command_looks_for_rights_before_it_reads() -> None:
+    """It would be several lines about the use, also of a file among others that can be read (``--separate``)."""
+    types = [param.type for command in commands().values() for param in command.params]
+    paths = [type_ for type_ in types if isinstance(type_, click.Path)]
+    assert len(paths) > 30
+    assert not [path for path in paths if path.readable]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_2_when_there_is_no_right_to_read(
+    capfdbinary: Capture, good: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    opened, access = Path.open, os.access
+
+    def refuse(path: Path, *given: Any, **named: Any) -> Any:
+        if path == good:
+            raise PermissionError(13, "Permission denied", str(path))
+        return opened(path, *given, **named)
+
+    def ask(path: Any, *given: Any, **named: Any) -> bool:
+        return str(path) != str(good) and access(path, *given, **named)
+
+    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr(os, "access", ask)
+    ran = run(capfdbinary, command, good)
+    assert (ran.code, ran.out, ran.err) == (2, "", f"s7dissect: {good}: no permission to read it\n")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -107,12 +107,14 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["file", "-f", "tcp"], "need an interface (-i)"),
         (["file", "-Z", "root"], "need an interface (-i)"),
         (["-i", "lo", "-Z", "nobody", "--engine", "dumpcap"], "-Z USER needs --engine ring: "),
-        (["-i", "lo", "--duration", "0"], "not between"),
+        (["-i", "lo", "-i", "eth0"], "only one interface can be watched: start a monitor for each."),
+        (["-i", "lo", "--duration", "0"], "expected more than 0 and at most 1000000000 seconds, got '0'."),
         (["-i", "lo", "--duration", "x"], "expected seconds, got 'x'"),
         (
             ["-i", "lo", "--only", "nothing"],
             "expected connections, transactions, operations, findings, devices, scd, got 'nothing'",
         ),
+        (["-i", "lo", "--only", ""], "devices, scd, got ''"),
         (["-i", "lo", "-b", "files:3"], "files:N sets"),
         (["-i", "lo", "-b", "filesize:3"], "need -w, where"),
         (["-i", "lo", "--keep-around", "error", "30s"], "need -w, where"),
@@ -341,7 +343,7 @@ def test_evidence_that_fails_later_is_told_and_the_rest_goes_on(tmp_path: Path) 
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
     )
     assert ran.returncode == 5
-    assert "PROBLEM the ring of files failed and was switched off: " in ran.stdout
+    assert "PROBLEM  the ring of files failed and was switched off: " in ran.stdout
     assert ran.stdout.count("Read Var") >= 300
     assert "s7dissect: the ring of files failed and was switched off: " in ran.stderr
     assert "Traceback" not in ran.stderr
@@ -353,6 +355,14 @@ name = "refused"
 when = "finding"
 finding = "transaction.item_error"
 """
+
+
+def test_rules_that_need_a_baseline_name_the_option(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text('[[rule]]\nname = "n"\nwhen = "new"\n', encoding="utf-8")
+    ran = run(capfdbinary, "monitor", simple(tmp_path / "a.pcapng"), "--alerts", rules)
+    assert ran.code == 2
+    assert ran.err.endswith("\"new\" of 'n' needs a baseline: give one with --baseline.\n")
 
 
 def test_alerts_are_raised(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

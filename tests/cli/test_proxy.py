@@ -136,8 +136,8 @@ def test_a_server_that_is_not_there_is_told() -> None:
             snap7.client.Client().connect("127.0.0.1", 0, 2, made.port)
         code, lines, told = made.ended()
     assert code == 0
-    assert any("PROBLEM 127.0.0.1:" in line and "cannot be reached: Connection refused" in line for line in lines)
-    assert "s7dissect: 0 connections relayed, 1 more failed to connect; " in told
+    assert any("PROBLEM  127.0.0.1:" in line and "cannot be reached: Connection refused" in line for line in lines)
+    assert "s7dissect: 0 connections relayed, 1 failed to connect; " in told
 
 
 def test_a_client_that_is_connected_when_it_ends_is_disconnected() -> None:
@@ -294,7 +294,7 @@ def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path, capfdbinary: py
     path = tmp_path / "precious.pcapng"
     path.write_bytes(b"precious")
     told = refused(capfdbinary, "--to", "127.0.0.1", "--listen", "127.0.0.1:0", "-w", path)
-    assert told == f"s7dissect: {path}: File exists; choose another name\n"
+    assert told.endswith(f"Error: {path} exists; --force overwrites it.\n")
     assert path.read_bytes() == b"precious"
     with plc() as server, proxy(server.port, "-w", path, "--force") as made:
         used(made.port)

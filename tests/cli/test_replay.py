@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -84,7 +88,7 @@ def test_another_machine_is_refused_before_any_packet(
     monkeypatch.setattr(socket, "socket", _never)
     told = run(capfdbinary, "replay", path, "--to", "192.0.2.1", "-w", tmp_path / "out.pcapng")
     assert (told.code, told.out) == (2, "")
-    assert "192.0.2.1:102 is not on this machine: nothing was sent; add --allow-remote" in told.err
+    assert "192.0.2.1:102 is not a loopback address of this machine: nothing was sent; add --allow-remote" in told.err
     assert not (tmp_path / "out.pcapng").exists()
 
 
@@ -97,7 +101,7 @@ def test_a_name_of_another_machine_is_refused_before_any_packet(
     monkeypatch.setattr(socket, "socket", _never)
     told = run(capfdbinary, "replay", path, "--to", "plc-7", "-w", tmp_path / "out.pcapng")
     assert told.code == 2
-    assert "plc-7:102 is 192.0.2.7, not on this machine" in told.err
+    assert "plc-7:102 is 192.0.2.7, not a loopback address of this machine" in told.err
     assert not (tmp_path / "out.pcapng").exists()
 
 
@@ -175,7 +179,7 @@ def test_a_dry_run_opens_nothing_and_lists_everything(
 def test_a_dry_run_refuses_another_machine_too(capfdbinary: Capture, tmp_path: Path) -> None:
     told = run(capfdbinary, "replay", mixed(tmp_path / "m.pcapng"), "--to", "192.0.2.1", "--dry-run")
     assert (told.code, told.out) == (2, "")
-    assert "is not on this machine" in told.err
+    assert "is not a loopback address of this machine" in told.err
 
 
 def test_what_is_exchanged_is_kept_and_never_overwrites_what_is_there(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -188,8 +192,47 @@ def test_what_is_exchanged_is_kept_and_never_overwrites_what_is_there(capfdbinar
         assert out.read_bytes() == kept
         forced = run(capfdbinary, "replay", path, *to, "-w", out, "--force")
     assert (told.code, again.code, forced.code) == (0, 2, 0)
-    assert "File exists" in again.err
+    assert again.err.endswith(f"Error: {out} exists; --force overwrites it.\n")
     assert golden_text(read_session(out)) == golden_text(read_session(path))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_order_and_what_was_sent_until_then_is_told(number: int, tmp_path: Path) -> None:
+    """Requests may have written: who breaks a replay off has to know how far it came."""
+    path, out = CAPTURES / "nodes7-poll.pcapng", tmp_path / "out.pcapng"
+    with Server(path, faults=["drop:3"]) as server:
+        to = ["--to", f"127.0.0.1:{server.port}", "--timeout", "60"]
+        command = [sys.executable, "-m", "dissect", "replay", str(path), *to, "-w", str(out)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            end = time.monotonic() + 60
+            while len(server.requests) < 3:
+                assert time.monotonic() < end
+                time.sleep(0.01)
+            process.send_signal(number)
+            told, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.splitlines() == [
+        "s7dissect: 3 requests sent on 1 connection, 2 answers",
+        "s7dissect: not sent: 3 transactions, interrupted (transactions 4, 5, 6)",
+        "s7dissect: interrupted",
+    ]
+    assert told.splitlines()[0].endswith(
+        "was answered, is unanswered: the replay was interrupted before an answer came"
+    )
+    assert [each.outcome for each in read_session(out).links[0].transactions] == ["answered", "answered", "unanswered"]
+
+
+def test_an_answer_that_was_waited_for_in_vain_says_so(capfdbinary: Capture) -> None:
+    """It is us who end the connection then, so its end is no reason."""
+    path = CAPTURES / "nodes7-poll.pcapng"
+    with Server(path, faults=["drop:3", "drop:4", "drop:5"]) as server:
+        told = run(capfdbinary, "replay", path, "--to", f"127.0.0.1:{server.port}", "--timeout", "0.1")
+    assert told.code == 1
+    lines = told.out.splitlines()
+    assert [line.partition(": ")[2] for line in lines] == [
+        *["was answered, is unanswered: no answer within 0.1 s"] * 3,
+        "missing (was answered)",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -219,7 +262,7 @@ def test_the_recording_is_not_written_over(capfdbinary: Capture, tmp_path: Path)
     before = path.read_bytes()
     told = run(capfdbinary, "replay", path, "--to", "127.0.0.1:1", "-w", path, "--force")
     assert told.code == 2
-    assert "-w would overwrite the recording" in told.err
+    assert "mixed.pcapng is both input and output; choose another OUT." in told.err
     assert path.read_bytes() == before
 
 

@@ -50,6 +50,10 @@ def test_wrong_use_is_told(capfdbinary: Capture, tmp_path: Path) -> None:
     for words, said in (
         (("-o", tmp_path / "o.html"), "missing FILE (or --diff A B)"),
         ((capture, "--diff", capture, capture, "-o", tmp_path / "o.html"), "give either FILE or --diff A B"),
+        (
+            ("--diff", capture, "-o", tmp_path / "o.html"),
+            f"expected two captures, got {str(capture)!r} and the option '-o'",
+        ),
         (("--diff", capture, capture, "-Y", "failed", "-o", tmp_path / "o.html"), "--diff compares whole captures"),
     ):
         ran = run(capfdbinary, "report", *words)

@@ -106,6 +106,7 @@ def test_several_files_are_one_recording(tmp_path: Path) -> None:
     ("arguments", "why"),
     [
         (["--listen", "0.0.0.0:0"], "0.0.0.0:0 can be reached from other machines, which would mistake it for a PLC"),
+        (["--listen", "0.0.0.0:4711"], "listen on 127.0.0.1:4711, or add --allow-remote"),
         (["--listen", "nowhere"], "is not an address"),
         (["--fault", "break:3"], "is not a fault"),
         (["--latency", "soon"], "expected recorded, none, or milliseconds"),
@@ -119,6 +120,22 @@ def test_wrong_use(s7dissect: Command, arguments: list[str], why: str) -> None:
     assert told.returncode == 2
     assert why in " ".join(told.stderr.decode().split())
     assert told.stdout == b""
+
+
+def test_the_recording_and_what_is_there_are_not_written_over(s7dissect: Command, tmp_path: Path) -> None:
+    recording, other = tmp_path / "recording.pcapng", tmp_path / "other.pcapng"
+    recording.write_bytes((CAPTURES / "szl-python.pcapng").read_bytes())
+    before = recording.read_bytes()
+    other.write_bytes(b"precious")
+    serve = ("serve", recording, "--listen", "127.0.0.1:0", "-w")
+    for out, force, says in (
+        (recording, ("--force",), "is both input and output; choose another OUT."),
+        (other, (), "exists; --force overwrites it."),
+    ):
+        ran = s7dissect(*serve, out, *force)
+        assert ran.returncode == 2
+        assert f"{out} {says}" in ran.stderr.decode()
+    assert (recording.read_bytes(), other.read_bytes()) == (before, b"precious")
 
 
 def test_files_that_cannot_be_served(s7dissect: Command, tmp_path: Path) -> None:

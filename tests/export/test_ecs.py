@@ -17,7 +17,7 @@ from dissect.findings.catalogue import CATALOGUE
 from dissect.session import Run
 from tests.cli.support import run
 from tests.promises import hostile
-from tests.report.support import OWN, ROOT
+from tests.report.support import OWN, ROOT, begun, saved
 
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"
 #: What `event.type` may be beside each category (ECS, "Using the categorization fields").
@@ -84,6 +84,15 @@ def test_every_document_keeps_to_the_schema(tmp_path: Path) -> None:
             assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}Z", told["@timestamp"])
             assert told["data_stream"]["dataset"] == event["dataset"]
             assert {"@timestamp", "event", "s7dissect"} <= mapped.keys()
+
+
+def test_a_clock_that_ran_backwards_makes_no_duration(tmp_path: Path) -> None:
+    packets = begun().close().packets()
+    late = [packet._replace(time_ns=packet.time_ns - 10**12) for packet in packets[7:]]
+    path = saved(tmp_path / "backwards.pcapng", packets[:7] + late)
+    (connection,) = documents(path, tmp_path / "ecs")["connections"]
+    assert connection["event"]["end"] < connection["event"]["start"]
+    assert "duration" not in connection["event"]
 
 
 def test_counts_roles_and_results(tmp_path: Path) -> None:

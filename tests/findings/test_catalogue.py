@@ -1231,3 +1231,10 @@ def test_a_flood_is_counted_exactly_and_told_in_part() -> None:
     talk.finish()
     assert talk.pipeline.finding_counts["s7.unknown_rosctr"] == 5000
     assert talk.slugs().count("s7.unknown_rosctr") == 100
+
+
+def test_a_live_capture_that_ended_is_no_damaged_file() -> None:
+    """An interface that is gone is the same finding."""
+    rule = CATALOGUE["capture.damaged"]
+    assert "file" not in rule.sentence
+    assert "check the interface" in rule.advice

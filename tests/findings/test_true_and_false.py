@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,18 @@ def test_a_flood_of_writes_is_judged_by_how_fast_the_plc_answers(
     assert bool(told) is found
     # Each of the writes has a value of its own.
     assert all(": 256 writes within " in detail and " = " not in detail for detail in told)
+
+
+def test_a_flood_of_messages_counts_both_directions() -> None:
+    talk = Talk()
+    talk.open()
+    for number in range(1, 1025):
+        talk.ask(read(number, dbw(1, 0)), after_ns=1000)
+        talk.tell(words(number, 1), after_ns=1000)
+    (told,) = [finding.detail for finding in talk.findings if finding.slug == "security.flood"]
+    assert re.fullmatch(
+        r"2048 messages within 8\.05 ms between 10\.0\.0\.1:50000 and 10\.0\.0\.2:102, both directions together", told
+    )
 
 
 def test_a_flood_tells_the_median_of_its_answer_times() -> None:

@@ -79,6 +79,25 @@ def test_a_request_is_told_while_the_line_is_silent() -> None:
     assert told.slugs() == ["transaction.overdue"]
 
 
+@pytest.mark.parametrize("silent_steps", [10, 200])
+def test_what_is_open_at_the_end_has_waited_until_then(silent_steps: int) -> None:
+    """Of a line that was silent for long; less than a second is what reading takes, and that of a pipe is no time at all."""
+    packets = asked()
+    run, told = run_of(Line(Clock(), [packets]))
+    steps(run, 1 + silent_steps)
+    run.stop()
+    while run.step():
+        pass
+    ending = told.closed[0].ending
+    assert ending is not None
+    waited = ending.time_ns - packets[-1].time_ns
+    if silent_steps == 10:
+        assert waited == 0
+    else:
+        assert 10 * SECOND <= waited <= 13 * SECOND
+        assert run.now_ns == ending.time_ns
+
+
 def test_a_closed_connection_is_told_while_the_line_is_silent() -> None:
     run, told = run_of(Line(Clock(), [read(begun(), 1).close().packets()]))
     steps(run, 1)

@@ -130,6 +130,19 @@ def test_it_may_be_stopped_before_it_has_begun() -> None:
     assert not session.running
 
 
+def test_what_the_source_notes_is_told_when_it_does() -> None:
+    """An interface that is down captures nothing: a silent line must not be all that is seen of it."""
+    line = Line(Clock(), [packets()])
+    session = Session(lambda: line, kinds=[])
+    session.start()
+    for note in ("eth0 went down", "eth0 went down"):
+        line.notes = [*line.notes, note]
+        (event,) = taken(session, len)
+        assert (event.kind, event.what) == (PROBLEM, note)
+    session.close()
+    assert session.waiting == 0
+
+
 def test_a_source_that_cannot_be_opened_is_told_at_once() -> None:
     def refuse() -> Reader:
         raise CaptureError("no permission")

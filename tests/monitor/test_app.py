@@ -17,6 +17,7 @@ from textual.filter import NoColor
 from textual.pilot import Pilot
 
 from dissect.findings.catalogue import CATALOGUE
+from dissect.live.events import ALERT
 from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.lists import FindingFacts
@@ -334,13 +335,30 @@ def test_help_names_every_key() -> None:
     drive(of_capture("nodes7-poll-missing"), act, (200, 60))
 
 
+def test_the_latest_alert_is_shown_however_many_came_before() -> None:
+    session = of_capture("nodes7-poll-missing")
+    for number in range(50):
+        session.say(f"ALERT warning  rule: number {number}", ALERT)
+
+    async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
+        assert text(app).splitlines()[-1].rstrip() == "ALERT warning  rule: number 49"
+        session.say("ALERT warning  rule: number 50 \x1b[2J", ALERT)
+        app.model.take(session.poll())
+        app.show()
+        await pilot.pause()
+        assert text(app).splitlines()[-1].startswith("ALERT warning  rule: number 50 ")
+        assert UNSAFE.search(text(app).replace("\n", "")) is None
+
+    drive(session, act)
+
+
 def test_a_problem_of_the_monitor_is_said() -> None:
     session = of_capture("nodes7-poll-missing")
     session.run.failures.append("alerts failed and was switched off: no such file \x1b[2J")
     session._hand_over(session.run)
 
     async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
-        assert app.model.problems
+        assert app.model.said == 1
         assert "PROBLEM alerts failed" in text(app)
         assert UNSAFE.search(text(app).replace("\n", "")) is None
 

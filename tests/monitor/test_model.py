@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.live.events import PROBLEM, TRANSACTION, Event
+from dissect.live.events import ALERT, PROBLEM, TRANSACTION, Event
 from dissect.monitor import filter as wanted_module
-from dissect.monitor import model as model_module
 from dissect.monitor.entries import Entry
 from dissect.monitor.filter import Wanted
 from dissect.monitor.lists import ConnectionList
@@ -161,11 +160,11 @@ def test_what_is_remembered_of_requests_is_bounded(monkeypatch: pytest.MonkeyPat
     assert len(wanted._said) <= 2
 
 
-def test_problems_are_bounded() -> None:
+def test_the_latest_alert_or_problem_is_kept_however_many_there_were() -> None:
     model = Model()
-    model.take([Event(PROBLEM, 0, f"number {at}") for at in range(100)])
-    assert len(model.problems) == model_module._MAX_PROBLEMS
-    assert model.problems[-1] == "number 99"
+    for at in range(100):
+        model.take([Event(PROBLEM if at % 2 else ALERT, 0, f"number {at}")])
+        assert (model.said, model.latest) == (at + 1, f"{'PROBLEM ' if at % 2 else ''}number {at}")
 
 
 def connections(count: int) -> list[Connection]:

@@ -14,6 +14,7 @@ import sys
 import termios
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import pytest
@@ -100,6 +101,22 @@ def test_sigterm_gives_the_summary_and_the_code() -> None:
         told = ours.until(lambda text: "code=" in text)
         assert "code=130" in told
         assert "18 packets, 1 connection" in told
+    finally:
+        ours.end()
+
+
+def test_what_becomes_of_alerts_is_said_when_the_screens_are_left(tmp_path: Path) -> None:
+    rules = tmp_path / "rules.toml"
+    rules.write_text(
+        f'[[action]]\nname = "hook"\nwebhook = "http://127.0.0.1:9/"\nspool = "{tmp_path}"\n'
+        '[[rule]]\nname = "r"\nwhen = "finding"\nfinding = "warning"\nactions = ["hook"]\n',
+        encoding="utf-8",
+    )
+    ours = Terminal(f"(cat {CAPTURE}; sleep 60) | $PYTHON -m dissect monitor - --alerts {rules}")
+    try:
+        ours.until(lambda text: "Connection refused" in text)
+        ours.press(b"q")
+        ours.until(lambda text: re.search(r"(?<!PROBLEM )alerts: action hook: \d alerts? waits? in ", text) is not None)
     finally:
         ours.end()
 

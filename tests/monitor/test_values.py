@@ -13,6 +13,8 @@ from textual.pilot import Pilot
 from dissect.engine.pipeline import Options
 from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
+from dissect.monitor.details import watched_details
+from dissect.monitor.rows import watched_heads
 from dissect.monitor.screens import ValuesScreen
 from dissect.monitor.watched import LATEST, SECONDS, Watched
 from dissect.report.words import Places
@@ -188,6 +190,20 @@ def test_a_trend_is_the_latest_number_of_each_second() -> None:
     assert [point for point in points if not math.isnan(point)][:2] == [1.0, 2.0]
     assert facts.trend(now + 3_000_000_000, 4) == [8.0] * 4  # it stays until another comes
     assert len(facts.trend(now, SECONDS)) == SECONDS
+
+
+def test_what_never_changed_is_not_said_to_have_changed() -> None:
+    talk = begun()
+    for ref in (1, 2):
+        reads(talk, ref, (db(WORD, 0), b"\0\1"))
+    watched = Watched()
+    watched.take(transactions(talk.packets()))
+    (facts,) = watched.facts
+    lines = [line.text for line in watched_details(facts)]
+    assert lines[2] == "  2 values, 0 changes"
+    assert lines[4] == "Where it was seen first"
+    assert len(lines) == 6
+    assert "changed" not in watched_heads("VALUES", 80)
 
 
 def test_what_is_watched_is_bounded() -> None:

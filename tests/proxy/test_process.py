@@ -104,8 +104,8 @@ def test_what_passes_is_told_in_order(echo: int, nice: list[int]) -> None:
 @pytest.mark.parametrize(
     ("told", "error"),
     [
-        (b"\x00\x00\x03\xe8\x9b\xa4abcd", "its process ended with 9"),
-        (b"\x00\x00", "its process ended with 9"),
+        (b"\x00\x00\x03\xe8\x9b\xa4abcd", "its process ended with exit code 9"),
+        (b"\x00\x00", "its process ended with exit code 9"),
         (b"\x00\x00\x00\x01\xc1", "what its process told cannot be read: "),
     ],
 )
@@ -150,7 +150,7 @@ def test_a_relay_that_is_killed_is_told(echo: int, nice: list[int]) -> None:
     side = started(echo, 1 << 20)
     os.kill(side._pid, signal.SIGKILL)
     side.join(WAIT_S)
-    assert side.error == "its process ended with -9"
+    assert side.error == "its process was killed by signal 9"
 
 
 def test_it_ends_when_nobody_is_there_any_more(echo: int, nice: list[int]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from dissect.report.endings import ending_as_dict, phrase, short
 from dissect.report.words import Places
 from dissect.source.packet import SourceFile
@@ -152,3 +154,34 @@ def test_an_answer_after_the_fin_came_later_than_the_end() -> None:
     ending = ending_as_dict(told, PLACES)
     assert ending is not None
     assert ending["last_answer"] == {"what": "Read Var DB1.DBW0", "before_ns": -SECOND}
+
+
+def test_a_request_after_the_fin_of_the_other_side_is_not_of_a_negative_age() -> None:
+    """A client may go on asking when the server has sent its FIN; the server then resets the connection."""
+    talk = Talk()
+    talk.open(8, 8)
+    talk.packet(SERVER, flags=FIN | ACK)
+    talk.ask(read(1, dbw(1, 0)), after_ns=3 * SECOND)
+    talk.packet(SERVER, flags=RST)
+    talk.close()
+    said = phrase(connection(talk), PLACES)
+    assert said.startswith(
+        "closed by the server at packet 8, reset by the server at packet 10 with 1 request pending: "
+    )
+    assert "Read Var DB1.DBW0 (packet 9), sent 3.00 s after the end had begun; last answer" in said
+    (told,) = [finding.detail for finding in talk.findings if finding.slug == "transaction.unanswered"]
+    assert told == "Read Var DB1.DBW0: sent 3.00 s after the server closed the connection"
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_request_whose_age_no_clock_tells(closed: bool) -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, dbw(1, 0)))
+    if closed:
+        talk.packet(SERVER, flags=RST, after_ns=-3 * SECOND)
+    else:
+        talk.packet(SERVER, after_ns=-3 * SECOND)
+    assert "(packet 8), of unknown age, the clock ran backwards" in phrase(connection(talk), PLACES)
+    told = [finding.detail for finding in talk.findings if finding.slug == "transaction.unanswered"]
+    assert told == (["Read Var DB1.DBW0: the server reset the connection"] if closed else [])

@@ -339,7 +339,16 @@ def test_a_cut_pdu_says_so(kept: int, said: str) -> None:
     packets[-1] = cut_to(packets[-1], 54 + 7 + kept)
     lines = Lines()
     observed(lines, packets)
-    assert lines.pdus[-1].partition("102  ")[2].startswith(said)
+    assert lines.pdus[-1].partition("102  ")[2] == said  # which is no fault of the PDU: nothing is malformed
+
+
+def test_a_write_that_was_cut_says_how_much_was_captured() -> None:
+    packets = begun().send(0, dt(messages.write_job(1, [Item(0x02, 10, 1, 0x84, 0)], [bytes(10)]))).packets()
+    packets[-1] = cut_to(packets[-1], len(packets[-1].octets) - 6)
+    lines = Lines()
+    observed(lines, packets)
+    said = "Write Var  DB1.DBB0 x10 = 00 00 00 00 (4 of 10 bytes captured)  TRUNCATED by the capture"
+    assert lines.pdus[-1].partition("102  ")[2] == f"Job       ref 0x0001  {said}"
 
 
 def test_a_header_that_is_not_all_there_has_no_invented_fields() -> None:

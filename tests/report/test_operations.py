@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dissect.report.operations import operation_line
 from dissect.report.words import Places
+from dissect.report.writers.text import transaction_line
 from dissect.source.packet import SourceFile
 from dissect.transactions.operation import Operation
 from dissect.wire.text import Clock
@@ -42,9 +43,21 @@ def long_answer(group: int, subfunction: int, question: bytes, content: bytes) -
 def test_a_long_answer_names_what_it_lists_and_how_many_more() -> None:
     blocks = b"".join([bytes((0, number, 0x22, 1)) for number in range(1, 7)])
     assert line(long_answer(3, 2, b"0A", blocks)) == (
-        "2020-09-13 12:26:40.008000 UTC  #2    8→11         10.0.0.1:50000 → 10.0.0.2:102   3.00 ms  long answer"
+        "2020-09-13 12:26:40.008000 UTC  #2     8→11         10.0.0.1:50000 → 10.0.0.2:102   3.00 ms  long answer"
         "  DB → 1 (AWL/STL), 2 (AWL/STL), 3 (AWL/STL) and 3 more  2 transactions, 24 bytes  done"
     )
+
+
+def test_the_columns_of_an_operation_are_those_of_a_transaction() -> None:
+    """Both stand below each other in what is watched live."""
+    talk = begun()
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1, 7, 300))
+    talk.close()
+    of_transaction = transaction_line(talk.transactions[-1], Clock(), PLACES)
+    of_operation = line(only(talk))
+    assert of_operation.index("10.0.0.1:50000") == of_transaction.index("10.0.0.1:50000")
+    assert of_operation.index("  upload") == of_transaction.index("  Start upload")
 
 
 def test_a_long_subject_ends_in_dots() -> None:
@@ -80,3 +93,19 @@ def test_a_subscription_that_ran_to_the_end_of_its_connection_ended_with_it() ->
         talk.finish()
         said.append(line(talk.operations[-1]).rpartition("  ")[2])
     assert said == ["ended with the connection", "running (capture ends)"]
+
+
+def test_what_a_clock_that_ran_backwards_cannot_tell_is_left_out() -> None:
+    talk = begun()
+    talk.ask(events.asks(1, 2, 1, events.CYCLIC))
+    talk.tell(events.tells(1, 2, 1, events.CYCLIC_VALUES, sequence=5))
+    for number in range(3):
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5), after_ns=-(10**9) if number else 10**6)
+    talk.finish()
+    operation = only(talk)
+    assert (operation.pushes, operation.push_interval_ns) == (3, -(10**9))
+    said = line(operation)
+    assert "3 pushes of them, " in said
+    assert "on average" not in said
+    operation.end_ns = operation.begin_ns - 1
+    assert line(operation).partition(":102")[2].startswith("         ?  cyclic reading")

@@ -92,6 +92,18 @@ def test_what_follows_a_finding_continues_under_its_first_word() -> None:
         assert all([one.startswith(" " * 8) and one[8] != " " for one in rest])
 
 
+@pytest.mark.parametrize(("count", "told"), [(1, 1), (2, 1), (14, 1), (14, 2), (3, 3), (14, 3), (14, 14)])
+def test_what_is_told_and_what_is_counted_add_up(count: int, told: int) -> None:
+    """Of some rules only the first time is told."""
+    rule = CATALOGUE["ip.bad_header"]
+    found = [Finding(rule, 0, [number], 0, "seen") for number in range(1, told + 1)]
+    lines = [line.text for line in finding_lines(rule, count, found, Places([SourceFile("a.pcap", 1)], False))]
+    shown = [line for line in lines if line.startswith("      packet ")]
+    more = [int(line.split()[1]) for line in lines if line.startswith("      and ")]
+    assert len(shown) == min(told, 3)
+    assert len(shown) + sum(more) == count
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -190,6 +202,10 @@ def test_less_than_asked_is_granted() -> None:
     talk.send(0, dt(messages.setup(messages.JOB, 1, 8, 960))).send(1, dt(messages.setup(messages.ACK_DATA, 1, 3, 240)))
     told = connection_of(talk.packets())
     assert told[2] == "PDU length 240 (requested 960), parallel jobs (AmQ): client 3, server 3"
+    # A second setup that is refused changes nothing of it.
+    refused = messages.pdu(messages.ACK_DATA, 2, b"", b"", 0x8104)
+    talk.send(0, dt(messages.setup(messages.JOB, 2, 8, 480))).send(1, dt(refused))
+    assert connection_of(talk.packets())[2] == told[2]
 
 
 def test_an_unknown_client_is_no_arrow() -> None:

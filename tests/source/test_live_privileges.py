@@ -213,6 +213,23 @@ def test_dumpcap_as_root_is_told(tmp_path: Path) -> None:
     in_namespace(task)
 
 
+@needs_dumpcap
+@needs_root
+def test_what_the_ring_cannot_capture_is_dumpcaps_and_never_as_a_user_who_was_named() -> None:
+    command = [sys.executable, "-m", "dissect", "monitor", "-i", "any", "-f", "port 1", "--plain", "--duration", "0.1"]
+    only = "any: only dumpcap can capture on it"
+
+    def task() -> None:
+        ran = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert ran.returncode == 0
+        assert f"run as root; the ring, which drops all privileges, cannot be used: {only}\n" in ran.stderr
+        ran = subprocess.run([*command, "-Z", "nobody"], capture_output=True, text=True, check=False)
+        assert ran.returncode == 2
+        assert ran.stderr == f"s7dissect: {only}\n    -Z nobody needs the ring; -Z root keeps all privileges\n"
+
+    in_namespace(task)
+
+
 #: A user other than root with CAP_NET_RAW, as a unit with AmbientCapabilities runs it.
 _CAPABLE = """
 import ctypes, os

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 
 from dissect.source.files import open_capture
 from dissect.source.packet import CaptureError
-from dissect.source.remote import RemoteSource, expand, is_remote, open_remote, shown
+from dissect.source.remote import RemoteSource, expand, explained, is_remote, open_remote, shown
 from tests.cli.support import run
 from tests.report.schemas import ROOT
 from tests.source.craft import Recorder, step_to_the_end
@@ -43,6 +44,11 @@ def refused(name: str) -> str:
 
 
 # ---- names ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_host_that_is_not_known_is_said_in_words() -> None:
+    error = socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+    assert explained(error) == "cannot be read: Name or service not known"
 
 
 def test_what_is_a_name_of_another_machine() -> None:

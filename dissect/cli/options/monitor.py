@@ -25,7 +25,7 @@ _PERIOD = re.compile(r"([0-9]{1,6})(s|min|h)")
 _HOUR = 3600 * 1_000_000_000
 _PERIODS = {"s": 1_000_000_000, "min": 60_000_000_000, "h": _HOUR}
 _LEAST = 10_000_000_000
-_FILE = click.Path(dir_okay=False)
+_FILE = click.Path(dir_okay=False, readable=False)
 #: Octets of the ring that are written together; what is gathered is written several times a second in any case.
 _BATCH = 64 * 1024
 
@@ -231,7 +231,7 @@ class Beside:
     def _alerts(self, path: str) -> Companion:
         from dissect.alerts.dispatcher import Dispatcher
         from dissect.alerts.engine import AlertEngine
-        from dissect.alerts.loading import load_rules
+        from dissect.alerts.loading import RuleError, load_rules
         from dissect.baseline.loading import load_baseline
         from dissect.live.alerting import AlertCompanion
         from dissect.scd.user_file import FileError
@@ -239,9 +239,13 @@ class Beside:
         try:
             rules = load_rules(path)
             baseline = load_baseline(self._baseline) if self._baseline is not None else None
-            dispatcher = Dispatcher(rules.actions, write=self._say, tell=self._say)
+            dispatcher = Dispatcher(rules.actions, write=self._alert, tell=self._say)
             self.made += dispatcher.prepare()
-            return AlertCompanion(AlertEngine(rules, baseline, dispatcher.submit), dispatcher)
+            try:
+                engine = AlertEngine(rules, baseline, dispatcher.submit)
+            except RuleError as error:
+                raise click.UsageError(f"{error} with --baseline.") from None
+            return AlertCompanion(engine, dispatcher)
         except FileError as error:
             raise click.ClickException(str(error)) from None
 
@@ -260,8 +264,17 @@ class Beside:
         Path(directory).mkdir(parents=True, exist_ok=True)
         return ReportCompanion(directory, self._every_ns, name, __version__, clock(), hosts())
 
+    def _alert(self, line: str) -> None:
+        """Show the line of an alert where it will be seen; on the screens, whose clock stands above, without its time."""
+        if self._shown and self._session is not None:
+            from dissect.live.events import ALERT
+
+            self._session.say(line.partition("  ")[2], ALERT)
+        else:
+            self._say(line)
+
     def _say(self, line: str) -> None:
-        """Show an alert, or a message about one, where it will be seen."""
+        """Show a message about alerts where it will be seen."""
         if self._shown and self._session is not None:
             self._session.say(line)
             return

@@ -11,7 +11,7 @@ import click
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
 
-_FILE = click.Path(dir_okay=False)
+_FILE = click.Path(dir_okay=False, readable=False)
 
 
 def scd_options(command: Callable[..., int]) -> Callable[..., int]:

@@ -18,7 +18,7 @@ def tls_option(command: Callable[..., int]) -> Callable[..., int]:
     @click.option(
         "--tls-keys",
         "tls_keys",
-        type=click.Path(dir_okay=False),
+        type=click.Path(dir_okay=False, readable=False),
         multiple=True,
         metavar="FILE",
         help="Decrypt TLS with the session keys in FILE (SSLKEYLOGFILE form). Repeatable.",

@@ -25,7 +25,7 @@ def expected_session(
     session = Session(name)
     pairs = []
     for player in sorted(players, key=lambda player: player.part.link.number):
-        if not player.unreachable:
+        if player.first_frame:
             other = links.get(player.first_frame)
             link = _expected_link(player, other)
             session.links.append(link)
@@ -87,7 +87,11 @@ def _take(link: Link, player: Player, came: Link | None) -> None:
             link.transactions.append(_copy(transaction, link, transaction))
         elif step.kind == ASK and (reference is not None or id(transaction) in left):
             asked = True
-            source = told.get(reference) if step.unknown and reference is not None else None
+            answer = told.get(reference) if reference is not None else None
+            source = answer if step.unknown else None
+            if answer is not None and reference is not None and answer.reason and source is None:
+                # Where we gave up, that is why the connection ended.
+                answer.reason = player.given_up(reference) or answer.reason
             link.transactions.append(_copy(transaction, link, source or transaction))
 
 

@@ -29,6 +29,7 @@ _FIRST_REFERENCE: Final = 1
 NOT_GRANTED: Final = "the Setup communication was not granted"
 HALF_LOADED: Final = "an earlier download did not proceed as recorded"
 NOT_LOADED: Final = "the download did not proceed as recorded"
+INTERRUPTED: Final = "interrupted"
 
 
 class Player:
@@ -67,6 +68,7 @@ class Player:
         self._kept: set[int] = set()  # ids of what was withheld here
         self._open: dict[int, Asked] = {}  # by reference, the oldest first
         self._late: dict[int, Asked] = {}  # what is waited for no more, and may come yet
+        self._cut_short: set[int] = set()
         self._timeouts = 0
         self._heard = 0  # messages that are no answers
         self._awaited = 0
@@ -78,6 +80,15 @@ class Player:
     def waits(self) -> bool:
         """True while a request is open."""
         return bool(self._open)
+
+    def given_up(self, reference: int) -> str:
+        """Return in words why the recorded answer to our request was waited for no longer; empty where it was not given up."""
+        if reference in self._cut_short:
+            return "the replay was interrupted before an answer came"
+        asked = self._late.get(reference)
+        if asked is None or asked.step is None or not asked.step.expected:
+            return ""
+        return f"no answer within {self._settings.timeout_s:g} s"
 
     @property
     def broken(self) -> bool:
@@ -110,6 +121,8 @@ class Player:
         for attempt in range(self._settings.retries + 1):
             if attempt:
                 self._shared.watch.sleep(time.monotonic() + min(attempt, 5) * 0.2, lambda: False)
+            if self._shared.watch.halted:
+                break
             try:
                 one = connect(places, self._settings.timeout_s)
                 return Channel(one, self._shared.record, self._shared.watch)
@@ -136,6 +149,15 @@ class Player:
                 channel.send_tpdu(part.disconnect_request(_FIRST_REFERENCE, channel.their_reference))
             channel.close(time.monotonic() + _END_S)
         self._channel = None
+
+    def interrupt(self, at: int) -> None:
+        """Send nothing from step ``at`` on, because the replay is to end now, and end the connection."""
+        steps = self.part.steps[max(at, 0) :]
+        if steps and not self._left:
+            self.problem = INTERRUPTED
+            self._leave(steps)
+        self.end()
+        self.over = True
 
     def drop(self) -> None:
         """Break it off, if it is not over."""
@@ -284,7 +306,8 @@ class Player:
                 tsdu = channel.receive(asked.until)
                 if tsdu is not None:
                     self._take(channel, tsdu)
-                elif channel.ended:
+                elif channel.ended or self._shared.watch.halted:
+                    self._cut_short.update(self._open if not channel.ended else ())
                     self._open.clear()
                 elif time.monotonic() >= asked.until:
                     self._late[number] = self._open.pop(number)

@@ -14,10 +14,11 @@ from dissect.net.addresses import Place
 from dissect.playback.client.expected import expected_session
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.plan import Part, Withheld, playable, withheld
-from dissect.playback.client.player import Player
+from dissect.playback.client.player import INTERRUPTED, Player
 from dissect.playback.client.record import Record
 from dissect.playback.client.schedule import expect_few, perform
 from dissect.playback.client.settings import Settings, Shared
+from dissect.playback.client.watch import Watch
 from dissect.report import words
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ class Outcome:
     """What a replay came to. ``expected`` is what was to come, ``came`` what did; `differences` compares them.
 
     ``withheld`` was left out on purpose; ``not_sent`` could not be sent any more; ``problems`` say why. ``unreachable`` counts
-    connections that could not be made; ``file_trouble`` is why the capture file is not whole, else empty.
+    connections that could not be made; ``interrupted`` tells that the replay was halted before its end; ``file_trouble`` is why
+    the capture file is not whole, else empty.
     """
 
     def __init__(self, name: str, came: Session, links: Mapping[int, Link], players: Sequence[Player]) -> None:
@@ -42,8 +44,9 @@ class Outcome:
         self.not_sent: list[Withheld] = []
         self.problems: list[str] = []
         self.file_trouble = ""
-        self.connections = sum([not player.unreachable for player in players])
-        self.unreachable = len(players) - self.connections
+        self.interrupted = False
+        self.connections = sum([player.first_frame > 0 for player in players])
+        self.unreachable = sum([player.unreachable for player in players])
         self.requests = sum([player.requests for player in players])
         self.answered = sum([player.answered for player in players])
         self.served = sum([player.served for player in players])
@@ -52,7 +55,7 @@ class Outcome:
             number = player.part.link.number
             self.withheld += player.withheld
             self.not_sent += [withheld(transaction, player.problem) for transaction in player.not_sent]
-            if player.problem:
+            if player.problem not in {"", INTERRUPTED}:
                 self.problems.append(f"connection {number}: {player.problem}")
 
     def differences(self, options: DiffOptions | None = None) -> Iterator[Difference]:
@@ -110,18 +113,21 @@ def replay(
     settings: Settings | None = None,
     writer: PcapngWriter | None = None,
     decoder: PayloadDecoder | None = None,
+    watch: Watch | None = None,
 ) -> Outcome:
     """Play the connections of ``plan`` (`make_plan`) to ``places`` (`places_of`), those together that were open together.
 
     Raises `ReplayError` when these are too many, before anything is sent.
 
     Only reads are sent unless ``permissions`` say more. ``writer`` keeps what is exchanged, ``decoder`` decodes SCD in it.
+    A ``watch`` that is halted (`Watch.halt`) ends it early: nothing more is sent, connections are closed, and the outcome is
+    of what was sent.
     """
     settings = settings or Settings()
     if not settings.one_by_one:
         expect_few(plan)
     record = Record(str(target), writer, decoder)
-    shared = Shared(permissions or Permissions(), settings, record)
+    shared = Shared(permissions or Permissions(), settings, record, watch)
     players = [Player(part, shared) for part in playable(plan)]
     try:
         perform(players, places, shared)
@@ -132,5 +138,6 @@ def replay(
     for part in plan:
         if id(part) not in played:
             outcome.withheld += part.withheld
+    outcome.interrupted = shared.watch.halted
     outcome.file_trouble = record.trouble
     return outcome

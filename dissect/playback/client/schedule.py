@@ -116,6 +116,9 @@ def perform(players: Sequence[Player], places: Sequence[Place], shared: Shared) 
             for other in waiting.values():
                 if other is not player:
                     other.settle(moment.time_ns)
+            if shared.watch.halted:
+                player.interrupt(moment.at)
+                continue
             _take_moment(player, moment.at, places)
             waiting[moment.part] = player
             waiting = {index: one for index, one in waiting.items() if one.waits}

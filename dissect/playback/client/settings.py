@@ -40,12 +40,14 @@ class Settings:
 class Shared:
     """What the connections of one replay have in common. ``half_loaded`` tells that a download did not come to its end."""
 
-    def __init__(self, permissions: Permissions, settings: Settings, record: Record) -> None:
+    def __init__(
+        self, permissions: Permissions, settings: Settings, record: Record, watch: Watch | None = None
+    ) -> None:
         self.permissions = permissions
         self.settings = settings
         self.record = record
         self.half_loaded = False
-        self.watch = Watch()
+        self.watch = watch if watch is not None else Watch()
         self.patience = Timeouts(settings.timeout_s, settings.lost_s)
 
 

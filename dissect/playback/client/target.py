@@ -44,5 +44,8 @@ def places_of(address: Address, allow_remote: bool) -> list[Place]:
 
 
 def _remote(address: Address, host: str) -> ReplayError:
-    which = f"{address} is not on this machine" if address.host == host else f"{address} is {host}, not on this machine"
-    return ReplayError(f"{which}: nothing was sent; add --allow-remote if that is intended")
+    # One of a network interface of this machine is refused as well: it may be a container's, or forwarded.
+    which = f"{address} is" if address.host == host else f"{address} is {host},"
+    return ReplayError(
+        f"{which} not a loopback address of this machine: nothing was sent; add --allow-remote if that is intended"
+    )

@@ -27,6 +27,8 @@ KINDS: Final = {
 }
 _MAX_MS: Final = 3_600_000
 _HEX: Final = re.compile("0x[0-9a-fA-F]{1,4}")
+#: What would be a pattern that nothing matches: refuse:3:8104, drop:3:250.
+_NUMBER_AND_MORE: Final = re.compile("[0-9]+:.*")
 
 
 class Fault(NamedTuple):
@@ -72,6 +74,10 @@ def parse_fault(text: str) -> Fault:
         value = int(code, 16)
         if not where or not value:
             raise ValueError(f"{text!r}: a refusal is refuse:WHERE or refuse:WHERE:0xCODE, and 0 refuses nothing")
+    if _NUMBER_AND_MORE.fullmatch(where):
+        forms = {DELAY: "delay:WHERE:MS", REFUSE: "refuse:WHERE or refuse:WHERE:0xCODE"}
+        form = forms.get(kind, f"{kind}:WHERE")
+        raise ValueError(f"{text!r}: expected {form}, WHERE a number or a pattern")
     if where.isascii() and where.isdigit():
         number = int(where)
         if not 1 <= number <= 1_000_000_000:

@@ -41,6 +41,8 @@ from dissect.wire.text import Clock, decimal, hex_number, shortened
 #: Characters of a packet comment that are shown.
 _COMMENT: Final = 1000
 _BLANKS: Final[list[str]] = [" " * count for count in range(13)]
+#: Faults that a PDU has only because its end is missing.
+_SHORT: Final = frozenset(("too_short", "length_beyond", "count_mismatch"))
 _KINDS: Final = ("push", "request", "response", "type 3")
 
 
@@ -83,7 +85,7 @@ def _pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places, fa
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
         said += "  TRUNCATED by the capture"
-    wrong = [*pdu.malformed, *faults][:1]
+    wrong = [*_own_faults(pdu), *faults]
     if wrong:
         said += f"  MALFORMED {wrong[0]}"
     kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
@@ -160,8 +162,10 @@ def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> str:
     data = pdu.data_items()
     said = []
     for index, item in enumerate(items):
-        written = data[index].data if index < len(data) else None
-        said.append(facets.item(ItemResult(item, -1, written, None), index + 1, naming))
+        answer = data[index] if index < len(data) else None
+        written = answer.data if answer is not None else None
+        # Of data that the capture cut its own length says how much there was.
+        said.append(facets.item(ItemResult(item, -1, written, answer if pdu.cut else None), index + 1, naming))
     return ", ".join(said)
 
 
@@ -320,7 +324,12 @@ class TextWriter(Writer):
         self.lines.append(text.encode("utf-8", ERRORS) if self.plain else Line(text, style, hang))
 
 
+def _own_faults(pdu: Pdu) -> list[Malformed]:
+    """Return what a PDU has against itself; that a PDU cut by the capture is shorter than it says is no fault of its own."""
+    return [fact for fact in pdu.malformed if not (pdu.cut and fact.reason in _SHORT)]
+
+
 def _says_no(pdu: Pdu) -> bool:
     """Return whether a PDU is damaged, or refuses something."""
     refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
-    return bool(pdu.malformed or pdu.error_class > 0 or pdu.error_code > 0 or refused)
+    return bool(_own_faults(pdu) or pdu.error_class > 0 or pdu.error_code > 0 or refused)

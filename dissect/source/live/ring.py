@@ -50,6 +50,8 @@ BLOCK_SIZE: Final = 256 * 1024
 _FRAME_SIZE: Final = 2048
 #: How long a block with packets in it is held back, in milliseconds.
 _RETIRE_MS: Final = 20
+#: How often it is noted that the interface went down.
+_MAX_NOTES: Final = 20
 _STATUS_USER: Final = 1
 _GIVE_BACK: Final = struct.pack("=I", 0)
 
@@ -161,9 +163,8 @@ class RingReader(LiveReader):
         if number not in {0, errno.ENETDOWN}:
             self.damage = f"reading {self.interface} failed: {errno.errorcode.get(number, number)}"
             return False
-        note = f"the interface {self.interface} was down for a while"
-        if number and note not in self.notes:
-            self.notes = [*self.notes, note]
+        if number and len(self.notes) < _MAX_NOTES:
+            self.notes = [*self.notes, f"the interface {self.interface} went down; nothing is captured until it is up"]
         return True
 
     def _count(self) -> None:

@@ -49,7 +49,9 @@ def test_another_machine_is_refused_without_looking_anything_up(text: str, monke
     monkeypatch.delattr(socket, "getaddrinfo")
     monkeypatch.delattr(socket, "socket")
     for refuse in (expect_allowed, places_of):
-        with pytest.raises(ReplayError, match="not on this machine: nothing was sent; add --allow-remote"):
+        with pytest.raises(
+            ReplayError, match="not a loopback address of this machine: nothing was sent; add --allow-remote"
+        ):
             refuse(read_target(text), False)
 
 
@@ -69,7 +71,7 @@ def test_a_name_is_refused_when_any_address_of_it_is_of_another_machine(
     hosts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     resolving(monkeypatch, *hosts)
-    with pytest.raises(ReplayError, match=f"plc:102 is {hosts[-1]}, not on this machine"):
+    with pytest.raises(ReplayError, match=f"plc:102 is {hosts[-1]}, not a loopback address of this machine"):
         places_of(read_target("plc"), False)
     assert len(places_of(read_target("plc"), True)) == len(hosts)
 
@@ -84,7 +86,7 @@ def test_a_port_of_zero_and_an_unknown_name_are_told() -> None:
 @pytest.mark.parametrize("text", ["3221225985", "0xC0.0.2.1", "192.0.513"])
 def test_numbers_that_a_system_takes_for_an_address_are_looked_at_as_one(text: str) -> None:
     """All three are 192.0.2.1, as old functions of the C library read numbers."""
-    with pytest.raises(ReplayError, match=r"not on this machine|Name or service|not known"):
+    with pytest.raises(ReplayError, match=r"not a loopback address of this machine|Name or service|not known"):
         places_of(read_target(text), False)
 
 
@@ -102,7 +104,7 @@ def test_numbers_that_a_system_takes_for_an_address_are_looked_at_as_one(text: s
 )
 def test_what_only_looks_like_this_machine_is_another_one(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(socket, "socket")
-    with pytest.raises(ReplayError, match=r"not on this machine|no address"):
+    with pytest.raises(ReplayError, match=r"not a loopback address of this machine|no address"):
         places_of(read_target(text), False)
 
 
@@ -110,7 +112,7 @@ def test_a_mapped_address_behind_a_name_is_looked_at_as_what_it_is(monkeypatch: 
     resolving(monkeypatch, "::ffff:127.0.0.1")
     assert len(places_of(read_target("plc"), False)) == 1
     resolving(monkeypatch, "::1", "::ffff:192.0.2.1")
-    with pytest.raises(ReplayError, match=r"plc:102 is ::ffff:192\.0\.2\.1, not on this machine"):
+    with pytest.raises(ReplayError, match=r"plc:102 is ::ffff:192\.0\.2\.1, not a loopback address of this machine"):
         places_of(read_target("plc"), False)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 import time
 from functools import partial
 
@@ -53,6 +54,20 @@ def test_a_pause_takes_what_comes_and_ends_when_it_is_to() -> None:
     began = time.monotonic()
     watch.sleep(began + 0.02, lambda: False)
     assert time.monotonic() >= began + 0.02
+    one.close()
+    other.close()
+    watch.close()
+
+
+def test_once_halted_nothing_is_waited_for() -> None:
+    watch = Watch()
+    one, other = socket.socketpair()
+    watch.add(one, lambda: None)
+    begun = time.monotonic()
+    threading.Timer(0.05, watch.halt).start()
+    assert not watch.read(begun + 60)
+    watch.sleep(begun + 60, lambda: False)
+    assert time.monotonic() < begun + 30
     one.close()
     other.close()
     watch.close()

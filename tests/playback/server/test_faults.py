@@ -47,6 +47,8 @@ def test_a_fault_is_read(text: str, fault: Fault) -> None:
         ("delay::5", "for example delay:3:250"),
         ("refuse:1:0x0", "0 refuses nothing"),
         ("refuse:0x1", "a refusal is"),
+        ("refuse:3:8104", "expected refuse:WHERE or refuse:WHERE:0xCODE, WHERE a number or a pattern"),
+        ("drop:3:250", "expected drop:WHERE, WHERE a number or a pattern"),
     ],
 )
 def test_what_is_no_fault_is_told(text: str, why: str) -> None:
