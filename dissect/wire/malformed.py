@@ -11,7 +11,7 @@ REASONS: Final = (
     "length_below",     # a length field is smaller than what must follow it
     "bad_value",        # a field holds a value the standard forbids
     "trailing_octets",  # octets are left over where nothing may follow
-    "count_mismatch",   # a count field and what stands there differ
+    "count_mismatch",   # a count field and the number of elements differ
     "unknown_type",     # a type octet that is in no table, so what follows cannot be read
     "bad_compression",  # compressed octets that do not inflate, or end before or after the end of what they hold
     "too_large",        # compressed octets that become more than a bound allows
