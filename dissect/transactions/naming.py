@@ -1,6 +1,6 @@
 """Names for the values that a transaction carries, from tags (`dissect.tags`) or from SCD (`dissect.bindings`).
 
-Both give a `NamedValue`. Outputs call `named_values`, whatever the source of the names.
+Both give a `NamedValue`; `named_values` returns those of a transaction, whatever the source of the names.
 """
 
 from __future__ import annotations
