@@ -1,7 +1,7 @@
-"""Captures joined to the pipeline: `open` iterates events, `analyze` folds them.
+"""Captures joined to the pipeline: `open` iterates events, `analyze` sums them up, `devices` lists the stations.
 
-Files given together are read one after another. A file that goes on where the one before it ended (its first packet comes no
-more than `CONTINUES_NS` later, as the files of a ring buffer do) continues its connections; any other file stands for itself.
+Files given together are read one after another. A file whose first packet comes no more than `CONTINUES_NS` after the last one
+of the file before it, as in a ring buffer, continues the connections of that file; any other file begins anew.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Find
 
 
 class _Joint(PacketSink):
-    """Between a file and the pipeline: looks at the first packet to see whether the file continues the one before."""
+    """Stands between a file and the pipeline, and shows `Run.join` the time of the file's first packet."""
 
     def __init__(self, run: Run) -> None:
         self._run = run
@@ -194,7 +194,7 @@ class _Queue(Observer):
 
 
 def naming_of(tags: Tags) -> Naming | None:
-    """Return what names values by files of tags, None for no tags."""
+    """Return what names values by the tags of files, None for no tags. Raises `dissect.tags.TagError`."""
     if tags is None:
         return None
     from dissect.tags import TagSet, load_tags
@@ -207,7 +207,11 @@ def naming_of(tags: Tags) -> Naming | None:
 def decoder_of(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
-    """Return what decodes SCD, None where nothing is asked for. ValueError when only one half is given."""
+    """Return what decodes SCD, None where neither a dictionary nor bindings are given.
+
+    Raises ValueError when only one of the two is given, and `scd.DictionaryError` or `dissect.bindings.BindingError` for a
+    file that is wrong.
+    """
     if scd is None and bind is None:
         return None
     if scd is None or bind is None:
@@ -217,20 +221,33 @@ def decoder_of(
     return load_carrier(scd, bind)
 
 
-def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
-    """Return what lets ``observer`` know of a selection only, None without one; ``options`` then leave out what can be."""
+def where_of(where: str | Where | None, options: Options) -> Where | None:
+    """Return an expression of option -Y, parsed if it is text; None for none. Raises `SelectError` for a wrong one.
+
+    Where it rules out whole connections, ``options`` leave them out.
+    """
     if where is None:
         return None
     from dissect.select import Where
-    from dissect.select.sieve import Sieve
 
     chosen = Where(where) if isinstance(where, str) else where
     if chosen.narrows:
         options.only = chosen.may_hold
+    return chosen
+
+
+def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
+    """Return what tells ``observer`` only of what ``where`` selects, None where that is None; else as `where_of`."""
+    chosen = where_of(where, options)
+    if chosen is None:
+        return None
+    from dissect.select.sieve import Sieve
+
     return Sieve(observer, chosen)
 
 
 def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sieve | None, options: Options) -> Run:
+    """Return a run that tells ``observer`` of everything, or through ``sieve`` of what that lets pass."""
     if sieve is None:
         return Run(paths, observer, options)
     run = Run(paths, sieve, options)
@@ -297,28 +314,27 @@ def open(
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
     where: str | Where | None = None,
-    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
-    PDUs out, which is faster. With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
-    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
-    (docs/tls.md). ``tags`` are files of tags, or what `dissect.tags.load_tags` made of them:
-    `dissect.transactions.naming.named_values` names the values of a transaction by them.
-    ``where`` selects, as option -Y does (docs/select.md): events come that match, or belong to a transaction
-    that does; PDUs only where they have all the fields that are asked for.
-    What is wrong with these is raised at once: `SelectError` for the expression, `scd.DictionaryError` or
+    PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding (nanoseconds). With the dictionary ``scd``
+    and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md). ``checksums`` leaves packets out whose TCP or UDP
+    checksum is wrong. ``tls_keys`` names files with the session keys of TLS (docs/tls.md). ``tags`` are files of tags, or what
+    `dissect.tags.load_tags` made of them: `dissect.transactions.naming.named_values` names the values of a transaction by them.
+    ``where`` selects, as option -Y does (docs/select.md): events come that match, or belong to a transaction that does; PDUs
+    only where they have all the fields that are asked for.
+
+    Raises at once what is wrong with these: `SelectError` for the expression, `scd.DictionaryError` or
     `dissect.bindings.BindingError` for a dictionary or a bindings file, `dissect.tags.TagError` for files of tags, and what
-    `read_tls_keys` raises. A capture is opened when its events are asked for: `CaptureError` comes then when it cannot be read
-    at all; damage inside one is a finding. Whoever stops half way leaves no file open.
+    `read_tls_keys` raises for keys. A capture is opened when its events are asked for: `CaptureError` comes then when it cannot
+    be read at all; damage inside one is a finding. Whoever stops half way leaves no file open.
     """
     queue = _Queue(pdus)
-    options = Options(
-        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
-    )
-    return _events(_run([path, *more], queue, sieved(queue, where, options), options), queue)
+    options = Options(slow_ns, decoder=decoder_of(scd, bind), checksums=checksums)
+    return _events(prepared_run([path, *more], queue, options, where, tags, tls_keys), queue)
 
 
 def _events(run: Run, queue: _Queue) -> Iterator[Event]:
@@ -339,7 +355,7 @@ def analyze(
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
     where: str | Where | None = None,
-    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Analysis:
     """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
@@ -366,7 +382,7 @@ def devices(
     *more: str | os.PathLike[str],
     checksums: bool = False,
     where: str | Where | None = None,
-    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Iterator[Device]:
     """Iterate the devices of one capture or several, the CPUs first: what each is, and by which packets (docs/devices.md).

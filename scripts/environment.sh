@@ -31,7 +31,8 @@ switches = [os.environ.get(name) for name in ("CC", "CFLAGS", "S7DISSECT_COMPILE
 seen = hashlib.sha256(repr((sys.version, switches)).encode())
 files = [path for path in pathlib.Path("dissect").rglob("*") if path.is_file() and path.suffix != ".pyc"]
 files += pathlib.Path("docs").glob("*.md")  # packed as the pages of `s7dissect help`
-single = ("setup.py", "scripts/man_pages.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
+single = ("setup.py", "scripts/man_pages.py", "scripts/shim.c", "scripts/train.py")
+single += ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
 for path in [*sorted(files), *map(pathlib.Path, single)]:
     seen.update(repr((str(path), path.read_bytes())).encode())
 print(seen.hexdigest())

@@ -21,7 +21,7 @@ version of the tables, in the metadata of every file, stays 1.
 
 TYPES = {
     INT: ("int64", "BIGINT", "INTEGER", "a number"),
-    REAL: ("double", "DOUBLE", "REAL", "a number"),
+    REAL: ("double", "DOUBLE", "REAL; NaN is null", "a number"),
     BOOL: ("bool", "BOOLEAN", "INTEGER, 0 or 1", "`true`, `false`"),
     TEXT: ("string", "VARCHAR", "TEXT", "text, defused"),
     WORD: ("dictionary of strings", "VARCHAR", "TEXT", "text, defused"),

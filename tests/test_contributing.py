@@ -144,7 +144,7 @@ FINDING_ROW: Final = """    ("transaction.all_refused", NOTE, FUNCTION, "Every i
 FINDING_RULE: Final = """    slug = "transaction.item_error"
 """
 FINDING_RULE_MADE: Final = """    if transaction.results() and all(result.refused for result in transaction.results()):
-        _note(judge, "transaction.all_refused", transaction, transaction.parameters.subject)
+        _note(reporter, "transaction.all_refused", transaction, transaction.parameters.subject)
     slug = "transaction.item_error"
 """
 FINDING_TEST: Final = """

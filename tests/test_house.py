@@ -332,6 +332,38 @@ def is_type_question(node: ast.AST) -> bool:
     return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance"
 
 
+def docstrings_name_what_is_there(module: str, tree: ast.Module) -> list[str]:
+    """What a docstring names by its module is there; that of a package names modules of its own, or what it imports."""
+    wrong = []
+    for node in nodes(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            names = re.findall(r"(?<!`)`(dissect\.\w+\.[\w.]+)`", ast.get_docstring(node) or "")
+            wrong += [f"{module}: {name} is not there" for name in names if not is_there(name)]
+    folder = PACKAGE.parent.joinpath(*module.split("."))
+    if folder.is_dir():
+        bound = {
+            alias.asname or alias.name
+            for node in nodes(tree)
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        bound |= {"dissect", *(path.stem for path in folder.iterdir())}
+        names = re.findall(r"(?<!`)`([a-z_0-9]+)(?:\.\w+)*`", ast.get_docstring(tree) or "")
+        wrong += [f"{module}: {name} is no module of it" for name in names if name not in bound]
+    return wrong
+
+
+def is_there(name: str) -> bool:
+    """Tell whether a name of ours begins with a module in whose source the rest stands."""
+    parts = name.split(".")
+    for size in range(len(parts), 1, -1):
+        place = PACKAGE.parent.joinpath(*parts[:size])
+        for path in (place.with_suffix(".py"), place / "__init__.py"):
+            if path.is_file():
+                return all(word in path.read_text(encoding="utf-8") for word in parts[size:])
+    return False
+
+
 RULES: Final[tuple[Rule, ...]] = (
     imports_only_point_down,
     packages_stay_in_their_room,
@@ -339,6 +371,7 @@ RULES: Final[tuple[Rule, ...]] = (
     nothing_runs_what_it_reads,
     names_say_something,
     asserts_only_narrow_types,
+    docstrings_name_what_is_there,
 )
 
 
@@ -382,6 +415,9 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (names_say_something, "dissect.tcp.stream", "class ConnectionManager:\n    pass"),
         (asserts_only_narrow_types, "dissect.tcp.stream", "assert queue.pop() == 1"),
         (asserts_only_narrow_types, "dissect.tcp.stream", "assert (first := 1) and first"),
+        (docstrings_name_what_is_there, "dissect.tcp.stream", '"""See `dissect.tcp.attic`."""'),
+        (docstrings_name_what_is_there, "dissect.tcp.stream", 'def f():\n    """See `dissect.tcp.ip.Nothing`."""'),
+        (docstrings_name_what_is_there, "dissect.monitor", '"""`rows` and `saving` make text of it."""'),
     ],
 )
 def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
@@ -403,6 +439,12 @@ def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
         (nothing_runs_what_it_reads, "dissect.cli.show", "import re\nre.compile('a')"),
         (names_say_something, "dissect.s7.timebase", "class Database:\n    pass"),
         (asserts_only_narrow_types, "dissect.tcp.stream", "assert held is not None and isinstance(held.octets, bytes)"),
+        (
+            docstrings_name_what_is_there,
+            "dissect.tcp.stream",
+            '"""`dissect.tcp.doubt`, `dissect.scd.Codec`, `anything`."""',
+        ),
+        (docstrings_name_what_is_there, "dissect.monitor", '"""`rows`, `model.Model`."""'),
     ],
 )
 def test_rule_lets_the_rest_be(rule: Rule, module: str, source: str) -> None:

@@ -20,6 +20,8 @@ from typing import Any, Final
 import pytest
 from setuptools import Distribution, Extension  # type: ignore[import-untyped]
 
+from scripts.container_steps import ignored
+
 # Only importable once setuptools has put its own copy in place.
 from distutils.ccompiler import new_compiler  # isort: skip
 from distutils.sysconfig import customize_compiler, get_python_inc  # isort: skip
@@ -47,6 +49,32 @@ def test_every_pattern_names_a_module(setup: ModuleType) -> None:
     assert unused == []
     hot = {path for pattern in setup.HOT for path in ROOT.glob(pattern)}
     assert [pattern for pattern in setup.COLD if hot.isdisjoint(ROOT.glob(pattern))] == []
+    compiled = {Path(path) for path in setup.hot_modules()}
+    ranked = (*setup.BUSIEST, *setup.BUSY)
+    assert [pattern for pattern in ranked if not any(path.match(pattern) for path in compiled)] == []
+
+
+def test_an_image_gets_all_that_a_build_reads(setup: ModuleType) -> None:
+    """Where the shim is missing, nothing is compiled, and the build goes on: only its log would say so."""
+    read = {
+        "setup.py",
+        "pyproject.toml",
+        "README.md",
+        "LICENSE",
+        setup.SHIM,
+        "scripts/man_pages.py",
+        *setup.hot_modules(),
+    }
+    read |= {path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/*.md")}
+    assert [path for path in sorted(read) if not (ROOT / path).is_file() or ignored(path)] == []
+
+
+def test_a_change_of_what_a_build_reads_makes_another_one(setup: ModuleType) -> None:
+    """The environment is made anew where its fingerprint differs."""
+    script = (ROOT / "scripts" / "environment.sh").read_text("utf-8")
+    program = script[script.index("fingerprint()") : script.index("hexdigest()")]
+    read = ("setup.py", "pyproject.toml", setup.SHIM, setup.TRAINING, "scripts/man_pages.py")
+    assert [path for path in read if f'"{path}"' not in program] == []
 
 
 def statements(node: ast.AST) -> Iterator[ast.AST]:

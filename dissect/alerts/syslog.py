@@ -17,8 +17,6 @@ from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.text import Clock, reason
 
-#: The socket that Linux systems have.
-DEV_LOG: Final = "/dev/log"
 _APP: Final = "s7dissect"
 #: What a host name may not hold there.
 _UNPRINTED: Final = re.compile(r"[^!-~]")

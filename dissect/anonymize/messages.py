@@ -17,15 +17,18 @@ from dissect.ibh.tables import KIND_OTHER, KIND_SERVICE
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
 from dissect.iso.tables import CC, CR
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, classify
-from dissect.s7.items import DATA_HEAD, DataItem, parse_data_items, walk_areas
-from dissect.s7.layouts import PDU_REF
+from dissect.s7.data_parts import CONTENT
+from dissect.s7.items import DataItem, Item, parse_data_items, walk_areas
+from dissect.s7.layouts import DATA_ITEM, PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS, WRITE_VAR
+from dissect.s7.tables import ACK_DATA, JOB, OCTET_STRING, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, V3
 from dissect.transactions.pairing import key_of
+from dissect.transactions.results import requested_items
 from dissect.transactions.side import Side
+from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 
@@ -39,6 +42,8 @@ _BEHIND: Final[int] = PDU_REF.stop
 _PARAM_LENGTH: Final = 6
 _DATA_LENGTH: Final = 8
 _PLAIN: Final = ACK_HEADER_SIZE + 2
+#: How an item of an answer begins that is octets, as the areas of a DBREAD item are.
+_OCTETS: Final = bytes((SUCCESS, OCTET_STRING))
 #: IBH-NetLink packets without data that stay: a claim of a connection number; connections, acknowledgements and receipts.
 _MAX_SERVICE: Final = 14
 _MAX_NETLINK: Final = 32
@@ -196,16 +201,46 @@ def draft_netlink(packet: IbhPacket, told: Account) -> RewritePlan:
     return draft
 
 
-def area_codes(side: Side, octets: bytes) -> list[int]:
-    """Return where return codes of areas stand in an answer of ``side``: the answer to a DBREAD item has one for each."""
-    found: list[int] = []
-    if len(octets) < _PLAIN or octets[0] != PROTOCOL_ID or octets[1] != ACK_DATA or octets[ACK_HEADER_SIZE] != READ_VAR:
-        return found
+def codes_inside(side: Side, octets: bytes) -> list[int] | None:
+    """Return where return codes stand inside the values of a message: an area of a DBREAD item has one of its own.
+
+    None where that may be, and is known only when the transaction of the message is: of what a cyclic service sends, and of
+    an answer whose request stands behind a gap.
+    """
+    if len(octets) < _PLAIN or octets[0] != PROTOCOL_ID or _OCTETS not in octets:
+        return []
+    if octets[1] == USERDATA:
+        return None
+    if octets[1] != ACK_DATA or octets[ACK_HEADER_SIZE] != READ_VAR:
+        return []
     asked = side.connection.open_requests[1 - side.index].find(key_of(ACK_DATA, u16(octets, _REFERENCE)))
-    if asked is None or all([item.areas is None for item in asked.parameters.items]):
+    return _area_codes(asked.parameters.items, octets) if asked is not None else None
+
+
+def codes_of(transaction: Transaction) -> list[int]:
+    """Return the same of the answer of a transaction, or of what was sent unasked."""
+    head = transaction.parameters.userdata
+    if head is None:
+        asked = transaction.parameters.items
+    elif transaction.outcome == PUSH:
+        asked = transaction.subscribed.items if transaction.subscribed is not None else []
+    else:
+        asked = requested_items(head, transaction.request_octets)
+    return _area_codes(asked, transaction.response_octets)
+
+
+def _area_codes(asked: Sequence[Item], octets: bytes) -> list[int]:
+    found: list[int] = []
+    if all([item.areas is None for item in asked]):
         return found
-    for item, answer in zip(asked.parameters.items, parse_pdu(octets).data_items(), strict=False):
-        if item.areas is not None and answer.return_code == SUCCESS:
-            at = int(answer.offset) + DATA_HEAD
-            found += [at + int(area.offset) for area in walk_areas(item.areas, answer.data)]
+    number = -1
+    good = False
+    for part in parse_pdu(octets).body.parts:
+        if part.layout is DATA_ITEM:
+            number += 1
+            good = part.number("return_code") == SUCCESS
+        elif part.layout is CONTENT and good and 0 <= number < len(asked):
+            areas = asked[number].areas
+            if areas is not None:
+                found += [part.offset + int(area.offset) for area in walk_areas(areas, octets[part.offset : part.end])]
     return found

@@ -33,7 +33,6 @@ from dissect.wire.layout import Layout
 from dissect.wire.part import Part
 from dissect.wire.varint import VLQ, build_varint
 
-_HEADER: Final = 4
 #: Parts that hold numbers of the protocol: ids, counts, return values, ends.
 _STAY: Final = frozenset(id(layout) for layout in (
     layouts.ATTRIBUTE_ID, layouts.COUNT, layouts.COUNT_OCTET, layouts.EXPLORE_FILTER, layouts.EXPLORE_GROUP,

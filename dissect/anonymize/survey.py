@@ -9,7 +9,7 @@ from mypy_extensions import i64
 
 from dissect.anonymize.account import FULL, MANY, UNCERTAIN, Account
 from dissect.anonymize.key import Key
-from dissect.anonymize.messages import area_codes, draft_netlink, draft_tpdu, draft_tsdu
+from dissect.anonymize.messages import codes_inside, codes_of, draft_netlink, draft_tpdu, draft_tsdu
 from dissect.anonymize.plus import PlusRules
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
@@ -28,6 +28,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog, ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.table import keys_of, reverse_key
+from dissect.transactions.transaction import Transaction
 from dissect.wire.octets import u16
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ MAX_TRACKS: Final = 65_536
 UDP: Final = b"udp"
 #: Parts of one message that are waited for.
 MAX_PARTS: Final = 8192
+#: Packets with messages whose transactions are waited for.
+MAX_WAITING: Final = 1024
 _DT_HEAD: Final = 7
 
 
@@ -128,6 +131,8 @@ class Survey(Observer):
         self._tsdu: list[_Part] = []  # the parts of the latest one that a binding claims
         self._units: Units | None = None
         self._datagrams: dict[int, list[tuple[int, bytes]]] = {}
+        # Messages whose transaction is still to come, by connection and packet: where in which stream, and their octets.
+        self._waiting: OrderedDict[tuple[int, int], list[tuple[Track, int, bytes]]] = OrderedDict()
 
     # ---- observer ---------------------------------------------------------------------------------------------------
 
@@ -179,7 +184,10 @@ class Survey(Observer):
             if octets[6] >= 0x80 and classify(octets, _DT_HEAD, len(octets)) == S7COMM and message.idle:
                 data = octets[_DT_HEAD:]
                 track.keep(start, start + _DT_HEAD)
-                track.lay(draft_tsdu(data, self._rules, self._account, True, area_codes(side, data)), start + _DT_HEAD)
+                codes = codes_inside(side, data)
+                if codes is None:
+                    self._wait(int(side.connection.number), int(frame), track, start + _DT_HEAD, data)
+                track.lay(draft_tsdu(data, self._rules, self._account, True, codes or ()), start + _DT_HEAD)
                 return
             head = RewritePlan(octets, self._account)
             head.keep(0, _DT_HEAD)
@@ -193,6 +201,30 @@ class Survey(Observer):
         size = len(octets) - len(tpdu.data)
         head = draft_tpdu(octets[:size], tpdu, self._key, self._account)
         self._part(side, track, message, _Part(head, start, start + size, tpdu.data), tpdu.field("eot") == 1)
+
+    def _wait(self, connection: int, frame: int, track: Track, at: int, octets: bytes) -> None:
+        """Keep a message of which its transaction will say where return codes are inside of it."""
+        while len(self._waiting) >= MAX_WAITING:
+            self._waiting.popitem(last=False)
+        self._waiting.setdefault((connection, frame), []).append((track, at, octets))
+
+    def transaction(self, transaction: Transaction) -> None:
+        """A transaction is complete: return codes inside of its answer stay."""
+        if not self._waiting:
+            return
+        waited = self._waiting.pop((int(transaction.connection.number), int(transaction.response_frame)), None)
+        if waited is None:
+            return
+        answer = transaction.response_octets
+        others = [message for message in waited if message[2] != answer]
+        if others:
+            self._waiting[int(transaction.connection.number), int(transaction.response_frame)] = others
+        if len(others) == len(waited):
+            return
+        codes = codes_of(transaction)
+        for track, at, octets in waited:
+            for code in codes if octets == answer else ():
+                track.keep_one(at + code, octets[code : code + 1])
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """An S7 PDU that the capture cut: its TPKT was not told."""
@@ -274,7 +306,7 @@ class Survey(Observer):
             self._tsdu = parts  # what becomes of it is said when it is told as SCD
             draft = RewritePlan(octets, self._account)
         else:
-            draft = draft_tsdu(octets, self._rules, self._account, codes=area_codes(side, octets))
+            draft = draft_tsdu(octets, self._rules, self._account, codes=codes_inside(side, octets) or ())
         frame.lay(track, draft)
 
     def _plus_frame(self, side: Side, track: Track, message: _Message, frame: _Frame) -> None:

@@ -114,6 +114,23 @@ class Track:
         else:
             self.full = True
 
+    def keep_one(self, at: int, octet: bytes) -> None:
+        """One ``octet`` stays after all, among others of which was said what becomes of them."""
+        before = bisect_right(self._new_at, at) - 1
+        if before >= 0:
+            new, place = self._new[before], at - self._new_at[before]
+            if place < len(new):
+                self._new[before] = new[:place] + octet + new[place + 1 :]
+                return
+        place = bisect_right(self._begins, at)
+        if place and self._ends[place - 1] > at:
+            return
+        if self._room.take(0):
+            self._begins.insert(place, at)
+            self._ends.insert(place, at + 1)
+        else:
+            self.full = True
+
     def put(self, begin: int, new: bytes) -> None:
         """The octets from ``begin`` on become others."""
         if begin < 0 or (self._new and begin < self._new_at[-1] + len(self._new[-1])):

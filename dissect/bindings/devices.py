@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.bindings.pushes import LatestEnd
 from dissect.scd.codec import Codec
-from dissect.scd.ranges import is_mapping
+from dissect.scd.ranges import STRUCTURE_SUB, is_mapping
 
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
@@ -31,12 +31,11 @@ class Device:
     ``overlooked`` counts values of constants that were too many to be remembered.
     """
 
-    def __init__(self, dictionary: Dictionary, codec: Codec, *, strict_pad: bool) -> None:
+    def __init__(self, dictionary: Dictionary, codec: Codec) -> None:
         self.codec = codec
         self.overlooked = 0
         self.constants: dict[Key, Value] = {}
         self._dictionary = dictionary
-        self._strict_pad = strict_pad
         self._own_codec = False
         self._mappings: dict[int, dict[int, int]] = {}
 
@@ -64,7 +63,7 @@ class Device:
         entries = [written.get(number, _default(field.default)) for number, field in enumerate(fields, 1)]
         pdo = self._dictionary.with_mapping(index, entries)
         if not self._own_codec:
-            self.codec = Codec(self._dictionary, strict_pad=self._strict_pad)
+            self.codec = Codec(self._dictionary)
             self._own_codec = True
         self.codec.remap(pdo)
         return pdo if used else None
@@ -73,12 +72,11 @@ class Device:
 class Devices:
     """Devices by address and port: ``forgotten`` counts those that had to leave, `overlooked` values of constants."""
 
-    def __init__(self, dictionary: Dictionary, *, strict_pad: bool) -> None:
+    def __init__(self, dictionary: Dictionary) -> None:
         self.dictionary = dictionary
-        self.codec = Codec(dictionary, strict_pad=strict_pad)
+        self.codec = Codec(dictionary)
         self.forgotten = 0
         self._overlooked = 0
-        self._strict_pad = strict_pad
         self._known: OrderedDict[tuple[bytes, int], Device] = OrderedDict()
         self.latest = LatestEnd()
         self._latest: Device | None = None  # that of the latest end
@@ -111,7 +109,7 @@ class Devices:
         key = (end.address, end.port)
         found = self._known.get(key)
         if found is None:
-            found = Device(self.dictionary, self.codec, strict_pad=self._strict_pad)
+            found = Device(self.dictionary, self.codec)
             self._known[key] = found
             if len(self._known) > MAX_DEVICES:
                 _, gone = self._known.popitem(last=False)
@@ -127,7 +125,7 @@ class Devices:
 
 def is_rewritten(dictionary: Dictionary, key: Key) -> bool:
     """Return whether a value is that of a mapping object of the dictionary, sub-index 0 or an element."""
-    return isinstance(key, tuple) and is_mapping(key[0]) and key[0] in dictionary.objects and key[1] != 255
+    return isinstance(key, tuple) and is_mapping(key[0]) and key[0] in dictionary.objects and key[1] != STRUCTURE_SUB
 
 
 def _default(value: object) -> int:

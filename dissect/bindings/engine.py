@@ -58,7 +58,7 @@ class ScdCarrier(PayloadDecoder):
     message; ``blocks_forgotten`` connections whose BSENDs were too many to be put together.
     """
 
-    def __init__(self, dictionary: Dictionary, bindings: Bindings, *, strict_pad: bool = False) -> None:
+    def __init__(self, dictionary: Dictionary, bindings: Bindings) -> None:
         super().__init__()
         self.dictionary = dictionary
         self.bindings = bindings
@@ -67,7 +67,7 @@ class ScdCarrier(PayloadDecoder):
         self.skipped = 0
         self.blocks_forgotten = 0
         self.udp_ports = set(bindings.udp)
-        self.devices = Devices(dictionary, strict_pad=strict_pad)
+        self.devices = Devices(dictionary)
         self._numbers = {id(binding): number for number, binding in enumerate(bindings.all)}
         self._functions: dict[str, int] = {}
         self._joiners: dict[int, Joiner] = {}
@@ -188,7 +188,7 @@ class ScdCarrier(PayloadDecoder):
         parameters.settled = self._judge.is_common(message)
         sizes = (0, 0) if pushes.bare else (envelope.head_size, envelope.tail_size)
         head = Head(codec, message, *sizes)
-        quiet = codec.packing(message.pdo).quiet and not (codec.strict_pad or head.version)
+        quiet = codec.packing(message.pdo).quiet and not head.version
         pushes.learn(found.octets, KnownPdo(head, mapping, parameters, _reference(message), quiet))
 
     def _decode(self, device: Device, binding: Binding, octets: bytes, at: int = 0) -> Iterator[ScdMessage]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.scd.layout import address_text
 from dissect.scd.model import CLASSES, StructType
-from dissect.scd.ranges import is_mapping
+from dissect.scd.ranges import STRUCTURE_SUB, is_mapping
 from dissect.scd.wording import value_text
 from dissect.wire.text import printable
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 #: Where a device shows which dictionary it has: ConfId of "verify configuration" (reference 3.4).
 CONF_ID: Final = (0x1020, 3)
-#: Sub-index with class (bits 0-7) and type (bits 8-23) of an object (C33).
-STRUCTURE_SUB: Final = 255
 #: scd_err_t of "no such object" and "no such sub-index" (reference 3.5).
 _NO_OBJECT: Final = -5
 _NO_SUB: Final = -6

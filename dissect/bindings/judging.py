@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from dissect.bindings.devices import Device, Devices, is_rewritten
-from dissect.bindings.evidence import STRUCTURE_SUB, Evidence
+from dissect.bindings.evidence import Evidence
 from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
 from dissect.scd.layout import address_text
 from dissect.scd.packing import ACCESS, ENCODING, LIMITS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION, limits_text
+from dissect.scd.ranges import STRUCTURE_SUB
 from dissect.scd.wording import value_text
 from dissect.transactions.transaction import PUSH
 from dissect.wire.text import printable
@@ -48,11 +49,11 @@ class ScdJudge:
     were too many.
     """
 
-    def __init__(self, judge: Reporter, devices: Devices, peers: frozenset[str]) -> None:
+    def __init__(self, reporter: Reporter, devices: Devices, peers: frozenset[str]) -> None:
         self.forgotten = 0
         self._peers = peers
         self._kept = 0
-        self._judge = judge
+        self._reporter = reporter
         self._devices = devices
         self._dictionary = devices.dictionary
         self._evidence = Evidence(devices.dictionary)
@@ -90,7 +91,7 @@ class ScdJudge:
         odd = [text for flag, text in _ODD.items() if flag in message.flags]
         if odd:
             self._note("scd.odd_value", found, ", ".join(odd))
-        if LIMITS in message.flags and self._judge.wants("scd.limits", found.connection):
+        if LIMITS in message.flags and self._reporter.wants("scd.limits", found.connection):
             outside = [self._outside(key, message.values.get(key)) for key in message.flags[LIMITS][:_NAMED]]
             self._note("scd.limits", found, ", ".join(text for text in outside if text) or "a value of it")
 
@@ -135,7 +136,7 @@ class ScdJudge:
     def garbage(self, side: Side, skipped: int, frame: int, time_ns: int) -> None:
         """Octets of a bound stream that are not a message were skipped."""
         detail = f"{skipped} bytes from {side.tcp.ends[side.index]}"
-        self._judge.note("scd.garbage", side.connection.number, [frame], time_ns, detail)
+        self._reporter.note("scd.garbage", side.connection.number, [frame], time_ns, detail)
 
     def forget(self, connection: int) -> None:
         """The connection is over."""
@@ -209,10 +210,10 @@ class ScdJudge:
 
     def _note(self, slug: str, found: ScdMessage, detail: str) -> None:
         connection = found.connection
-        if self._judge.wants(slug, connection):
+        if self._reporter.wants(slug, connection):
             where = f"{found.place}, " if found.place else ""
             text = f"{where}{found.subject}: {detail}"
-            self._judge.detail(slug, connection, [found.frame], found.time_ns, text)
+            self._reporter.detail(slug, connection, [found.frame], found.time_ns, text)
 
 
 def _mapped(pdo: Pdo | None) -> str:

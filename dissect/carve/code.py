@@ -50,13 +50,14 @@ _WIDTHS: Final[dict[str, int]] = {
 class Programs:
     """The blocks of a set by PLC and label, read once each, so that a call finds the interface of the block it calls."""
 
-    def __init__(self, blocks: Sequence[CarvedBlock], most: int = MAX_CODE) -> None:
+    def __init__(self, blocks: Sequence[CarvedBlock]) -> None:
         self._read: dict[str, Block] = {}
         self._fitting: set[str] = set()
+        room = MAX_CODE
         for block in blocks:
             key = digest(block)
-            if block.classic is not None and key not in self._fitting and len(block.octets) <= most:
-                most -= len(block.octets)
+            if block.classic is not None and key not in self._fitting and len(block.octets) <= room:
+                room -= len(block.octets)
                 self._fitting.add(key)
         self._latest = {key: row[-1] for key, row in versions(blocks, by_plc=True).items()}
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.program.carved import CarvedBlock, carve
-from dissect.session import Run, Tags, keys_of, naming_of
+from dissect.session import KeyLogFiles, Run, Tags, keys_of, naming_of, where_of
 from dissect.transactions.operation import TRANSFERS, Operation
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def blocks(
     path: str | os.PathLike[str],
     *more: str | os.PathLike[str],
     where: str | Where | None = None,
-    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tls_keys: KeyLogFiles = None,
     checksums: bool = False,
     tags: Tags = None,
 ) -> list[CarvedBlock]:
@@ -77,15 +77,8 @@ def blocks(
     `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises.
     """
     options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
-    chosen = None
-    if where is not None:
-        from dissect.select import Where
-
-        selection = Where(where) if isinstance(where, str) else where
-        chosen = selection.predicate("operation")
-        if selection.narrows:
-            options.only = selection.may_hold
-    collector = Collector(chosen)
+    chosen = where_of(where, options)
+    collector = Collector(chosen.predicate("operation") if chosen is not None else None)
     run = Run([path, *more], collector, options)
     run.read()
     return collector.ordered()

@@ -118,7 +118,7 @@ def command(
         return code
     complain(run, code)
     survey.settle()
-    _write(file, output, survey, addresses, choices, account, key.shift_ns if shift_time else 0)
+    _write(file, output, survey, addresses, choices, account, key.shift_ns if choices.shift_time else 0)
     if scd is not None:
         account.bindings = bindings_of(scd.bindings, key, addresses)
     for kind, count in addresses.changed.items():

@@ -26,6 +26,7 @@ from dissect.cli.options.select import where_option
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, slow_option, write
+from dissect.source.live import BUFFER_MIB
 from dissect.wire.saving import save
 from dissect.wire.text import printable
 
@@ -41,8 +42,6 @@ _EXIT_CODES: Final = (
     "Exit code: 0 success, also when Wireshark stops the capture, 2 wrong use, or a source that cannot be opened, 3 a damaged "
     "or truncated file or a source that failed, 5 the output could not be written."
 )
-#: As `dissect.source.live.opening` has it, which is imported only when something is opened.
-_BUFFER_MIB: Final = 32
 #: Octets of packets from a file that are gathered before they are written; live ones are written one by one.
 _BATCH: Final = 65_536
 #: Seconds that a program may take to say where its folders are.
@@ -225,7 +224,7 @@ def _live(interface: str | None, expression: str, writer: PcapngWriter, options:
 
     if interface is None:
         raise click.ClickException("choose a network interface in the options of this interface (--interface).")
-    source = open_interface(interface, expression, "auto", "", None, False, _BUFFER_MIB)
+    source = open_interface(interface, expression, "auto", "", None, False, BUFFER_MIB)
     stream = CommentedStream(writer)
     run = LiveRun(source, Observer(), options, companions=[stream], name=interface)
     with Interruption(run.stop):

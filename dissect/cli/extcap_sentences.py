@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
+from dissect.source.pcap import LINKTYPE_ETHERNET
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ INTERFACES: Final = {
     LIVE: "S7 with findings (live)",
     FILE: "S7 with findings (from a file)",
 }
-_ETHERNET: Final = 1
 
 
 def sentence(word: str, *values: tuple[str, object]) -> str:
@@ -36,7 +36,7 @@ def interface_sentences(version: str) -> Iterator[str]:
 
 def link_sentences() -> Iterator[str]:
     """Return the link type that is likely; what is written says its own for each interface."""
-    yield sentence("dlt", ("number", _ETHERNET), ("name", "EN10MB"), ("display", "Ethernet"))
+    yield sentence("dlt", ("number", LINKTYPE_ETHERNET), ("name", "EN10MB"), ("display", "Ethernet"))
 
 
 def option_sentences(name: str, interfaces: Sequence[NetworkInterface]) -> Iterator[str]:

@@ -35,6 +35,7 @@ from dissect.cli.watching import (
     write_events,
 )
 from dissect.report.formats import EVENTS, Format, formats_for
+from dissect.source.live import BUFFER_MIB, MAX_BUFFER_MIB
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -48,10 +49,6 @@ if TYPE_CHECKING:
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
     from dissect.variables.wanted import WantedSet
-
-#: As `dissect.source.live.opening` has them, which is imported only when something is opened.
-BUFFER_MIB: Final = 32
-MAX_BUFFER_MIB: Final = 1024
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "

@@ -133,7 +133,11 @@ def _summary(file: TagFile) -> str:
     if file.programs:
         said.append(words.count(sum([one.count for one in file.programs.values()]), "variable") + " of S7comm-plus")
     for what, count in file.skipped.items():
-        said.append(f"{count} {what}" if what == "repeated" else f"{count} {what} without an address")
+        said.append(
+            f"{count} {what}"
+            if what == "repeated"
+            else f"{words.count(count, what.removesuffix('s'))} without an address"
+        )
     if file.encoding:
         said.append(f"read as {file.encoding}")
     return printable(", ".join(said))

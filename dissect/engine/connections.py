@@ -45,12 +45,12 @@ def on_102(side: Side) -> bool:
 
 
 class Foreign(Protocol):
-    """Names what is not S7, by what identifies it. Of a connection that is given to it, octets are counted, nothing more."""
+    """Names protocols that are not S7, by what identifies them. Of connections that are given to it only octets are counted."""
 
     def __init__(self, exchange: Exchange) -> None:
         super().__init__(FOREIGN)
         self._exchange: Exchange = exchange
-        self._named: dict[int, int] = {}  # by connection: what was reported of it, a bit for each protocol
+        self._named: dict[int, int] = {}  # by connection: a bit for each protocol that was reported of it
 
     def take(self, side: Side, name: str, frame: i64, time_ns: i64, identity: str = "") -> None:
         """Another protocol: its packets are counted from now on. ``identity`` says what it was identified by."""
@@ -86,7 +86,7 @@ class Foreign(Protocol):
             return
         identity = identify(upper, buf, at, at + size)
         if upper == RDP and connection.pdus == 0:
-            self.take(side, name, frame, time_ns, identity)  # what it says besides TPKTs is no fault of framing
+            self.take(side, name, frame, time_ns, identity)  # not all that RDP sends is in TPKTs
             return
         if fresh:
             connection.protocol = name
@@ -143,8 +143,8 @@ class Foreign(Protocol):
 class Unread(Protocol):
     """Takes the connections that a selection leaves out.
 
-    Of their octets it reads the type of the TPDU that a segment begins with, because a connect request after data begins
-    another connection in their place, which has a number of its own and may be selected.
+    It reads only the type of the TPDU that a segment begins with: a connect request after data begins another connection in
+    their place, which has a number of its own and may be selected.
     """
 
     def __init__(self, connections: Connections) -> None:
@@ -177,10 +177,10 @@ class Unread(Protocol):
 
 
 class Connections:
-    """Gives connections to protocols and takes them back. ``count`` is the number of those that were opened so far.
+    """Gives connections to protocols and takes them back. ``count`` is how many were opened so far.
 
-    Those that ``only`` does not want get their number and no more; ``left_out`` counts them. ``iso`` takes those that begin
-    in the place of one of these.
+    A connection that ``only`` does not want gets its number and no more; ``left_out`` counts those. ``iso`` takes a connection
+    that begins in the place of one of them.
     """
 
     def __init__(self, exchange: Exchange, only: Callable[[Connection], bool] | None = None) -> None:
@@ -275,10 +275,10 @@ class Connections:
 
 
 class Recognition(Protocol):
-    """What every connection begins with: looks at octets until one of ``streams``, ISO-on-TCP or nobody takes it.
+    """The protocol that every connection begins with: looks at octets until it is certain what the connection speaks.
 
-    ``streams`` are asked in order; ISO-on-TCP is looked for last and over several segments, because a capture may begin in
-    the middle of anything.
+    ``streams`` are asked in their order. ISO-on-TCP is looked for last, and over several segments, because a capture may begin
+    in the middle of anything.
     """
 
     def __init__(self, connections: Connections, iso: Protocol, streams: list[Protocol]) -> None:
@@ -288,7 +288,7 @@ class Recognition(Protocol):
         self._streams: list[Protocol] = streams
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Look at octets of a connection not known yet, and give it and them to what speaks so."""
+        """Look at octets of a connection that is not recognised yet; give it, with them, to the protocol they are of."""
         octets = buf[at : at + size]
         known_start: bool = side.tcp.known_start
         at_start: bool = known_start and (side.end_seq - size) & MASK == side.stream.start_seq
@@ -317,11 +317,11 @@ class Recognition(Protocol):
         side.framer.skipped += size
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """A connection was never recognised: on port 102 that is worth saying, unless little of it was seen."""
+        """A connection was never recognised: that is reported on port 102, unless little of it was seen."""
         if side.tcp.known_start or side.connection.probed >= PROBES:
             self._take_other(side)
 
     def _take_other(self, side: Side) -> None:
-        """It speaks something else: that is told of its first octets, not of those at which it was certain."""
+        """The connection speaks something else: report it at its first octets, not at those that made it certain."""
         connection = side.connection
         self._connections.foreign.take(side, connection.protocol, connection.probed_frame, connection.probed_ns)

@@ -1,4 +1,4 @@
-"""What a run counts: packets by what became of them, octets, where it stands; and what is odd about single packets."""
+"""What a run counts (packets by what became of them, octets), where it stands, and what is odd about single packets."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from dissect.transactions.table import endpoints
 from dissect.wire.octets import Tally
 from dissect.wire.text import duration_text
 
-#: Kinds of packets that are not opened, of which the first is detailed: link types may be any number.
+#: Kinds of packets that are not opened, of which the first one of each is a detailed finding. There may be any number of kinds.
 _MAX_SEALED: Final = 32
 #: Later than every packet.
 _NEVER_NS: Final = 0x7FFF_FFFF_FFFF_FFFF
 
 
 class Counters:
-    """The accounts of a run. ``frames`` counts packets; ``first_ns`` and ``now_ns`` are the times of the first and latest read.
+    """The accounts of a run. ``frames`` counts packets; ``first_ns`` and ``now_ns`` are the times of the first and latest one.
 
-    Times are nanoseconds since 1970. `earliest_ns` and `latest_ns` are others only where the clock ran backwards: they cost
-    nothing but there (`widen`).
+    Times are nanoseconds since 1970. `earliest_ns` and `latest_ns` differ from these two only where the clock ran backwards,
+    and cost nothing elsewhere (`widen`).
     """
 
     def __init__(self, reporter: Reporter) -> None:
@@ -42,9 +42,9 @@ class Counters:
         self.now_ns: i64 = 0
         self._lowest_ns: i64 = _NEVER_NS
         self._highest_ns: i64 = 0
-        self._ahead_ns: i64 = 0  # the latest time of a packet since a step back was told, as far as one followed it
+        self._ahead_ns: i64 = 0  # the latest time before a step back, since one was reported
         self.packets: Tally = Tally(len(CATEGORIES), PAYLOAD, NO_PAYLOAD)
-        self._sealed: set[str] = set()  # what is not opened, as far as it was named
+        self._sealed: set[str] = set()  # the kinds of packets that were reported as not opened
 
     @property
     def earliest_ns(self) -> int:
@@ -58,11 +58,11 @@ class Counters:
 
     @property
     def disordered(self) -> bool:
-        """True when by their own times packets are older than the first one, or newer than the one that was read last."""
+        """True when some packets are older than the first one, or newer than the one that was read last."""
         return self.first_ns - self.earliest_ns > DISORDER_NS or self.latest_ns - self.now_ns > DISORDER_NS
 
     def widen(self, earliest_ns: i64, latest_ns: i64) -> None:
-        """Take two times of packets that `first_ns` and `now_ns` need not show: the clock ran backwards between them."""
+        """Take the times of two packets between which the clock ran backwards: `first_ns` and `now_ns` need not cover them."""
         self._lowest_ns = min(self._lowest_ns, earliest_ns)
         self._highest_ns = max(self._highest_ns, latest_ns)
 
@@ -115,7 +115,7 @@ class Counters:
             self.note(slug, detail)
 
     def note_sealed(self, name: str) -> None:
-        """The packet at hand is in something that is not opened; the first one of each is detailed."""
+        """Count a packet that is inside something that is not opened; the first of each ``name`` is detailed."""
         slug = "capture.not_opened"
         if name in self._sealed or len(self._sealed) >= _MAX_SEALED:
             self._reporter.counts[slug] = self._reporter.counts.get(slug, 0) + 1
@@ -126,8 +126,8 @@ class Counters:
     def note_step_back(self, time_ns: i64) -> None:
         """The packet at hand, of ``time_ns``, is older than the one before it.
 
-        It is compared with the latest time since the last step that was told: a clock that steps back by little, but again
-        and again, is a clock that runs backwards. A latest time that matters here is one that a step back follows.
+        It is compared with the latest time since the last step that was reported: a clock that steps back only a little, but
+        again and again, is a clock that runs backwards. Only a time that a step back follows can be that latest time.
         """
         self.widen(time_ns, self.now_ns)
         self._ahead_ns = max(self._ahead_ns, self.now_ns)

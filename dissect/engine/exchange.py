@@ -1,12 +1,12 @@
-"""The shared pairing: what every protocol hands its requests, responses and indications to.
+"""`Exchange`: every protocol hands it its requests, responses and indications, to be paired and judged.
 
-Here a transaction is completed, judged, shown to those who watch, and reported to the observer, in this order: a rule may
-look at what the one before it left at the connection, and whoever gets a transaction gets what it is worth as well. Findings
-are made through the `Reporter` of this object, so that they are counted and bounded in one place whatever protocol they are
-about. A read without an error is only paired and reported; `Watch` sees the rest.
+When a message completes a transaction, the rules about transactions judge it first (`judge_transaction`), then the observer is
+told, then `Watch` sees it, which knows operations, security and stations. Findings go through the one `Reporter` of this
+object, so that they are counted and bounded in one place, whatever protocol they are about. A read without an error is only
+paired and reported to the observer.
 
-`PayloadDecoder` is for those who look for another protocol in what passes (`dissect.bindings`: SCD). Its methods are called
-where a byte passes, and it hands what it finds back through `Exchange`, like any protocol.
+`PayloadDecoder` looks for another protocol inside what passes (`dissect.bindings`: SCD). It hands what it finds back to
+`Exchange`, like any protocol.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class PayloadDecoder:
-    """Takes what may be its own; this one takes nothing. ``udp_ports`` are those of the datagrams it wants to see."""
+    """Looks for messages of another protocol; this base class finds none. ``udp_ports``: whose datagrams it wants to see."""
 
     def __init__(self) -> None:
         self.udp_ports: set[int] = set()
 
     def attach(self, exchange: Exchange) -> None:
-        """Remember where findings, observer and dialogue are; called once, before the first packet."""
+        """Take the exchange that messages are handed to; called once, before the first packet."""
 
     def claims_port(self, transport: str, connection: Connection) -> bool:
-        """Return whether a new conversation over ``tcp`` or ``udp`` is one to be followed; name its client if so."""
+        """Return whether a new conversation is its own, and set the client of one that is; ``transport`` is "tcp" or "udp"."""
         return False
 
     def datagram(self, side: Side, octets: bytes, missing: i64, frame: i64, time_ns: i64) -> None:
@@ -65,18 +65,18 @@ class PayloadDecoder:
         """``size`` octets are missing here from a TCP connection that was claimed."""
 
     def claims_tsdus(self, connection: Connection) -> bool:
-        """Return whether the TSDUs of a connection are its own, once its TSAPs are known."""
+        """Return whether the TSDUs of a connection are its own, as far as the TSAPs tell that are known so far."""
         return False
 
     def tsdu(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Take a TSDU that is neither S7comm nor S7comm-plus; False when it is none of its own."""
+        """Take a TSDU that is neither S7comm nor S7comm-plus; False when it is not its own."""
         return False
 
     def transaction(self, transaction: Transaction) -> None:
-        """Look at an S7 transaction before it is reported, and at one of its own when it is over, unless it is ``settled``."""
+        """Look at an S7 transaction before it is reported, and at one of its own unless that is `ScdParameters.settled`."""
 
     def restart(self) -> None:
-        """Another capture begins, in which nothing is known of what was seen before."""
+        """Another capture begins: forget what was seen."""
 
     def message_count(self) -> int:
         """Return how many messages were found."""
@@ -91,16 +91,16 @@ class PayloadDecoder:
 
 
 class Watch:
-    """Is shown the transactions that are more than a read or a write of what was written before."""
+    """Sees what is more than polling: all transactions but reads and writes; makes operations, findings and facts of them."""
 
-    def __init__(self, observer: Observer, judge: Reporter) -> None:
+    def __init__(self, observer: Observer, reporter: Reporter) -> None:
         self._observer = observer
-        self._judge = judge
+        self._reporter = reporter
         self.operations = Operations()
-        self.security = SecurityWatch(judge)
-        self.plus = PlusWatch(judge, self.security, self.operations)
+        self.security = SecurityWatch(reporter)
+        self.plus = PlusWatch(reporter, self.security, self.operations)
         self._blocks: BlockWatch | None = None
-        self.stations = StationWatch(judge, observer.own_book)
+        self.stations = StationWatch(reporter, observer.own_book)
 
     def opened(self, connection: Connection) -> None:
         """A connection was recognised."""
@@ -119,11 +119,11 @@ class Watch:
         self.operations.take(transaction)
         head = transaction.parameters.userdata
         if head is not None and head.group == GROUP_CPU:
-            judge_szl(self._judge, transaction)
+            judge_szl(self._reporter, transaction)
         else:
-            judge_body(self._judge, transaction)
+            judge_body(self._reporter, transaction)
         if transaction.flags:
-            judge_strays(self._judge, transaction)
+            judge_strays(self._reporter, transaction)
         self.security.take(transaction)
         if head is not None and head.group in TELLING:
             self._facts(self.stations.take(transaction))
@@ -136,12 +136,12 @@ class Watch:
         if connection.plus is not None:
             self.plus.end(connection)
         if connection.has_loaded:
-            judge_loaded(self._judge, connection, reason)
+            judge_loaded(self._reporter, connection, reason)
         self._tell()
 
     def forget(self) -> None:
-        """Nothing more comes: forget what stations said, which was kept to see what contradicts it."""
-        self.stations = StationWatch(self._judge)
+        """Nothing more comes: forget what stations said; it was kept to find contradictions."""
+        self.stations = StationWatch(self._reporter)
 
     def _tell(self) -> None:
         over = self.operations.over
@@ -149,8 +149,8 @@ class Watch:
             return
         self.operations.over = []
         for operation in over:
-            if operation.oddities or operation.result != DONE:  # it is not compiled, and each setup is an operation
-                judge_operation(self._judge, operation)
+            if operation.oddities or operation.result != DONE:  # the rule is not compiled, and each setup comes here
+                judge_operation(self._reporter, operation)
             if not operation.begun and operation.kind == DOWNLOAD:
                 self.security.loaded(operation)
             if operation.content and operation.kind in TRANSFERS:
@@ -166,11 +166,11 @@ class Watch:
 
     def _look_at_block(self, operation: Operation) -> None:
         if operation.connection.plus is not None:
-            return  # what of a block of S7comm-plus the CPU changes by itself is not known
+            return  # it is not known which parts of an S7comm-plus block the CPU changes by itself
         if self._blocks is None:
             from dissect.findings.block_rules import BlockWatch  # late: few captures have blocks
 
-            self._blocks = BlockWatch(self._judge)
+            self._blocks = BlockWatch(self._reporter)
         self._blocks.take(operation)
 
 
@@ -183,7 +183,7 @@ class Exchange:
         self.dialogue: Dialogue = Dialogue()
         self.watch: Watch = Watch(observer, self.reporter)
         self.decoder: PayloadDecoder | None = decoder
-        self.naming: Naming | None = None  # who knows names for addresses, when the user has given any
+        self.naming: Naming | None = None  # knows names for addresses, where the user has given any
         self.strict: bool = strict
         self._slow_ns: i64 = slow_ns
         if decoder is not None:
@@ -217,7 +217,7 @@ class Exchange:
     # ---- transactions -----------------------------------------------------------------------------------------------
 
     def completed(self, transaction: Transaction | None, frame: i64, time_ns: i64) -> None:
-        """A message was paired: report what ended beside it, then judge and report the transaction it completes, if it does."""
+        """Report what ended beside a message that was paired; then judge and report the transaction it completed, if any."""
         if self.dialogue.also:
             self.beside(frame, time_ns)
         if transaction is None:
@@ -231,7 +231,7 @@ class Exchange:
             and transaction.rosctr == JOB
             and 0 <= transaction.response_ns - transaction.request_ns <= self._slow_ns
         ):
-            self.observer.transaction(transaction)  # as most are, and there is nothing to say of it
+            self.observer.transaction(transaction)  # like most transactions: there is nothing to judge
             return
         if function == SETUP_COMMUNICATION:
             judge_grant(self.reporter, transaction)
@@ -289,7 +289,7 @@ class Exchange:
             self.note_bug(bug, max(transaction.request_frame, transaction.response_frame), transaction.response_ns)
 
     def _watch(self, transaction: Transaction) -> None:
-        """Show what is more than polling to those who watch."""
+        """Show `Watch` what it wants of a transaction: of reads and writes only samples, new areas and refusals."""
         parameters = transaction.parameters
         function: i64 = parameters.function
         if function != READ_VAR and function != WRITE_VAR:

@@ -1,4 +1,4 @@
-"""The observer: who is told what happens. The engine itself never prints or writes; outputs override what they want to know."""
+"""`Observer`, which the engine tells what happens. The engine itself never prints or writes; outputs derive from this class."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from dissect.transactions.transaction import Transaction
 class Observer:
     """Gets every event; override the methods you need. The ``wants_`` flags must be set before the first packet.
 
-    ``own_book`` is for who keeps what stations say: a book that is given here before the pipeline is made has noted each fact
-    before `fact` is told of it, and two need not be kept. Who looks at nothing else of facts clears ``wants_facts``.
+    An observer that keeps what stations say may set ``own_book`` before the pipeline is made. The engine then notes each fact
+    in that book, instead of one of its own, before it calls `fact`. Clear ``wants_facts`` if the book is enough.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Observer:
         self.wants_tpdus: bool = False
 
     def connection_opened(self, connection: Connection) -> None:
-        """ISO-on-TCP or IBH-NetLink was recognised on a connection."""
+        """A protocol that the engine reads was recognised on a connection: ISO-on-TCP, IBH-NetLink, or SCD on a bound port."""
 
     def connection_closed(self, connection: Connection) -> None:
         """A connection is over; all its transactions were reported before."""
@@ -43,22 +43,22 @@ class Observer:
         """A whole S7 PDU, or one the capture cut (only with ``wants_pdus``)."""
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """A whole S7comm-plus PDU, its frames one behind the other, or what is known of one (only with ``wants_pdus``)."""
+        """A whole S7comm-plus PDU, its frames joined, or as much of one as was captured (only with ``wants_pdus``)."""
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
-        """An SCD message of its own, not in an S7 item (only with ``wants_pdus``)."""
+        """An SCD message that is not in an item of S7 (only with ``wants_pdus``)."""
 
     def transaction(self, transaction: Transaction) -> None:
         """A transaction is complete, or given up."""
 
     def operation(self, operation: Operation) -> None:
-        """An operation, several transactions that belong together, is over."""
+        """An operation (several transactions that belong together) is over."""
 
     def finding(self, finding: Finding) -> None:
         """Something deserves attention."""
 
     def fact(self, fact: Fact) -> None:
-        """A station said something of itself, new or not, behind what it was said in (unless ``wants_facts`` is cleared)."""
+        """A station said something of itself, new or not; comes after the event in which it did (with ``wants_facts``)."""
 
     def comment(self, frame: i64, text: str) -> None:
         """The capture holds a comment about a packet."""

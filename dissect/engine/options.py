@@ -1,4 +1,4 @@
-"""What a run may be told, beside the packets."""
+"""The options of a run."""
 
 from __future__ import annotations
 
@@ -17,18 +17,21 @@ MEMORY: Final = 128 * 1024 * 1024
 
 
 class Options:
-    """What a user can set. ``slow_ns``: an answer later than this is slow. ``strict``: a bug of ours raises.
+    """What a user can set.
 
-    ``decoder`` looks for another protocol in what passes. ``overdue_ns``: a request still open after this is reported at once,
-    before it is known what becomes of it; 0 for never, as in a file what becomes of it is known.
-
-    ``memory`` bounds the octets that all connections together keep of unfinished packets, PDUs and transactions, within
-    `dissect.engine.pipeline.LOOK_OCTETS`: when they keep more, those that hold most are given up and reported
-    (`stream.evicted`).
-    ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receiver did.
-    ``tls_keys`` open TLS, beside those that a capture itself holds. ``naming`` knows names for addresses.
-    ``only`` tells of a connection, once it is recognised and has its number, whether it is to be read: of others nothing is
-    read and nothing reported, but they keep their numbers.
+    ``slow_ns``: an answer that takes longer is slow (nanoseconds).
+    ``strict``: a bug of ours raises, instead of becoming the finding ``internal.bug``.
+    ``decoder`` looks for another protocol inside what passes (SCD).
+    ``overdue_ns``: a request that is open for longer is reported at once, before it is known how it ends (nanoseconds; 0 for
+    never: in a file it is known).
+    ``memory``: the octets that all connections together may keep of unfinished packets, PDUs and transactions. When they keep
+    more, which is looked at every `dissect.engine.pipeline.LOOK_OCTETS`, those that keep most are given up and reported
+    (``stream.evicted``).
+    ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receivers leave them out.
+    ``tls_keys`` open TLS, besides the keys that a capture holds itself.
+    ``only`` is asked about each connection that was recognised and has its number: True to read it. Nothing is read or reported
+    of the others, but they keep their numbers.
+    ``naming`` knows names for addresses (tags).
     """
 
     def __init__(

@@ -56,8 +56,8 @@ class _Entry:
 class OverdueWatch:
     """Looks at the sides that have sent requests, in the order in which these become overdue."""
 
-    def __init__(self, judge: Reporter, dialogue: Dialogue, limit_ns: i64) -> None:
-        self._judge: Reporter = judge
+    def __init__(self, reporter: Reporter, dialogue: Dialogue, limit_ns: i64) -> None:
+        self._reporter: Reporter = reporter
         self._dialogue: Dialogue = dialogue
         self._limit_ns: i64 = limit_ns
         self._due: list[_Entry] = []
@@ -111,12 +111,12 @@ class OverdueWatch:
 
     def _tell(self, transaction: Transaction, now_ns: i64) -> None:
         connection = transaction.connection
-        if self._judge.wants("transaction.overdue", connection.number):
+        if self._reporter.wants("transaction.overdue", connection.number):
             frame: int = transaction.request_frame
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
             detail = f"{subject(transaction)}: sent {ago} ago in packet {frame}, still unanswered"
-            self._judge.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
+            self._reporter.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
 #: How often what waits is looked at, in capture time: always at multiples of this, so that what is found of a connection does

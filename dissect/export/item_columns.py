@@ -61,6 +61,8 @@ _SHORT: Final = frozenset((WORD, INT))
 #: For any count of items that a request may have: their numbers, and their return codes when all is well.
 _NUMBERS: Final[list[array[int]]] = [array("q", range(1, count + 1)) for count in range(256)]
 _GOOD: Final[list[array[int]]] = [array("i", [SUCCESS] * count) for count in range(256)]
+#: Up to here each integer is a number of floating point of its own.
+_MOST_EXACT: Final = 2**53
 _NO_NAME: Final[list[str | None]] = [None]
 #: What a transaction does with its items.
 _READ: Final = 0
@@ -288,7 +290,7 @@ class ItemColumns:
         elif isinstance(value, bool):
             self._add(1.0 if value else 0.0, None)
         elif isinstance(value, int):
-            self._add(float(value), None)
+            self._add(float(value), rounded(value))
         elif isinstance(value, float):
             self._add(value, None)
         elif isinstance(value, str):
@@ -299,6 +301,11 @@ class ItemColumns:
     def _add(self, value: float | None, text: str | None) -> None:
         self.values.append(value)
         self.texts.append(text)
+
+
+def rounded(value: int) -> str | None:
+    """Return an integer as text where the number that stands for it in a table is not quite the same, else None."""
+    return str(value) if not -_MOST_EXACT <= value <= _MOST_EXACT else None
 
 
 class Collected:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, Final
 
+from dissect.export.item_columns import rounded
 from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.tables import DEVICES, INT, Column
 from dissect.export.transaction_rows import Row, TransactionRows
@@ -13,6 +14,7 @@ from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.inventory.rows import device_row
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.report.item_json import value_text
 from dissect.report.words import Places
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -262,9 +264,11 @@ def _shown(value: object) -> tuple[float | None, str | None]:
     if value is None:
         return None, None
     if isinstance(value, (int, float)):
-        return float(value), None
+        return float(value), rounded(value) if isinstance(value, int) else None
     if isinstance(value, str):
         return None, encodable(value)
+    if isinstance(value, list):
+        return None, value_text(value)
     return None, json.dumps(value, default=str)
 
 

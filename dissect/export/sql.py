@@ -28,8 +28,8 @@ class SqlError(ValueError):
 class MemorySink(Sink):
     """Keeps tables in memory, as Arrow."""
 
-    def __init__(self, tables: Sequence[Table], dictionaries: bool = True) -> None:
-        self._batches = {table.name: Batches(table, dictionaries) for table in tables}
+    def __init__(self, tables: Sequence[Table]) -> None:
+        self._batches = {table.name: Batches(table) for table in tables}
         self._kept: dict[str, list[Any]] = {table.name: [] for table in tables}
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:

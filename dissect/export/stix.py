@@ -87,7 +87,7 @@ class StixExport(Export, Observer):
         connection = self._context.connection(int(finding.connection))
         time = self._time(int(finding.time_ns))
         tool = self._identity(time)
-        seen = [self._traffic(connection, int(finding.time_ns))] if connection is not None else []
+        seen = [self._traffic(connection)] if connection is not None else []
         text = self._text(finding, connection)
         if not seen:
             self._note(finding, tool, time, text, [tool])
@@ -167,7 +167,7 @@ class StixExport(Export, Observer):
             }
         return id_
 
-    def _traffic(self, connection: Connection, until_ns: int) -> str:
+    def _traffic(self, connection: Connection) -> str:
         """Add the objects of a connection and its ends."""
         client, server = connection.client, connection.server
         inner = [connection.protocol] if connection.protocol else []

@@ -174,7 +174,7 @@ ITEMS: Final = Table(
         Column("return_name", WORD, "", "its name", "dissect.s7.tables.RETURN_CODES"),
         Column("refused", BOOL, "", "the answer refuses this item, or the whole request", "ItemResult.refused"),
         Column("number", REAL, "", "value: a number or truth value; of a single tag in its unit", "ItemResult.value"),
-        Column("text", TEXT, "", "value where it is text, several numbers as JSON", "ItemResult.value"),
+        Column("text", TEXT, "", "value where it is text, several numbers as JSON, an integer beyond 2^53", "ItemResult.value"),
         Column("data", BYTES, "", "the bytes read or written", "ItemResult.data"),
     ),
 )
@@ -196,7 +196,7 @@ VALUES: Final = Table(
         Column("type", WORD, "", "type of the variable", "Variable.type"),
         Column("unit", WORD, "", "unit of the value", "Variable.unit"),
         Column("number", REAL, "unit", "value: a number or truth value", "ValueRow.value"),
-        Column("text", TEXT, "", "value where it is text, several numbers as JSON", "ValueRow.value"),
+        Column("text", TEXT, "", "value where it is text, several numbers as JSON, an integer beyond 2^53", "ValueRow.value"),
         Column("data", BYTES, "", "its bytes", "ValueRow.data"),
         Column("changed", BOOL, "", "different from the one before it, whoever read or wrote that", "ValueRow.changed"),
         Column("previous_number", REAL, "unit", "the one before it: a number or truth value", "ValueRow.previous"),

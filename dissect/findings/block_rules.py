@@ -55,8 +55,8 @@ class Known:
 class BlockWatch:
     """Remembers the latest versions of the blocks of each PLC, and notes what the next one says."""
 
-    def __init__(self, judge: Reporter) -> None:
-        self._judge = judge
+    def __init__(self, reporter: Reporter) -> None:
+        self._reporter = reporter
         self._known: dict[tuple[str, str], Known] = {}
         self._octets = 0
         self._code: CodeRules | None = None
@@ -95,7 +95,7 @@ class BlockWatch:
 
     def _judge_code(self, block: CarvedBlock, before: CarvedBlock | None, operation: Operation, plc: str) -> None:
         code = self._rules()
-        for slug, what in code.judge(block):
+        for slug, what in code.reporter(block):
             self._note(slug, operation, None, what)
         if operation.kind == DOWNLOAD:
             running = self._running(plc) if before is not None else []
@@ -119,10 +119,10 @@ class BlockWatch:
 
     def _note(self, slug: str, operation: Operation, before: CarvedBlock | None, what: str) -> None:
         number = operation.connection.number
-        if self._judge.wants(slug, number):
+        if self._reporter.wants(slug, number):
             earlier = before.operation if before is not None else None
             frames = [earlier.first_frame, operation.first_frame] if earlier is not None else [operation.first_frame]
-            self._judge.detail(slug, number, frames, operation.end_ns, f"{operation.subject}: {what}")
+            self._reporter.detail(slug, number, frames, operation.end_ns, f"{operation.subject}: {what}")
 
 
 def _sizes(before: CarvedBlock, block: CarvedBlock, changed: list[str]) -> str:

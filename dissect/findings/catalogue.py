@@ -1,7 +1,7 @@
 """The catalogue of findings: every slug that can appear, its severity, its kind, its sentence and its advice.
 
-Slugs are stable: reports, gates and other people's scripts rely on them. The rules follow reference section 7. This page of
-rows is the only place that knows them: reports, documentation, `explain` and the tests all read it.
+Slugs are stable: reports, `--fail-on` and other people's scripts rely on them. The rules follow reference section 7. These rows
+are the only place that knows them: reports, alerts, exports, documentation and tests all read them.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class CodeRules:
         self._decoded: dict[bytes, Block] = {}
         self._room = MAX_DECODED
 
-    def judge(self, block: CarvedBlock) -> list[Remark]:
+    def reporter(self, block: CarvedBlock) -> list[Remark]:
         """Return what is to be said of the code of a block by itself."""
         program = self._decode(block)
         facts = inconsistencies(program) if program is not None else []

@@ -38,20 +38,20 @@ _ODDITIES: Final = {
 }
 
 
-def judge_operation(judge: Reporter, operation: Operation) -> None:
+def judge_operation(reporter: Reporter, operation: Operation) -> None:
     """Note what is odd about an operation that is over.
 
     That a single request was refused or not answered is said of its transaction; here it counts what had begun before.
     """
     for oddity in operation.oddities:
-        _note(judge, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)
+        _note(reporter, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)
     if operation.result == FAILED:
         why = operation.error_coded or operation.reason
-        _note(judge, "operation.failed", operation, why, operation.last_frame)
+        _note(reporter, "operation.failed", operation, why, operation.last_frame)
     elif operation.result == UNFINISHED and operation.kind in _TRANSFERS and _ought_to_end(operation):
         size = f"{operation.octets} of {operation.announced}" if operation.announced >= 0 else str(operation.octets)
         slug = "operation.upload_unfinished" if operation.kind == UPLOAD else "operation.unfinished"
-        _note(judge, slug, operation, f"after {size} bytes", operation.last_frame)
+        _note(reporter, slug, operation, f"after {size} bytes", operation.last_frame)
 
 
 def _ought_to_end(operation: Operation) -> bool:
@@ -65,7 +65,7 @@ def _ought_to_end(operation: Operation) -> bool:
     return endless or tcp.last_ns - operation.end_ns > _STOPPED_NS
 
 
-def judge_loaded(judge: Reporter, connection: Connection, reason: str) -> None:
+def judge_loaded(reporter: Reporter, connection: Connection, reason: str) -> None:
     """Note blocks that were loaded and neither activated nor deleted before their connection was over.
 
     Nothing is said where the request may be in a gap, or after the end of the capture. System data take effect with a restart.
@@ -77,24 +77,24 @@ def judge_loaded(judge: Reporter, connection: Connection, reason: str) -> None:
             continue
         if reason == CAPTURE_ENDED and connection.tcp.last_ns - loaded.time_ns <= _FORGOTTEN_NS:
             continue
-        judge.note("block.not_activated", connection.number, loaded.frames, loaded.time_ns, loaded.name)
+        reporter.note("block.not_activated", connection.number, loaded.frames, loaded.time_ns, loaded.name)
 
 
-def judge_strays(judge: Reporter, transaction: Transaction) -> None:
+def judge_strays(reporter: Reporter, transaction: Transaction) -> None:
     """Note a push without a subscription, and the activation of a block that was not loaded."""
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
     if transaction.flags & STRAY_PUSH and connection.traits.first("operation.stray_push"):
         frames = [int(transaction.response_frame)]
-        judge.note("operation.stray_push", connection.number, frames, time_ns, transaction.function_name)
+        reporter.note("operation.stray_push", connection.number, frames, time_ns, transaction.function_name)
     if transaction.flags & NOT_LOADED:
         asked = transaction.request
         notes = ", ".join(asked.body.notes) if asked is not None else ""
-        judge.note("operation.not_loaded", connection.number, [int(transaction.request_frame)], time_ns, notes)
+        reporter.note("operation.not_loaded", connection.number, [int(transaction.request_frame)], time_ns, notes)
 
 
-def _note(judge: Reporter, slug: str, operation: Operation, what: str, frame: int) -> None:
+def _note(reporter: Reporter, slug: str, operation: Operation, what: str, frame: int) -> None:
     number = operation.connection.number
-    if judge.wants(slug, number):
+    if reporter.wants(slug, number):
         detail = f"{operation.kind.replace('_', ' ')} {operation.subject}: {what}"
-        judge.detail(slug, number, sorted({operation.first_frame, frame}), operation.end_ns, detail)
+        reporter.detail(slug, number, sorted({operation.first_frame, frame}), operation.end_ns, detail)

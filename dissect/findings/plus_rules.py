@@ -81,9 +81,9 @@ _TEXT: Final = 200
 class PlusWatch:
     """Judges S7comm-plus transactions. One for a whole analysis: the program of a CPU passes on any of its connections."""
 
-    def __init__(self, judge: Reporter, security: SecurityWatch, book: OperationBook) -> None:
+    def __init__(self, reporter: Reporter, security: SecurityWatch, book: OperationBook) -> None:
         self._operations = PlusOperations(book)
-        self._judge = judge
+        self._reporter = reporter
         self._security = security
         self._sessions = PlusSessions(security)
         self._cpus: dict[str, tuple[Program, Identity]] = {}
@@ -139,7 +139,7 @@ class PlusWatch:
         frames = transaction.frames
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         detail = f"{transaction.function_name}: {what}"
-        self._judge.note(slug, transaction.connection.number, frames, time_ns, detail)
+        self._reporter.note(slug, transaction.connection.number, frames, time_ns, detail)
 
     def _malformed(self, transaction: Transaction, facts: Facts) -> None:
         """Say what is wrong first in each half, with its packet: which of the two lies is not seen from the place alone."""
@@ -151,7 +151,7 @@ class PlusWatch:
             said.append(f"response: {told[0]}" if transaction.function >= 0 else str(told[0]))
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         detail = f"{transaction.function_name}: {'; '.join(said)}"
-        self._judge.note("s7plus.malformed", transaction.connection.number, frames, time_ns, detail)
+        self._reporter.note("s7plus.malformed", transaction.connection.number, frames, time_ns, detail)
 
     def _begin(self, connection: Connection) -> PlusSession:
         host = server_of(connection)
@@ -213,7 +213,7 @@ class PlusWatch:
             who = f"{connection.client} to {connection.server}"
             detail = f"{who}: {session.explores} Explore requests and no subscription"
             frames = list(session.explored)
-            self._judge.note("security.reconnaissance", connection.number, frames, session.explored_ns, detail)
+            self._reporter.note("security.reconnaissance", connection.number, frames, session.explored_ns, detail)
 
 
 def _code_of(event: Event, transaction: Transaction) -> int:

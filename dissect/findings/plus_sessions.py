@@ -8,6 +8,7 @@ from mypy_extensions import i64
 
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7plus.ids import plain_id
+from dissect.s7plus.message import INTEGRITY_SIZE
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
 from dissect.tcp.link import within
@@ -17,7 +18,6 @@ from dissect.wire.octets import u32
 
 #: Where the session stands in a request of version 1 and 2, and how much further behind the digest of version 3.
 _SESSION: Final = 13
-_DIGEST: Final = 33
 #: Where the object stands that a request is about.
 _OBJECT: Final = 18
 #: Ids up to here are no session: that of a client that has none yet is 288.
@@ -48,7 +48,7 @@ class PlusSessions:
             return
         at: i64 = _SESSION
         if octets[1] == V3:
-            at += _DIGEST
+            at += INTEGRITY_SIZE
         if at + 4 > size:
             return
         number: i64 = u32(octets, at)

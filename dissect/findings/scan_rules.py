@@ -41,8 +41,8 @@ class _Pair:
 class ScanWatch:
     """Looks at the connect requests of all connections. ``forgotten`` counts pairs that had to leave: there were too many."""
 
-    def __init__(self, judge: Reporter) -> None:
-        self._judge: Reporter = judge
+    def __init__(self, reporter: Reporter) -> None:
+        self._reporter: Reporter = reporter
         self._pairs: OrderedDict[bytes, _Pair] = OrderedDict()
         self.forgotten: i64 = 0
 
@@ -91,7 +91,7 @@ class ScanWatch:
             f" {refused} of them refused: {', '.join(tsaps)}"
         )
         frames = list(pair.asked.values())[-_NAMED:]
-        self._judge.note("security.tsap_scan", connection.number, frames, time_ns, detail)
+        self._reporter.note("security.tsap_scan", connection.number, frames, time_ns, detail)
 
 
 def _key(connection: Connection) -> bytes:

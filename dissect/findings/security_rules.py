@@ -106,8 +106,8 @@ _MAX_REMEMBERED: Final = 4096
 class SecurityWatch:
     """Judges transactions as events of security. One for a whole analysis: a new writer is one among several connections."""
 
-    def __init__(self, judge: Reporter) -> None:
-        self._judge = judge
+    def __init__(self, reporter: Reporter) -> None:
+        self._reporter = reporter
         self._writers: dict[str, str] = {}  # server: the client that wrote first
         self._pairs: set[tuple[str, str]] = set()  # (client, server): writers that were told
         self._failures: dict[tuple[str, str], int] = {}
@@ -293,12 +293,12 @@ class SecurityWatch:
     def loaded(self, operation: Operation) -> None:
         """Take a download whose beginning was not captured: its pieces tell that a client loaded a block."""
         number = operation.connection.number
-        if self._judge.wants("security.program_change", number):
+        if self._reporter.wants("security.program_change", number):
             ends = operation.connection.tcp.ends
             who = f"{ends[operation.asked_by]} to {ends[1 - operation.asked_by]}"
             what = f"download {operation.subject}, {operation.octets} bytes, beginning not captured"
             frames = sorted({operation.first_frame, operation.last_frame})
-            self._judge.detail("security.program_change", number, frames, operation.end_ns, f"{who}: {what}")
+            self._reporter.detail("security.program_change", number, frames, operation.end_ns, f"{who}: {what}")
 
     def _mode(self, transaction: Transaction, head: UserdataHead) -> None:
         """A PLC reports its mode; of a STOP it may just have stated the cause, by a diagnostic message."""
@@ -353,7 +353,7 @@ class SecurityWatch:
             within = duration_text(int(now_ns - since))
             who = f"{connection.client} and {connection.server}"
             detail = f"{PACE} messages within {within} between {who}, both directions together"
-            self._judge.note("security.flood", connection.number, [frame], now_ns, detail)
+            self._reporter.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
         """Note an event; unless ``what`` says it, it is what the request asks for.
@@ -362,7 +362,7 @@ class SecurityWatch:
         ``before`` is a packet of an earlier transaction that ``what`` is about as well, 0 for none.
         """
         number = transaction.connection.number
-        if not self._judge.wants(slug, number):
+        if not self._reporter.wants(slug, number):
             return
         frames = transaction.frames
         if before and before not in frames:
@@ -388,7 +388,7 @@ class SecurityWatch:
             result += ", request not captured"
         what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
-        self._judge.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
+        self._reporter.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
 
 
 class _Became:

@@ -32,12 +32,14 @@ _SEVERAL: Final = 2
 _NO_REASON: Final = frozenset((0x00, 0x80))
 
 
-def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64) -> None:
+def judge_request(
+    reporter: Reporter, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64
+) -> None:
     """A request before communication was set up, or one more than was granted."""
     connection = side.connection
     number = connection.number
     if parameters.function == SETUP_COMMUNICATION:
-        _judge_again(judge, connection, parameters, frame, time_ns)
+        _judge_again(reporter, connection, parameters, frame, time_ns)
         connection.setup_seen = True
         connection.setup_open = True
         if parameters.setup is not None:
@@ -45,7 +47,7 @@ def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now:
     elif not connection.mid_stream and not side.holes and _too_early(side):
         connection.setup_seen = True  # reported once
         connection.setup_open = False
-        judge.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
+        reporter.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
         if allowed < FEW_JOBS:
@@ -58,34 +60,34 @@ def judge_request(judge: Reporter, side: Side, parameters: Parameters, open_now:
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, allowed + 1)
         if open_now > allowed:
             detail = f"more requests pending than the {allowed} granted (AmQ)"
-            judge.note("session.too_many_jobs", number, [frame], time_ns, detail)
+            reporter.note("session.too_many_jobs", number, [frame], time_ns, detail)
 
 
-def _judge_again(judge: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
+def _judge_again(reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
     """Communication is set up once more on one connection."""
     asked = parameters.setup
     before = connection.setup_asked
     if asked is not None and before is not None:
         same = asked.as_dict() == before.as_dict()
         detail = "the same values" if same else f"PDU length {asked.pdu_length}, before {before.pdu_length}"
-        judge.note("session.repeated_setup", connection.number, [frame], time_ns, f"asks for {detail}")
+        reporter.note("session.repeated_setup", connection.number, [frame], time_ns, f"asks for {detail}")
 
 
 def judge_length(
-    judge: Reporter, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
+    reporter: Reporter, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
 ) -> None:
     """A PDU longer than was granted, or a read whose answer will be."""
     limit = connection.pdu_length
     if size > limit:
         detail = f"{size} bytes, {limit} negotiated"
-        judge.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
+        reporter.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
     if parameters.answer_size > limit:
         detail = f"{parameters.subject}: the answer needs {parameters.answer_size} bytes, {limit} negotiated"
-        judge.note("session.read_too_long", connection.number, [frame], time_ns, detail)
+        reporter.note("session.read_too_long", connection.number, [frame], time_ns, detail)
 
 
 def judge_header(
-    judge: Reporter, side: Side, rosctr: i64, extra: i64, redundancy: i64, frame: i64, time_ns: i64
+    reporter: Reporter, side: Side, rosctr: i64, extra: i64, redundancy: i64, frame: i64, time_ns: i64
 ) -> None:
     """An S7 header with a redundancy id (reported once per side), or an Ack with more than a header."""
     connection = side.connection
@@ -93,9 +95,9 @@ def judge_header(
     told: i64 = _REDUNDANT << side.index
     if redundancy and not connection.told & told:
         connection.told |= told
-        judge.note("s7.redundancy_id", connection.number, [frame], time_ns, f"0x{redundancy:04x} from {who}")
+        reporter.note("s7.redundancy_id", connection.number, [frame], time_ns, f"0x{redundancy:04x} from {who}")
     if rosctr == ACK and extra > 0:
-        judge.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} bytes from {who}")
+        reporter.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} bytes from {who}")
 
 
 def _too_early(side: Side) -> bool:
@@ -111,7 +113,7 @@ def _too_early(side: Side) -> bool:
     return peer.captured and peer.holes == 0 and peer.stream.held is None and not 0 < unseen < HALF_SPACE
 
 
-def judge_grant(judge: Reporter, transaction: Transaction) -> None:
+def judge_grant(reporter: Reporter, transaction: Transaction) -> None:
     """A setup answer that grants more than was asked, or too little to work with."""
     transaction.connection.setup_open = False
     granted = transaction.response_parameters.setup if transaction.response_parameters is not None else None
@@ -129,7 +131,7 @@ def judge_grant(judge: Reporter, transaction: Transaction) -> None:
             f" {asked.max_amq_calling}/{asked.max_amq_called} requested"
         )
     if wrong:
-        judge.note(
+        reporter.note(
             "session.bad_grant",
             transaction.connection.number,
             [transaction.request_frame, transaction.response_frame],
@@ -138,16 +140,16 @@ def judge_grant(judge: Reporter, transaction: Transaction) -> None:
         )
 
 
-def judge_port(judge: Reporter, connection: Connection, frame: i64, time_ns: i64) -> None:
+def judge_port(reporter: Reporter, connection: Connection, frame: i64, time_ns: i64) -> None:
     """S7 communication with neither end on port 102, that of ISO-on-TCP; reported once per connection."""
     ends = connection.tcp.ends
     usual = NETLINK_PORT if connection.protocol == IBH_NETLINK else ISO_TSAP_PORT
     if ends[0].port != usual and ends[1].port != usual:
         who = f"server {connection.server}" if connection.client_known else f"between {ends[0]} and {ends[1]}"
-        judge.note("session.unusual_port", connection.number, [frame], time_ns, who)
+        reporter.note("session.unusual_port", connection.number, [frame], time_ns, who)
 
 
-def judge_disconnect(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+def judge_disconnect(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """A DR: a refusal when it answers a connect request, else the end of the connection."""
     connection = side.connection
     reason = _reason(DR_REASONS, tpdu.field("reason"))
@@ -156,11 +158,11 @@ def judge_disconnect(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_n
         tsap = connection.tsap_called
         where = f" for called TSAP {tsap.describe()}" if tsap is not None else ""
         connection.refused = reason
-        judge.note("cotp.refused", connection.number, [frame], time_ns, f"{who} refuses{where}: {reason}")
+        reporter.note("cotp.refused", connection.number, [frame], time_ns, f"{who} refuses{where}: {reason}")
     else:
         connection.note_iso_end(f"DR from {who}: {reason}", DISCONNECT, side.index, frame, time_ns)
         if not _is_leave(connection, side, tpdu):
-            judge.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
+            reporter.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
 
 
 def _reason(codes: CodeTable, number: i64) -> str:
@@ -174,16 +176,16 @@ def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
     return leaves and not connection.open_requests[0].count and not connection.open_requests[1].count
 
 
-def judge_error_tpdu(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+def judge_error_tpdu(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """An ER: something the other side sent was rejected."""
     cause = _reason(ER_CAUSES, tpdu.field("cause"))
     connection = side.connection
     words = f"ER from {connection.tcp.ends[side.index]}: {cause}"
     connection.note_iso_end(words, ERROR_TPDU, side.index, frame, time_ns)
-    judge.note("cotp.error", connection.number, [frame], time_ns, cause)
+    reporter.note("cotp.error", connection.number, [frame], time_ns, cause)
 
 
-def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
+def judge_cut(reporter: Reporter, side: Side, ending: Ending) -> None:
     """One side ended the connection with several requests open, or the connect request: one line for all of them.
 
     A single request has its line anyway, `transaction.unanswered`, which tells who cut it off.
@@ -204,10 +206,10 @@ def judge_cut(judge: Reporter, side: Side, ending: Ending) -> None:
         said += f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {ending.age()}"
         said += ending.last_heard()
     frames = [frame for frame in (ending.oldest_frame, ending.frame) if frame]
-    judge.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)
+    reporter.note("session.cut", connection.number, [int(frame) for frame in frames], ending.time_ns, said)
 
 
-def judge_end(judge: Reporter, side: Side) -> None:
+def judge_end(reporter: Reporter, side: Side) -> None:
     """The connection is over: report when only one side of it was captured."""
     connection = side.connection
     peer = side.peer
@@ -217,4 +219,4 @@ def judge_end(judge: Reporter, side: Side) -> None:
         tcp = connection.tcp
         frames = [int(tcp.first_frame), int(tcp.last_frame)]
         detail = f"only packets from {tcp.ends[side.index if side.captured else peer.index]} were captured"
-        judge.note("capture.one_sided", connection.number, frames, tcp.last_ns, detail)
+        reporter.note("capture.one_sided", connection.number, frames, tcp.last_ns, detail)

@@ -44,10 +44,10 @@ class StationWatch:
     Without ``book`` it keeps one of its own; a given one is an observer's, which need not note the facts again (`Book.filled`).
     """
 
-    def __init__(self, judge: Reporter, book: Book | None = None) -> None:
+    def __init__(self, reporter: Reporter, book: Book | None = None) -> None:
         self.book = Book() if book is None else book
         self.book.filled = True
-        self._judge = judge
+        self._reporter = reporter
         self._evidence = Evidence()
         self._macs: dict[bytes, str] = {}  # as text: each connection has two, most of them were there before
 
@@ -113,9 +113,9 @@ class StationWatch:
 
     def _contradicts(self, fact: Fact, where: str) -> None:
         slug = _SLUGS[fact.key]
-        if self._judge.wants(slug, fact.connection):
+        if self._reporter.wants(slug, fact.connection):
             where = f"{where}, {fact.module}" if fact.module else where
             detail = (
                 f"{where}: {KEYS[fact.key]} {printable(fact.value)}, before {printable(fact.before)} ({fact.source})"
             )
-            self._judge.detail(slug, fact.connection, list(fact.frames), fact.time_ns, detail)
+            self._reporter.detail(slug, fact.connection, list(fact.frames), fact.time_ns, detail)

@@ -13,14 +13,16 @@ if TYPE_CHECKING:
     from dissect.tls.session import TlsSession
 
 
-def judge_session(judge: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
+def judge_session(reporter: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
     """The server chose version and cipher suite."""
     name = session.suite_name
     if session.version < TLS_1_2 or not WEAK_WORDS.isdisjoint(name.split("_")):
-        judge.note("security.tls_weak", connection.number, [frame], time_ns, f"{session.version_name} with {name}")
+        reporter.note("security.tls_weak", connection.number, [frame], time_ns, f"{session.version_name} with {name}")
 
 
-def judge_certificates(judge: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
+def judge_certificates(
+    reporter: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int
+) -> None:
     """Certificates were shown: judge those of the ends themselves, not of who signed them."""
     shown = session.shown
     session.shown = []
@@ -29,10 +31,10 @@ def judge_certificates(judge: Reporter, connection: Connection, session: TlsSess
         fault = own.validity_fault(time_ns)
         if fault:
             said = f"{_named(own, connection, index)}: {fault}"
-            judge.note("security.certificate_expired", connection.number, [frame], time_ns, said)
+            reporter.note("security.certificate_expired", connection.number, [frame], time_ns, said)
         if own.weak:
             said = f"{_named(own, connection, index)}: {', '.join(own.weak)}"
-            judge.note("security.certificate_weak", connection.number, [frame], time_ns, said)
+            reporter.note("security.certificate_weak", connection.number, [frame], time_ns, said)
 
 
 def _named(certificate: Certificate, connection: Connection, index: int) -> str:
@@ -40,9 +42,9 @@ def _named(certificate: Certificate, connection: Connection, index: int) -> str:
     return f"{who}, {certificate.subject}" if certificate.subject else who
 
 
-def judge_closed(judge: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
+def judge_closed(reporter: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
     """The connection is over: where a key log was given, say why records stayed closed."""
     why = session.why_closed
     if why:
         detail = f"{session.shut} of {session.shut + session.opened} encrypted records stay closed: {why}"
-        judge.note("session.tls_closed", connection.number, [frame], time_ns, detail)
+        reporter.note("session.tls_closed", connection.number, [frame], time_ns, detail)

@@ -95,7 +95,7 @@ _SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
 _NAMED: Final = 3
 
 
-def judge_parameters(judge: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
+def judge_parameters(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
     """Look at a parameter block that was not seen before."""
     parameters.unjudged = False
     if parameters.malformed:
@@ -107,18 +107,18 @@ def judge_parameters(judge: Reporter, side: Side, parameters: Parameters, frame:
             what = odd_address(item)
             if what:
                 odd.append(f"{item.address}: {what}")
-    _note_items(judge, "s7.unknown_code", side, parameters, unknown, frame, time_ns)
-    _note_items(judge, "s7.odd_address", side, parameters, odd, frame, time_ns)
+    _note_items(reporter, "s7.unknown_code", side, parameters, unknown, frame, time_ns)
+    _note_items(reporter, "s7.odd_address", side, parameters, odd, frame, time_ns)
 
 
 def _note_items(
-    judge: Reporter, slug: str, side: Side, parameters: Parameters, faults: list[str], frame: i64, time_ns: i64
+    reporter: Reporter, slug: str, side: Side, parameters: Parameters, faults: list[str], frame: i64, time_ns: i64
 ) -> None:
     if faults:
         more = f" and {len(faults) - _NAMED} more" if len(faults) > _NAMED else ""
         begun = f"{parameters.function_name}: " if parameters.items else ""
         detail = f"{begun}{'; '.join(faults[:_NAMED])}{more}"
-        judge.note(slug, side.connection.number, [frame], time_ns, detail)
+        reporter.note(slug, side.connection.number, [frame], time_ns, detail)
 
 
 def _unknown_codes(parameters: Parameters) -> list[str]:
@@ -168,26 +168,28 @@ def odd_address(item: Item) -> str:
 _DATA_CODES: Final = 256
 
 
-def judge_transaction(judge: Reporter, transaction: Transaction, slow_ns: i64) -> None:
+def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64) -> None:
     """Note what is odd about a transaction that is no longer open. Call it for odd ones only: it is the slow path."""
     if transaction.outcome == ANSWERED:
-        _judge_flags(judge, transaction)
+        _judge_flags(reporter, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
         if latency > slow_ns:
-            _note(judge, "transaction.slow", transaction, over_limit(latency, int(slow_ns)) + _sent_again(transaction))
+            _note(
+                reporter, "transaction.slow", transaction, over_limit(latency, int(slow_ns)) + _sent_again(transaction)
+            )
         elif -DISORDER_NS <= latency < 0 and not transaction.flags & REORDERED:  # else the step of the clock is told
             detail = f"by the times of the packets the answer precedes the request by {duration_text(-latency)}"
-            _note(judge, "transaction.reordered", transaction, detail)
+            _note(reporter, "transaction.reordered", transaction, detail)
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
-        _note(judge, "transaction.orphan", transaction, _orphan(transaction))
+        _note(reporter, "transaction.orphan", transaction, _orphan(transaction))
     if transaction.has_errors:
         if transaction.outcome == PUSH:  # what was subscribed may be refused item by item; nothing was asked as a whole
-            _judge_items(judge, transaction)
+            _judge_items(reporter, transaction)
         else:
-            _judge_errors(judge, transaction)
+            _judge_errors(reporter, transaction)
 
 
-def judge_szl(judge: Reporter, transaction: Transaction) -> None:
+def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
     """Note an SZL answer, whole in one PDU, whose records do not fill it as its head states."""
     head = transaction.parameters.userdata
     answer = transaction.response_parameters
@@ -215,10 +217,10 @@ def judge_szl(judge: Reporter, transaction: Transaction) -> None:
     if extract(szl_id) != HEAD_ONLY and length * count > size:
         detail = shortage(szl_id, length, count, int(size))
         frames = transaction.frames
-        judge.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
+        reporter.note("s7.malformed", transaction.connection.number, frames, int(transaction.response_ns), detail)
 
 
-def judge_body(judge: Reporter, transaction: Transaction) -> None:
+def judge_body(reporter: Reporter, transaction: Transaction) -> None:
     """Note a command or service, or its answer, whose parts are shorter than they have to be, or state more than there is.
 
     What is only left over behind the parts is shown with the PDU and no finding: some servers fill up what they send.
@@ -237,12 +239,12 @@ def judge_body(judge: Reporter, transaction: Transaction) -> None:
         if faults:
             who = transaction.connection.tcp.ends[pdu.side]
             detail = f"{pdu.rosctr_name} from {who}, {transaction.function_name}: {faults[0]}"
-            judge.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
+            reporter.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
 
 
-def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
+def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
     """Note a request without answer, unless the capture is to blame or ends too soon to tell."""
-    _judge_request(judge, transaction)
+    _judge_request(reporter, transaction)
     if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
@@ -250,8 +252,10 @@ def judge_unanswered(judge: Reporter, transaction: Transaction, now_ns: i64, slo
         transaction.connection.still_open += 1
         return
     if transaction.reason == TABLE_FULL:
-        judge.note("transaction.table_full", transaction.connection.number, transaction.frames, transaction.request_ns)
-    _note(judge, "transaction.unanswered", transaction, _why(transaction) + _sent_again(transaction))
+        reporter.note(
+            "transaction.table_full", transaction.connection.number, transaction.frames, transaction.request_ns
+        )
+    _note(reporter, "transaction.unanswered", transaction, _why(transaction) + _sent_again(transaction))
 
 
 def _stays_encrypted(transaction: Transaction, side: i64) -> bool:
@@ -284,56 +288,60 @@ def _sent_again(transaction: Transaction) -> str:
     return f"; {again.text(transaction.request_ns)} (packet {again.frame})" if again is not None else ""
 
 
-def _note(judge: Reporter, slug: str, transaction: Transaction, what: str) -> None:
+def _note(reporter: Reporter, slug: str, transaction: Transaction, what: str) -> None:
     number = transaction.connection.number
-    if judge.wants(slug, number):
+    if reporter.wants(slug, number):
         time_ns = max(transaction.request_ns, transaction.response_ns)
-        judge.detail(slug, number, transaction.frames, time_ns, f"{subject(transaction)}: {what}")
+        reporter.detail(slug, number, transaction.frames, time_ns, f"{subject(transaction)}: {what}")
 
 
-def _judge_flags(judge: Reporter, transaction: Transaction) -> None:
+def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
     flags = transaction.flags
     if not flags:
         return
-    _judge_request(judge, transaction)
+    _judge_request(reporter, transaction)
     answer = transaction.response_parameters
     if flags & FUNCTION_MISMATCH and answer is not None:
         said = answer.subject if transaction.is_scd else answer.function_name
-        _note(judge, "transaction.function_mismatch", transaction, f"the answer names {said}")
+        _note(reporter, "transaction.function_mismatch", transaction, f"the answer names {said}")
     if flags & COUNT_MISMATCH and answer is not None:
         asked = transaction.parameters.item_count
         _note(
-            judge,
+            reporter,
             "transaction.count_mismatch",
             transaction,
             f"requested {count(asked, 'item')}, got {answer.item_count}",
         )
     if flags & SIZE_MISMATCH:
-        _note(judge, "transaction.size_mismatch", transaction, _sizes(transaction))
+        _note(reporter, "transaction.size_mismatch", transaction, _sizes(transaction))
     if flags & ODD_DATA_CODE and not transaction.connection.told & _DATA_CODES:
         transaction.connection.told |= _DATA_CODES
-        _note(judge, "transaction.odd_data_code", transaction, _data_codes(transaction))
-    if flags & BAD_DATA and judge.wants("s7.malformed", transaction.connection.number):
-        _detail_malformed(judge, transaction, transaction.response, transaction.response_frame, transaction.response_ns)
+        _note(reporter, "transaction.odd_data_code", transaction, _data_codes(transaction))
+    if flags & BAD_DATA and reporter.wants("s7.malformed", transaction.connection.number):
+        _detail_malformed(
+            reporter, transaction, transaction.response, transaction.response_frame, transaction.response_ns
+        )
     if flags & REORDERED:
         ahead: int = transaction.request_ns - transaction.response_ns
-        _note(judge, "transaction.reordered", transaction, f"the answer precedes the request by {duration_text(ahead)}")
+        _note(
+            reporter, "transaction.reordered", transaction, f"the answer precedes the request by {duration_text(ahead)}"
+        )
 
 
-def _judge_request(judge: Reporter, transaction: Transaction) -> None:
+def _judge_request(reporter: Reporter, transaction: Transaction) -> None:
     if transaction.flags & WRITE_SIZE:
-        _note(judge, "transaction.write_size", transaction, _written_sizes(transaction))
-    if transaction.flags & BAD_REQUEST and judge.wants("s7.malformed", transaction.connection.number):
-        _detail_malformed(judge, transaction, transaction.request, transaction.request_frame, transaction.request_ns)
+        _note(reporter, "transaction.write_size", transaction, _written_sizes(transaction))
+    if transaction.flags & BAD_REQUEST and reporter.wants("s7.malformed", transaction.connection.number):
+        _detail_malformed(reporter, transaction, transaction.request, transaction.request_frame, transaction.request_ns)
 
 
-def _detail_malformed(judge: Reporter, transaction: Transaction, pdu: Pdu | None, frame: int, time_ns: int) -> None:
+def _detail_malformed(reporter: Reporter, transaction: Transaction, pdu: Pdu | None, frame: int, time_ns: int) -> None:
     if pdu is None:
         return
     what = str(pdu.malformed[0]) if pdu.malformed else "the data block does not fit the item count"
     who = transaction.connection.tcp.ends[pdu.side]
     detail = f"{pdu.rosctr_name} from {who}, {subject(transaction)}: {what}"
-    judge.detail("s7.malformed", transaction.connection.number, [frame], time_ns, detail)
+    reporter.detail("s7.malformed", transaction.connection.number, [frame], time_ns, detail)
 
 
 def _sizes(transaction: Transaction) -> str:
@@ -364,15 +372,15 @@ def _data_codes(transaction: Transaction) -> str:
     return "an item has a different transport size"
 
 
-def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
+def _judge_errors(reporter: Reporter, transaction: Transaction) -> None:
     if transaction.is_scd:
         error = transaction.errors[0]
-        _note(judge, "transaction.refused", transaction, f"{error.name} {error.code}: {error.text}")
+        _note(reporter, "transaction.refused", transaction, f"{error.name} {error.code}: {error.text}")
         return
     if transaction.error_code and not _in_part(transaction):
-        if judge.wants("transaction.refused", transaction.connection.number):
+        if reporter.wants("transaction.refused", transaction.connection.number):
             error = transaction.errors[0]
-            judge.detail(
+            reporter.detail(
                 "transaction.refused",
                 transaction.connection.number,
                 transaction.frames,
@@ -380,18 +388,18 @@ def _judge_errors(judge: Reporter, transaction: Transaction) -> None:
                 f"{_asked(transaction)}: {error.coded}",
             )
         return
-    _judge_items(judge, transaction)
+    _judge_items(reporter, transaction)
 
 
-def _judge_items(judge: Reporter, transaction: Transaction) -> None:
+def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
     slug = "transaction.item_error"
     for error in transaction.errors:
         if error.part == ALARM:
             what = f"{error.address or error.where}: {error.coded}"
-            _note(judge, "transaction.alarm_refused", transaction, what)
+            _note(reporter, "transaction.alarm_refused", transaction, what)
         # An item without a return code was not refused: that the answer is too short is told as such.
-        if error.part == ITEM and error.code != NO_CODE and judge.wants(slug, transaction.connection.number):
-            judge.detail(
+        if error.part == ITEM and error.code != NO_CODE and reporter.wants(slug, transaction.connection.number):
+            reporter.detail(
                 slug,
                 transaction.connection.number,
                 transaction.frames,

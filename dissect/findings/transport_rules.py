@@ -31,16 +31,16 @@ _LONG_STRAY: Final = 65536
 _LARGEST: Final = 65531
 
 
-def judge_stray(judge: Reporter, side: Side, stray: Stray, skipped: i64, how: str) -> None:
+def judge_stray(reporter: Reporter, side: Side, stray: Stray, skipped: i64, how: str) -> None:
     """A stretch of stray octets up to where the framer of ``side`` has skipped so many in all; ``how`` it goes on."""
     if stray.garbage and not stray.told:
         stray.told = True
         who = side.tcp.ends[side.index]
         detail = f"{count(int(skipped - stray.skipped), 'byte')} from {who}, first 0x{stray.first:02x}{how}"
-        judge.note("tpkt.garbage", side.connection.number, stray.frames, stray.last_ns, detail)
+        reporter.note("tpkt.garbage", side.connection.number, stray.frames, stray.last_ns, detail)
 
 
-def follow_stray(judge: Reporter, side: Side, stray: Stray, frame: i64, time_ns: i64) -> None:
+def follow_stray(reporter: Reporter, side: Side, stray: Stray, frame: i64, time_ns: i64) -> None:
     """A packet was read inside a stretch of stray octets: it ends when the framer is in step again."""
     framer = side.framer
     skipped: i64 = framer.skipped
@@ -50,28 +50,28 @@ def follow_stray(judge: Reporter, side: Side, stray: Stray, frame: i64, time_ns:
         stray.last_ns = time_ns
     if framer.synced:
         side.stray = None
-        judge_stray(judge, side, stray, skipped, f"; decoding resumed in packet {frame}")
+        judge_stray(reporter, side, stray, skipped, f"; decoding resumed in packet {frame}")
     elif skipped - stray.skipped > _LONG_STRAY:
-        judge_stray(judge, side, stray, skipped, " so far")
+        judge_stray(reporter, side, stray, skipped, " so far")
 
 
-def end_stray(judge: Reporter, side: Side) -> None:
+def end_stray(reporter: Reporter, side: Side) -> None:
     """No more octets of ``side`` are read as TPKTs: a stretch of stray ones goes to the end."""
     stray = side.stray
     if stray is not None:
         side.stray = None
-        judge_stray(judge, side, stray, side.framer.skipped, "; decoding did not resume")
+        judge_stray(reporter, side, stray, side.framer.skipped, "; decoding did not resume")
 
 
-def judge_data(judge: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
+def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
     """A DT that is longer than `Connection.dt_limit`: too long, before the connection is set up, or after its end."""
     connection = side.connection
     if 0 < connection.tpdu_size < size:
         detail = f"{size} bytes, {connection.tpdu_size} negotiated"
-        judge.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
+        reporter.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
     if connection.dt_limit > 0:
         return
-    judge_order(judge, side, DT, frame, time_ns)
+    judge_order(reporter, side, DT, frame, time_ns)
     if not _watched(connection):
         connection.dt_limit = connection.tpdu_size or NO_LIMIT
 
@@ -84,7 +84,7 @@ def _watched(connection: Connection) -> bool:
     return connection.tpdu_size == 0 and connection.told & begun != begun
 
 
-def judge_order(judge: Reporter, side: Side, type_: i64, frame: i64, time_ns: i64) -> None:
+def judge_order(reporter: Reporter, side: Side, type_: i64, frame: i64, time_ns: i64) -> None:
     """Hold a TPDU to the order there is: connect request, confirm or refusal, data, and nothing after a disconnect."""
     connection = side.connection
     ended: i64 = _AFTER_END << side.index
@@ -93,7 +93,7 @@ def judge_order(judge: Reporter, side: Side, type_: i64, frame: i64, time_ns: i6
         name = TPDU_TYPES.name(type_)
         who = connection.tcp.ends[side.index]
         frames = [int(connection.iso_ended_frame), int(frame)]
-        judge.note("cotp.after_disconnect", connection.number, frames, time_ns, f"{name} from {who}")
+        reporter.note("cotp.after_disconnect", connection.number, frames, time_ns, f"{name} from {who}")
     begun: i64 = _BEGUN << side.index
     if connection.told & begun:
         return
@@ -104,23 +104,25 @@ def judge_order(judge: Reporter, side: Side, type_: i64, frame: i64, time_ns: i6
     if side.index == connection.tcp.initiator:
         if type_ != CR:
             name = TPDU_TYPES.name(type_)
-            judge.note("cotp.bad_start", connection.number, [frame], time_ns, f"the first TPDU of the client is {name}")
+            reporter.note(
+                "cotp.bad_start", connection.number, [frame], time_ns, f"the first TPDU of the client is {name}"
+            )
     elif connection.cr_seen and type_ != CC and type_ != DR and type_ != ER:
         detail = f"the first TPDU of the server is {TPDU_TYPES.name(type_)}, after a connect request"
-        judge.note("cotp.bad_start", connection.number, [frame], time_ns, detail)
+        reporter.note("cotp.bad_start", connection.number, [frame], time_ns, detail)
 
 
-def judge_number(judge: Reporter, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
+def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
     """A TPDU number other than 0, which class 0 does not have; reported once per side."""
     connection = side.connection
     told: i64 = _NUMBERED << side.index
     if not connection.told & told:
         connection.told |= told
         detail = f"TPDU number {number} from {connection.tcp.ends[side.index]}"
-        judge.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
+        reporter.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
 
 
-def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
+def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """A connect confirm must fit its request: reference, class (-1 where a damaged request lacks them), TPDU size, TSAPs."""
     connection = side.connection
     if not connection.cr_seen or tpdu.malformed or connection.client_side == side.index:
@@ -138,7 +140,7 @@ def judge_confirm(judge: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: 
     _compare(wrong, "calling", connection.tsap_calling, tpdu.calling)
     _compare(wrong, "called", connection.tsap_called, tpdu.called)
     if wrong:
-        judge.note("cotp.bad_confirm", connection.number, [frame], time_ns, "; ".join(wrong))
+        reporter.note("cotp.bad_confirm", connection.number, [frame], time_ns, "; ".join(wrong))
 
 
 def _compare(wrong: list[str], name: str, asked: Tsap | None, told: bytes | None) -> None:

@@ -52,7 +52,8 @@ class DiffOptions:
                 raise ValueError(
                     f"{text!r} is not a kind of difference; known kinds: {', '.join(KINDS)}, each alone or as NAME:PATTERN"
                 )
-            self._patterns.setdefault(kind, []).append(pattern if colon else "*")
+            # Names of tags have brackets, which `fnmatch` would take for a set of characters.
+            self._patterns.setdefault(kind, []).append(pattern.replace("[", "[[]") if colon else "*")
         self.latency_ns: float | None = None
         self.latency_share: float | None = None
         if latency is not None and not isinstance(latency, str):

@@ -38,7 +38,7 @@ class ItemRecord:
     type that was asked for: bool, int, float, str or a list of these, None where it cannot be told.
     """
 
-    __slots__ = ("_result", "address", "count", "data", "label", "return_code", "transport_size", "value_known")
+    __slots__ = ("_result", "address", "count", "data", "label", "return_code", "transport_size")
 
     def __init__(self, result: ItemResult, number: int) -> None:
         item = result.item
@@ -49,7 +49,6 @@ class ItemRecord:
         self.count = int(item.count) if item is not None else -1
         self.return_code = int(result.return_code)
         self.data = result.data
-        self.value_known = result.decodable
 
     @property
     def value(self) -> Value:

@@ -11,6 +11,7 @@ from typing import Final
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
+from dissect.findings.transaction_rules import DISORDER_NS
 from dissect.index.facts import FileFacts, Pair
 from dissect.recording.window import parse_window
 from dissect.select.fields import FIELDS, NAMES
@@ -27,8 +28,6 @@ _ONE_END: Final = frozenset(("client", "server", "asked_by", "answered_by", "src
 #: Fields that findings alone have, and that a slug decides.
 _OF_SLUG: Final = frozenset(("slug", "severity", "technique"))
 _ANY: Final = frozenset(("==", "===", IN, "contains", "matches"))
-#: Packets that two capture queues exchanged are this far apart at most, or the clock ran backwards.
-_DISORDER_NS: Final = 1_000_000
 
 
 class Possible:
@@ -102,7 +101,7 @@ class Possible:
         return lambda: self._facts.backwards or any([test() for test in tests])
 
     def _times(self) -> tuple[int, int]:
-        return self._facts.first_ns - _DISORDER_NS, self._facts.last_ns + _DISORDER_NS
+        return self._facts.first_ns - DISORDER_NS, self._facts.last_ns + DISORDER_NS
 
 
 class _Candidate:

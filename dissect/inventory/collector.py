@@ -30,7 +30,6 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS
 from dissect.s7plus.items import READS, WRITES
-from dissect.s7plus.tables import V3
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import MAC, Book, Fact
 from dissect.tcp.link import within
@@ -47,6 +46,7 @@ from dissect.transactions.operation import (
     UPLOAD,
     Operation,
 )
+from dissect.transactions.plus_operations import addresses_in
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 MAX_DEVICES: Final = 4096
@@ -58,10 +58,6 @@ MAX_CODE: Final = 1024 * 1024
 _VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
 #: What became of a block.
 _BLOCKS: Final = {DOWNLOAD: "loaded", UPLOAD: "read out", DELETE: "deleted"}
-#: Where the body of an S7comm-plus request begins, and how much further in version 3; it ends with the object qualifier.
-_BODY: Final = 18
-_DIGEST: Final = 33
-_QUALIFIER: Final = b"\x00\x00\x04\xe8"
 
 
 class Target:
@@ -126,9 +122,8 @@ class Inventory(Observer):
         self._book = Book()
         self._found: dict[str, Device] = {}
         self._talks: dict[tuple[str, str], Talk] = {}  # by the names of their ends
-        self._joined: dict[
-            tuple[str, int], int
-        ] = {}  # stations in a VLAN that are those of the same address in another one
+        # By address and VLAN: the VLAN in which the same station was found before.
+        self._joined: dict[tuple[str, int], int] = {}
         self._open: dict[int, Traffic] = {}
         self._targets = 0
         self._code = 0
@@ -452,10 +447,7 @@ def _place(item: Item) -> tuple[str, int, int]:
 
 def _plus_body(transaction: Transaction) -> bytes:
     """Return of a request what is the same when the same is asked again: its function and body without numbers and ids."""
-    octets = transaction.request_octets
-    at = _BODY + (_DIGEST if octets[1:2] == bytes((V3,)) else 0)
-    end = octets.find(_QUALIFIER, at)
-    return transaction.function.to_bytes(2, "big") + octets[at : end if end >= 0 else None]
+    return transaction.function.to_bytes(2, "big") + addresses_in(transaction.request_octets)
 
 
 def _plus_target(transaction: Transaction) -> Target:

@@ -166,8 +166,6 @@ def is_sound(octets: bytes, start: i64, end: i64) -> bool:
 
 def is_rdp_connect(variable: bytes) -> bool:
     """Return whether the variable part of a CR or CC is RDP's: a cookie text or a negotiation structure, no parameters."""
-    if (
-        variable.startswith(b"Cookie: ") or variable == b"\r\n"
-    ):  # a text without end, or without anything before its end
+    if variable.startswith(b"Cookie: ") or variable == b"\r\n":  # a text without its end, or its end alone
         return True
     return len(variable) >= 8 and variable[0] in (1, 2, 3) and variable[2] == 8 and variable[3] == 0

@@ -1,1 +1,1 @@
-"""One run as several: each analyses some of the connections, and what they find is put into the order of one run."""
+"""Captures that stand alone, a task each: processes that read them, what these send, and the sum of it."""

@@ -188,10 +188,8 @@ def _uninterrupted() -> Iterator[None]:
 
 def _serve(pipe: Any, folder: str, collects: tuple[int, ...]) -> None:
     """Be a process of a pool: do one task after another, as long as there is somebody who gives them."""
-    for number in (
-        signal.SIGINT,
-        signal.SIGTERM,
-    ):  # they may reach all processes, and whoever started them knows what to do
+    # These may reach all processes, and whoever started them knows what to do.
+    for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     if collects:
         gc.set_threshold(*collects)

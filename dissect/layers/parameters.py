@@ -67,7 +67,10 @@ class COTP_Parameter(WireLayer):
 
     @classmethod
     def tpdu_size(cls, octets: int) -> COTP_Parameter:
-        """Return the parameter that offers TPDUs of ``octets``: a power of two from 128 to 32768, or 65531."""
+        """Return the parameter that offers TPDUs of ``octets``: a power of two from 128 to 32768, or 65531.
+
+        Raises ValueError for any other size.
+        """
         for exponent, size in _SIZES.items():
             if size == octets:
                 return cls(code=TPDU_SIZE, value=bytes([exponent]))

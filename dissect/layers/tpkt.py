@@ -127,7 +127,10 @@ class TPKT(WireLayer):
 
 
 def bind_port(port: int) -> None:
-    """Have Scapy look for TPKTs in TCP segments to and from ``port``, as it does for port 102."""
+    """Have Scapy look for TPKTs in TCP segments to and from ``port``, as it does for port 102.
+
+    Raises ValueError for a number that is not a port.
+    """
     if not 0 < port < 65536:
         message = f"{port} is not a TCP port: give one of 1 to 65535"
         raise ValueError(message)

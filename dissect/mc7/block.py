@@ -13,8 +13,6 @@ from dissect.mc7.code import Instruction, decode
 from dissect.mc7.interface import Interface, parse_interface
 from dissect.s7.blocks import FOOTER, HEADER
 from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, CODE_BLOCKS
-from dissect.wire.layout import Layout
-from dissect.wire.octets import u16
 from dissect.wire.part import Part
 
 MARK: Final = b"pp"
@@ -55,7 +53,6 @@ FACTS: Final[dict[str, str]] = {
     "parameter": "The code uses a parameter that the interface does not declare.",
     "parameter_type": "The code uses a parameter as a different type from the one declared.",
     "parameter_list": "A call of an FC or SFC has no parameter list.",
-    "callee": "A call does not fit the interface of the called block.",
 }
 
 
@@ -300,11 +297,3 @@ def _networks(block: Block) -> list[Network]:
             at += 1
         networks.append(Network(number, start, end, instructions[first:at]))
     return networks
-
-
-def header_length(octets: bytes) -> int:
-    """Return the whole length that a block's header states, -1 where no block begins."""
-    layout: Layout = HEADER
-    if len(octets) < layout.size or octets[:2] != MARK:
-        return -1
-    return int(u16(octets, 8) << 16 | u16(octets, 10))

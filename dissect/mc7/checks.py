@@ -5,23 +5,19 @@ Source: reference sheet mc7.md, sections 0, 4, 9 and 10.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from dissect.mc7.block import BE_SIZE, SCL, Block, Fact
 from dissect.mc7.code import Instruction, jumps
 from dissect.mc7.instruction_tables import CALL_LIST
-from dissect.mc7.interface import TYPES, Interface, stated_start_length
+from dissect.mc7.interface import TYPES, stated_start_length
 from dissect.mc7.operands import NUMBERED, PARAMETER
-
-#: Finds the block that is called: by type and number, None where it was not seen.
-Callee = Callable[[str, int], "Block | None"]
 
 #: The most facts of one kind about one block; the last of them counts the others.
 MAX_ALIKE: Final = 8
 
 #: Facts that say a programming tool did not write the block as it is: the finding `block.inconsistent`. Bytes that are no known
-#: instruction are none of them, as it may be this table that lacks one; nor is a callee, which may be another version.
+#: instruction are not among them: it may be our table that lacks one.
 TAMPERED: Final = frozenset(
     (
         "lengths",
@@ -184,24 +180,3 @@ def calls(block: Block) -> list[tuple[Instruction, str, int]]:
             if operand.kind == NUMBERED and not operand.via:
                 found.append((instruction, operand.area, operand.number))
     return found
-
-
-def check_calls(block: Block, callee: Callee) -> list[Fact]:
-    """Return the calls of FCs and SFCs that do not fit the interface of the callee, as far as that was seen."""
-    facts: list[Fact] = []
-    for instruction, kind, number in calls(block):
-        if instruction.list is None:
-            continue
-        called = callee(kind, number)
-        if called is None or called.interface.fault or not called.interface_octets:
-            continue
-        given, taken = len(instruction.list) // 4, parameter_count(called.interface)
-        if given != taken:
-            text = f"the call of {kind}{number} at {instruction.offset} gives {given} parameters, {kind}{number} has {taken}"
-            facts.append(Fact("callee", instruction.offset, text))
-    return _bounded(facts)
-
-
-def parameter_count(interface: Interface) -> int:
-    """Return how many parameters a call gives."""
-    return len(interface.parameters)

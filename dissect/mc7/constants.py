@@ -11,9 +11,9 @@ from datetime import date
 from typing import Final
 
 from dissect.mc7.operands import CONSTANT, Operand
+from dissect.s7.values import DAYS_TO_1990
 from dissect.wire.text import civil
 
-_DAYS_TO_1990: Final = 7305
 _DATE: Final = re.compile(r"D#(\d{4})-(\d{1,2})-(\d{1,2})")
 _TIME: Final = re.compile(r"(?:(\d+)D)?(?:(\d+)H)?(?:(\d+)M(?!S))?(?:(\d+)S)?(?:(\d+)MS)?")
 _BASES: Final = (10, 100, 1000, 10_000)
@@ -77,7 +77,7 @@ def _time_of_day(number: int, _: int) -> str:
 
 
 def _date(number: int, _: int) -> str:
-    year, month, day = civil(number + _DAYS_TO_1990)
+    year, month, day = civil(number + DAYS_TO_1990)
     return f"D#{year}-{month}-{day}"
 
 

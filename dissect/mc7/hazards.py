@@ -21,6 +21,9 @@ DELETES: Final = "deletes"
 COPIES: Final = "copies"
 CHANGES: Final = "changes"
 
+#: Lines that `summary` returns at most.
+MOST_LINES: Final = 3
+
 #: System functions whose call deserves a look: number, name, what it does, and to what.
 SYSTEM_CALLS: Final[dict[int, tuple[str, str, str]]] = {
     0: ("SET_CLK", CHANGES, "sets the clock"),
@@ -171,10 +174,10 @@ def logic_changes(changes: list[Change]) -> list[Change]:
     return [change for change in changes if change.about not in {HEADER, TIME}]
 
 
-def summary(label: str, changes: list[Change], most: int = 3) -> list[str]:
-    """Return what changed in at most ``most`` lines; the last one counts the others."""
+def summary(label: str, changes: list[Change]) -> list[str]:
+    """Return what changed in at most `MOST_LINES` lines; the last one counts the others."""
     logic = logic_changes(changes)
     lines = change_lines(label, logic) if logic else []
-    if len(lines) > most:
-        lines = [*lines[: most - 1], f"{label}: and {len(lines) - most + 1} more changes"]
+    if len(lines) > MOST_LINES:
+        lines = [*lines[: MOST_LINES - 1], f"{label}: and {len(lines) - MOST_LINES + 1} more changes"]
     return lines

@@ -326,11 +326,6 @@ def confidence(first: int, second: int) -> str:
     return SURE if (first not in _UNMET if met is None else second in met) else TWO_SOURCES
 
 
-def row_confidence(row: Row) -> str:
-    """Return the best confidence of the words of a row."""
-    return min((confidence(first, second) for first in row.firsts for second in row.seconds), key="C21".index)
-
-
 #: English names and the German ones, where they differ.
 GERMAN: Final[dict[str, str]] = {
     "A": "U", "AN": "UN", "A(": "U(", "AN(": "UN(", "OPN": "AUF", "JU": "SPA", "JC": "SPB", "JCN": "SPBN",

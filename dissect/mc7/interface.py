@@ -72,8 +72,6 @@ _SIZES: Final[dict[int, int]] = {
     0x14: 6,
     0x16: 10,
 }
-#: Types whose parameter is a pointer to a pointer, in an FC.
-COMPLEX: Final = frozenset((0x0E, 0x10, 0x11, 0x13, 0x14, 0x16))
 
 HEAD: Final = 7
 _HAS_START: Final = 0x08
@@ -308,6 +306,9 @@ def parse_interface(octets: bytes) -> Interface:
         interface.fault = (
             interface.fault or f"{interface.declared} bytes of declarations, {len(octets) - HEAD} are there"
         )
+    elif interface.start_length > len(octets) - behind:
+        there = f"{len(octets) - behind} are there"
+        interface.fault = interface.fault or f"{interface.start_length} bytes of start values, {there}"
     interface.starts = octets[behind : behind + interface.start_length]
     interface.rest = octets[behind + interface.start_length :]
     name_declarations(interface.declarations)

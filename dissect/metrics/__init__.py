@@ -1,1 +1,1 @@
-"""What a run counts, for Prometheus to fetch: `counters` count, `families` name, `exposition` writes, `server` hands out."""
+"""What a run counts, for Prometheus to fetch: `counters` count, `exposition` names and writes, `server` hands out."""

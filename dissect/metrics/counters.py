@@ -1,8 +1,8 @@
 """Counting while the traffic passes: a companion of a live run that only adds one here and there.
 
 `Metrics` counts what an observer is told. What the pipeline counts anyhow (packets, TPDUs, PDUs, findings, holes) is not
-counted again: `families` reads it there when somebody asks. That somebody is another thread. Everything he reads is a number,
-or a list or dict copied in one step, so a single family is always consistent in itself; two families may be a packet apart.
+counted again: `exposition` reads it there when a scraper asks, in another thread. Everything that thread reads is a number, or
+a list or dict that is copied in one step, so that each metric is consistent in itself; two metrics may be a packet apart.
 """
 
 from __future__ import annotations

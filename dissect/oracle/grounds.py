@@ -273,9 +273,8 @@ def split_in_fours(case: Case) -> bool:
     if len(case.octets) <= at:
         return False
     octet = case.octets[at]
-    if (
-        case.place.name in SUBFUNCTIONS
-    ):  # groups 0x10, 0x20 and 0x30 become group 0, whose subfunctions are called otherwise
+    # Groups 0x10, 0x20 and 0x30 become group 0, whose subfunctions have other names.
+    if case.place.name in SUBFUNCTIONS:
         told = case.ours if case.ours is not None else case.theirs
         return octet & 0x3F > octet & 0x0F == 0 and told == case.octets[at + 1]
     if case.place.name == "s7comm.param.userdata.type":

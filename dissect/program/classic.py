@@ -8,7 +8,6 @@ from dissect.s7.blocks import FOOTER, HEADER, is_header
 from dissect.s7.tables import BLOCK_KINDS
 from dissect.wire.part import Part
 
-DATA_BLOCKS: Final = frozenset(("DB", "SDB"))
 #: What `Part.text` says of a time that is none.
 _NO_DAY: Final = "1984-01-01 00:00:00.000"
 

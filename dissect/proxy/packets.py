@@ -13,8 +13,6 @@ from typing import Any, Final
 
 from dissect.tcp.stream import ACK, FIN, RST, SYN, Endpoint
 
-#: LINKTYPE number of the frames.
-ETHERNET: Final = 1
 #: Octets of payload that fit an IPv4 packet: 65,535 less a header of IP and one of TCP, 20 octets each.
 MAX_SEGMENT: Final = 65_495
 #: Octets after which the other side acknowledges even when it has nothing to send.
@@ -140,9 +138,8 @@ class Conversation:
             0,
             0,
         )
-        pseudo = (
-            source + target + struct.pack(">II", size, _TCP)
-        )  # RFC 9293 3.1; the sum is that of IPv4's form as well
+        # The pseudo header of RFC 9293 3.1 in the form of IPv6; its sum is that of IPv4's form as well.
+        pseudo = source + target + struct.pack(">II", size, _TCP)
         check = struct.pack(">H", _checksum(b"".join((pseudo, head, options, payload))))
         tcp = b"".join((head[:16], check, head[18:], options, payload))
         return b"".join((_MACS[1 - side], _MACS[side], self._ip_head(source, target, size), tcp))

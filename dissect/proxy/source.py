@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 from typing import Final
 
-from dissect.proxy.packets import ETHERNET, Conversation
+from dissect.proxy.packets import Conversation
 from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, Passed, Tapped
 from dissect.source.live.reader import WAIT_MS, Drops, LiveReader
 from dissect.source.packet import PacketSink
+from dissect.tcp.link import ETHERNET
 
 #: What one step takes at most.
 _STEP_OCTETS: Final = 262_144

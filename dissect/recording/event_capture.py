@@ -31,6 +31,8 @@ MAX_FILES: Final = 1000
 class EventCapture(PacketSink):
     """Keeps ``before_ns`` and ``after_ns`` (capture time) around each trigger, in ``directory``. An `OSError` names its file.
 
+    Raises ValueError for a time below 0.
+
     ``slugs`` are the findings that trigger; `trigger` may be called for other reasons too. A trigger while a file is open
     keeps it open for longer. No more than ``max_octets`` of packets wait in memory: where that is less than ``before_ns``, the
     file tells so. ``finished`` names the last files made; ``files`` counts all, ``triggers`` all triggers,
@@ -47,7 +49,6 @@ class EventCapture(PacketSink):
         max_octets: int = 64 * 1024 * 1024,
         slugs: Collection[str] = (),
         application: str = "",
-        hardware: str = "",
         os_name: str = "",
     ) -> None:
         if before_ns < 0 or after_ns < 0:
@@ -62,7 +63,7 @@ class EventCapture(PacketSink):
         self._before_ns = before_ns
         self._after_ns = after_ns
         self._slugs = frozenset(slugs)
-        self._about = (hardware, os_name, application)
+        self._about = (os_name, application)
         self._recent = RecentPackets(max_octets, before_ns)
         self._latest: KeptPacket | None = None  # not written yet, even when a file is open
         self._comments: list[str] = []

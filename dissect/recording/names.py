@@ -45,16 +45,16 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + PART)
 
 
-def begin(path: Path, about: tuple[str, str, str], comment: str = "", batch: int = 0) -> PcapngWriter:
+def begin(path: Path, about: tuple[str, str], comment: str = "", batch: int = 0) -> PcapngWriter:
     """Create the unfinished file of ``path``, which has its section header from the first moment it is seen.
 
-    ``about`` is (hardware, operating system, application). A kill in between leaves a hidden file without packets.
+    ``about`` is (operating system, application). A kill in between leaves a hidden file without packets.
     """
     part = part_of(path)
     if os.name == "nt":  # where an open file keeps its name
-        return PcapngWriter(str(part), *about, comment=comment, batch=batch)
+        return PcapngWriter(str(part), "", *about, comment=comment, batch=batch)
     hidden = path.with_name(f".{path.name}.{os.getpid()}.begun")
-    writer = PcapngWriter(str(hidden), *about, comment=comment, batch=batch, overwrite=True)
+    writer = PcapngWriter(str(hidden), "", *about, comment=comment, batch=batch, overwrite=True)
     try:
         hidden.replace(part)
     except OSError:

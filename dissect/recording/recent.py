@@ -50,8 +50,8 @@ class KeptPacket:
 class RecentPackets:
     """Packets of the last ``most_ns`` (nanoseconds of capture time) and no more than ``most`` of them (0: any number).
 
-    Of these, those that ``max_octets`` have room for, the latest first. ``shortened`` counts packets that had to leave before
-    their time, for want of room.
+    Only the latest ones are kept that have room in ``max_octets``, which has to be above 0 (ValueError). ``shortened`` counts
+    packets that had to leave before their time, for want of room.
     """
 
     def __init__(self, max_octets: int, most_ns: int, most: int = 0) -> None:

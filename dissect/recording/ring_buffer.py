@@ -111,7 +111,10 @@ _MAX_FILES: Final = 100_000
 
 
 class RingLimits:
-    """When a file of a ring is full: ``octets`` of file, ``duration_ns`` of capture time; ``files`` are kept. 0: no limit."""
+    """When a file of a ring is full: ``octets`` of file, ``duration_ns`` of capture time; ``files`` are kept. 0: no limit.
+
+    Raises ValueError for a number of files without one of the other limits.
+    """
 
     def __init__(self, octets: int = 0, duration_ns: int = 0, files: int = 0) -> None:
         if files and not (octets or duration_ns):
@@ -166,7 +169,6 @@ class RingBuffer(PacketSink):
         limits: RingLimits | None = None,
         name: str = "s7dissect",
         application: str = "",
-        hardware: str = "",
         os_name: str = "",
         batch: int = 0,
     ) -> None:
@@ -176,7 +178,7 @@ class RingBuffer(PacketSink):
         self._limits = limits if limits is not None else RingLimits()
         self.finished: deque[Path] = deque(maxlen=None if self._limits.files else _REMEMBERED)
         self._name = names.file_word(name)
-        self._about = (hardware, os_name, application)
+        self._about = (os_name, application)
         self._batch = batch
         self._number = 0
         self._path: Path | None = None

@@ -13,7 +13,9 @@ _LAST_NS: Final = 2**63 - 1
 
 # Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
 _SECONDS: Final = r"([0-9]{1,9})(?:\.([0-9]{1,9}))?s?"
-_TIME: Final = r"(?:([0-9]{4})-([0-9]{2})-([0-9]{2})[T ])?([0-9]{2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,9}))?Z?"
+_TIME: Final = (
+    r"(?:([0-9]{4})-([0-9]{2})-([0-9]{2})[T ])?([0-9]{2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,9}))?(?:Z| ?UTC)?"
+)
 
 # What a moment is counted from.
 _START: Final = "start"

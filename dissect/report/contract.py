@@ -21,7 +21,6 @@ from dissect.source.packet import SourceFile
 from dissect.tcp.link import vlan_ids
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
-from dissect.wire.json_page import json_page
 from dissect.wire.text import Clock, encodable
 
 ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
@@ -40,7 +39,10 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
 
 
 def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator[tuple[str, object]]:
-    """Yield the names and values of `analysis_as_dict`; a long list is an iterator, whose objects are made one by one."""
+    """Yield the names and values of `analysis_as_dict`; a long list is an iterator, whose objects are made one by one.
+
+    Raises ValueError for an analysis that was not filled by a run.
+    """
     pipeline = analysis.pipeline
     if pipeline is None:
         raise ValueError("this Analysis is empty: call take() first, or use dissect.analyze()")
@@ -87,11 +89,6 @@ def _transactions(analysis: Analysis) -> dict[str, object]:
         "with_errors": analysis.with_errors,
         "unanswered_reasons": dict(sorted(analysis.unanswered_reasons.items())),
     }
-
-
-def analysis_as_json(analysis: Analysis, interrupted: bool = False) -> str:
-    """Return an analysis as `analyze -T json` writes it: ASCII without control characters but the line feeds of its layout."""
-    return json_page(analysis_as_dict(analysis, interrupted), 1)
 
 
 def _number(connection: Connection) -> int:

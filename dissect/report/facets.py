@@ -298,9 +298,8 @@ class S7Facet(Facet):
         asked, told = transaction.request, transaction.response
         said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
         head = transaction.parameters.userdata
-        listed = (
-            head is not None and (int(head.group), int(head.subfunction)) == _LIST_OF_TYPE
-        )  # the answer only goes on: SFC 0 (AWL), …
+        # The answer of such a list goes on from what the request says: SFC 0 (AWL), …
+        listed = head is not None and (int(head.group), int(head.subfunction)) == _LIST_OF_TYPE
         return " ".join([text for text in said if text]) if listed else _asked_and_told(said)
 
     def setup(self, transaction: Transaction) -> str:

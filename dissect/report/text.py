@@ -507,12 +507,12 @@ def finding_lines(
         where = f"connection {finding.connection}, " if finding.connection else ""
         said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
-    untold = count - min(len(details), most)  # of some rules only the first time is told
-    if untold and details:
-        rest = _last_packets(details[most:], _MORE_FRAMES + 1)
+    shown = min(most, len(details))  # of some rules only the first time is detailed
+    if details and count > shown:
+        rest = _last_packets(details[shown:], _MORE_FRAMES + 1)
         more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
         at = f": {places.phrase(sorted(rest[:_MORE_FRAMES]))}{more}" if rest else ""
-        yield Line(f"      and {untold} more{at}", PLAIN, 8)
+        yield Line(f"      and {count - shown} more{at}", PLAIN, 8)
     yield Line(f"      → {rule.advice}", DIM, 8)
     if rule.techniques:
         yield Line(f"      MITRE ATT&CK: {', '.join([str(technique) for technique in rule.techniques])}", DIM, 8)

@@ -119,9 +119,9 @@ PROTOCOLS: Final = {
     IBH_NETLINK: "IBH-NetLink",
 }
 
-#: Elements of an array, characters of a text and octets that are shown on a line.
+#: Elements of an array, characters of a text and octets that are shown on a line. No time is cut: an LTIME has up to 35.
 SHOWN: Final = 8
-SHOWN_TEXT: Final = 32
+SHOWN_TEXT: Final = 36
 SHOWN_OCTETS: Final = 16
 #: Items or notes that a summary names, and characters of a note.
 NAMED: Final = 3

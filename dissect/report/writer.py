@@ -1,7 +1,7 @@
-"""What writes results in one format, and what hands it the results that a command is about.
+"""`Writer`, which writes results in one format, and the feeds that hand a writer the results that a command is about.
 
-A `Writer` is told of results, as any observer is, and keeps what it makes of them in ``lines`` until `Writer.take`. A feed
-stands between the pipeline and the writer, because the pipeline tells of everything: of transactions, operations, findings.
+A writer is told of results like any observer, and keeps its lines until they are taken (`Writer.take`). A feed stands between
+the pipeline and the writer, because the pipeline tells of everything: of transactions, operations and findings.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 from dissect.wire.text import Clock
 
-#: Lines of transactions, and characters of them, that wait for what completed before them and is still held back.
+#: Lines of transactions, and their characters, that wait for earlier transactions that are still held back.
 KEPT_LINES: Final = 4096
 KEPT_CHARACTERS: Final = 16 * 1024 * 1024
 
-#: Octets of a TPKT before the data of a DT without parameters, and the type of that, which follows its length, 2.
+#: Octets of a TPKT before the data of a DT without parameters; and the octet that says DT, which follows the length, 2.
 _DT_HEAD: Final = 7
 _PLAIN_DT: Final = 0xF0
 
-#: What messages are called that carry none of the protocols of `UPPER_NAMES`: TPDUs, packets of IBH-NetLink.
+#: The protocol of messages that carry none of `UPPER_NAMES`: TPDUs, and packets of IBH-NetLink.
 COTP: Final = "cotp"
 NETLINK: Final = "netlink"
 
 #: Tells whether a transaction is wanted; and the same of an operation.
 Choice = Callable[[Transaction], bool]
 OperationChoice = Callable[[Operation], bool]
-#: Tells whether a message is wanted: its protocol, packet, time, connection, side that sent it, octets, whether the capture
-#: cut it, and in the place of octets an SCD message.
+#: Tells whether a message is wanted, by its protocol, packet, time, connection, the side that sent it, its octets, whether the
+#: capture cut it, and for SCD the message.
 MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessage | None], bool]
 
 
@@ -52,18 +52,18 @@ MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessag
 class Writer(Observer):
     """Writes results in one format: override the methods for what it takes, and name that in `dissect.report.formats`.
 
-    ``lines`` are all text as it is to be written (`str`), or all the octets of such text in UTF-8 (`bytes`), for what is put
-    together as octets, or all lines with a style (`Line`), which a terminal wraps and colours; each of them may be several
-    lines. ``plain`` tells that no terminal wraps and colours them, so that octets will do. ``clock`` writes times as the user
-    wants to read them (`Clock.moment`, or `Clock.iso` for programs, always UTC), ``verbose`` asks for everything there is
-    (option -V of `show`). ``number_width`` is how many characters the number of a transaction takes at least. ``joint`` is what
-    stands between the numbers of transaction and connection, where each line names both in this way and nowhere else; it is
-    empty where lines name a connection alone, None where numbers may stand anywhere. Names and values come from the wire: what
-    goes to a person passes `dissect.wire.text.printable`.
+    ``lines`` has items of one of three types: text as it is to be written (`str`), the octets of such text in UTF-8 (`bytes`),
+    or text with a style (`Line`), which a terminal wraps and colours; an item may be several lines. ``plain`` is True where no
+    terminal wraps and colours them, so that octets will do. ``clock`` writes times as the user wants to read them
+    (`Clock.moment`, or `Clock.iso` for programs, always UTC); ``verbose`` asks for everything there is (option -V of `show`).
+    ``number_width`` is the least number of characters that the number of a transaction takes. ``joint`` is what stands between
+    the numbers of transaction and connection, where each line names both in this way and nowhere else; it is empty where lines
+    name a connection alone, None where numbers may stand anywhere. Names and values come from the wire: what goes to a person
+    passes `dissect.wire.text.printable`.
 
-    Of the methods of an observer it is told `transaction`, `operation`, and for PDUs `pdu`, `plus_pdu`, `tpdu` and
-    `ibh_packet` (only of those that carry no PDU), `comment`; beside them `packet` and `scd_message`. PDUs may hold passwords:
-    see `dissect.s7.hiding.without_secrets`.
+    Feeds call these methods of an observer: `transaction`, `operation`, `comment`, and for PDUs `pdu` and `plus_pdu`, or `tpdu`
+    and `ibh_packet` where a packet carries none; besides them `packet` and `scd_message`. PDUs may hold passwords: see
+    `dissect.s7.hiding.without_secrets`.
     """
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
@@ -77,14 +77,14 @@ class Writer(Observer):
         self.plain: bool = False
 
     def begin(self, places: Places) -> None:
-        """Name packets with ``places``; called once, before the first result."""
+        """Take ``places``, which name packets; called once, before the first result."""
         self.places = places
 
     def packet(self, octets: bytes) -> None:
         """Take the TPKT or IBH-NetLink packet that the next PDU is in, header included."""
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
-        """Take an SCD message: one of its own, or one in an item of S7."""
+        """Take an SCD message, whether it came by itself or in an item of S7."""
 
     def take(self) -> list[Written]:
         """Return the lines collected since the last call."""
@@ -96,9 +96,9 @@ class Writer(Observer):
 class TransactionFeed(Observer):
     """Hands transactions to a writer, all or those that are chosen, and keeps its lines in the order of the capture.
 
-    A transaction stands where the packet that completed it stands; one without an answer stands where the wait for it ended.
-    What waited behind a gap of its TCP stream reaches the feed after what completed later on other connections, or in the
-    other direction: its lines are put before those.
+    A transaction has its place at the packet that completed it; one without an answer, where the wait for the answer ended.
+    A transaction that was held back behind a gap of its TCP stream reaches the feed after others that completed later: its
+    lines are put before theirs.
     """
 
     def __init__(
@@ -113,9 +113,9 @@ class TransactionFeed(Observer):
         self._choose: Choice | None = choose
         self._most_lines: int = most_lines
         self._most_characters: int = most_characters
-        self._packets: list[int] = []  # for each line of the writer the packet it stands at; these ascend
+        self._packets: list[int] = []  # for each line of the writer its packet; these ascend
         self._latest: i64 = 0
-        self.protocols: dict[str, int] = {}  # of the connections that are over, and how many spoke each
+        self.protocols: dict[str, int] = {}  # how many of the connections that are over spoke each protocol
 
     def connection_closed(self, connection: Connection) -> None:
         """Count what a connection spoke."""
@@ -133,14 +133,14 @@ class TransactionFeed(Observer):
         self.place(packet)
 
     def settle(self) -> None:
-        """What the writer has so far stays where it is: it began with that."""
+        """Leave the lines that the writer has so far, such as a heading, where they are: before all others."""
         lines = self._writer.lines
         packets = self._packets
         while len(packets) < len(lines):
             packets.append(0)
 
     def place(self, packet: i64) -> None:
-        """Put the lines that the writer has got since into their place: that of ``packet``, 0 for behind all others."""
+        """Put the new lines of the writer where ``packet`` belongs; behind all others where that is 0."""
         lines = self._writer.lines
         packets = self._packets
         if packet == 0:
@@ -160,9 +160,9 @@ class TransactionFeed(Observer):
         packets[at:at] = [int(packet)] * int(fresh)
 
     def take(self, held: int) -> list[Written]:
-        """Return the lines before packet ``held``, the first that is held back (0 for none); nothing can come before them.
+        """Return the lines before packet ``held``, the first one that is held back (0 for none): nothing can come before them.
 
-        The others stay, at most ``most_lines`` of ``most_characters``: with more of them the oldest are returned as well.
+        The others stay, up to ``most_lines`` and ``most_characters``; of more, the oldest are returned as well.
         """
         lines = self._writer.take()
         packets = self._packets
@@ -197,8 +197,8 @@ class OperationFeed(Observer):
 class PduFeed(Observer):
     """Hands a writer PDUs, and the TPDUs and packets that carry none: all, or those that one of ``frames`` completes.
 
-    ``found`` are the packets of ``frames`` that the format had something to write of; ``decoder`` says which messages are SCD.
-    ``choose`` tells which messages are wanted.
+    ``found`` are the packets of ``frames`` for which the format wrote something. ``decoder`` says which messages are SCD,
+    ``choose`` which are wanted.
     """
 
     def __init__(
@@ -219,13 +219,13 @@ class PduFeed(Observer):
         self._before: int = 0  # lines before the message at hand
 
     def comment(self, frame: i64, text: str) -> None:
-        """Hand on a comment; where messages are chosen, a comment is none."""
+        """Hand on a comment, unless messages are chosen: a comment is no message."""
         if self._choose is None and self._wanted(frame):
             self._writer.comment(frame, text)
             self._find(frame)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Hand on the TPKT of the PDU in it, or one that carries no S7."""
+        """Keep the TPKT for the PDU in it; hand on a TPDU that carries none."""
         self._writer.packet(octets)
         if not self._wanted(frame):
             return
@@ -244,7 +244,7 @@ class PduFeed(Observer):
         self._find(frame)
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Hand on the packet of the PDU in it, or one that carries no part of a PDU."""
+        """Keep the packet for the PDU in it; hand on one that carries no part of a PDU."""
         self._writer.packet(octets)
         if not self._wanted(frame):
             return
@@ -274,7 +274,7 @@ class PduFeed(Observer):
         self._scd(found, side.connection)
 
     def transaction(self, transaction: Transaction) -> None:
-        """Hand on the SCD in an S7 transaction; where it stood in a write, the packet is that of the request."""
+        """Hand on the SCD messages in an S7 transaction; those in a write belong to the packet of the request."""
         for found in transaction.carried or ():
             self._scd(found, transaction.connection)
 
@@ -295,7 +295,7 @@ class PduFeed(Observer):
         return choose(protocol, frame, time_ns, side.connection, side.index, octets, cut, None)
 
     def _find(self, frame: i64) -> None:
-        """Note that a packet that was asked for has a message, if the format shows it."""
+        """Note that the format wrote something for a packet that was asked for."""
         if self._frames and len(self._writer.lines) > self._before:
             self.found.add(self._writer.places.number(int(frame)))
 

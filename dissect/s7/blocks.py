@@ -7,6 +7,7 @@ from typing import Final
 from dissect.s7.block_names import block_text, name_fields, type_text
 from dissect.s7.parameters import REQUEST, RESPONSE, UserdataHead
 from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, BLOCK_SECURITY, BLOCK_TYPES
+from dissect.s7.values import MS_PER_DAY
 from dissect.wire.layout import (
     COUNTS_REST,
     HOLDS_BLOCK_TEXT,
@@ -23,13 +24,12 @@ from dissect.wire.text import civil
 
 _SOURCE: Final = "reference section 4.6"
 _DAYS_TO_1984: Final = 5113
-_MS_PER_DAY: Final = 86_400_000
 
 
 def block_time(octets: bytes) -> str | None:
     """Return the time in six octets, milliseconds of the day and days since 1984-01-01; None if it is none."""
     ms = u32(octets, 0)
-    if ms >= _MS_PER_DAY:
+    if ms >= MS_PER_DAY:
         return None
     year, month, day = civil(u16(octets, 4) + _DAYS_TO_1984)
     seconds, rest = divmod(ms, 1000)

@@ -225,15 +225,10 @@ def item_fill(size: i64, last: bool) -> i64:
     return size & 1
 
 
-def data_size(transport_size: i64, length: i64) -> i64:
-    """Return the octets of a data item's content from its length field, which counts bits for some transport sizes."""
-    return (length + 7) >> 3 if COUNTED[transport_size] == BITS else length
-
-
 def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
-    """Return what `data_size` does, for content of which ``room`` octets are there.
+    """Return the octets of a data item's content from its length field, which counts bits for some transport sizes.
 
-    Sources disagree whether 0x06 counts octets or bits, so the octets that are left decide (reference 3.6).
+    Sources disagree whether 0x06 counts octets or bits; ``room``, the octets that are left, decides (reference 3.6).
     """
     counted: i64 = COUNTED[transport_size]
     if counted == 0:

@@ -234,9 +234,7 @@ def parse_pdu(
         pdu.malformed.append(Malformed("s7", "trailing_octets", "pdu", total, total, size, limit))
     block = octets[head : head + pdu.param_length]
     if pdu.rosctr not in ROSCTR:
-        pdu.parameters = Parameters(
-            block, pdu.rosctr
-        )  # whether it asks or answers nobody knows, so nothing is read into it
+        pdu.parameters = Parameters(block, pdu.rosctr)  # not parsed: nobody knows whether it asks or answers
         return pdu
     pdu.parameters = parse_parameters(block, pdu.rosctr)
     if head + pdu.param_length <= size:  # else the block's own complaints only repeat the one above

@@ -238,11 +238,6 @@ class Parameters:
         )
 
     @property
-    def userdata_extended(self) -> bool:
-        """True when the block is an extended userdata head of 12 octets."""
-        return self.userdata is not None and self.userdata.extended
-
-    @property
     def function_name(self) -> str:
         """Name of the function; for userdata the group and subfunction."""
         if self.userdata is not None:

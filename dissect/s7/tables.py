@@ -99,7 +99,6 @@ NOTIFY_8: Final = 0x16
 
 # Subfunctions of security.
 SEND_PASSWORD: Final = 1
-CLEAR_PASSWORD: Final = 2
 
 # Subfunctions of time functions.
 READ_CLOCK: Final = 1
@@ -114,7 +113,6 @@ BSEND: Final = 1
 NC_REQUEST_DOWNLOAD: Final = 1
 NC_DOWNLOAD_BLOCK: Final = 2
 NC_CONTINUE_DOWNLOAD: Final = 3
-NC_DOWNLOAD_ENDED: Final = 4
 NC_START_UPLOAD: Final = 6
 NC_UPLOAD_BLOCK: Final = 7
 NC_CONTINUE_UPLOAD: Final = 8

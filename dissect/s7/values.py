@@ -24,12 +24,12 @@ from dissect.wire.text import SHORT, THREE, TWO, civil, decimal
 Value = bool | int | float | str | list["bool | int | float | str | None"] | None
 
 _DOUBLE: Final = struct.Struct(">d")
-_MS_PER_DAY: Final = 86_400_000
+MS_PER_DAY: Final = 86_400_000
 #: Fewer characters than these may be a chance.
 LEAST_TEXT: Final = 4
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
 _UNITS: Final[list[str]] = ["d", "h", "m", "s", "ms"]
-_UNIT_MS: Final[list[int]] = [_MS_PER_DAY, 3_600_000, 60_000, 1000, 1]
+_UNIT_MS: Final[list[int]] = [MS_PER_DAY, 3_600_000, 60_000, 1000, 1]
 #: The same as compiled code reads them without making objects.
 _S5_BASES: Final = struct.pack(f"<{len(_S5_BASE_MS)}q", *_S5_BASE_MS)
 _UNIT_NAMES: Final[list[bytes]] = [name.encode("ascii") for name in _UNITS]
@@ -339,18 +339,19 @@ def duration(ms: int) -> str:
 
 def time_of_day(ms: int) -> str | None:
     """Return milliseconds since midnight as ``TOD#hh:mm:ss.mmm``; None for a day or more."""
-    if ms >= _MS_PER_DAY:
+    if ms >= MS_PER_DAY:
         return None
     seconds, rest = divmod(ms, 1000)
     return f"TOD#{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{rest:03d}"
 
 
-_DAYS_TO_1990: Final = 7305
+#: Days from 1970-01-01, where `civil` begins, to 1990-01-01, where DATE does.
+DAYS_TO_1990: Final = 7305
 
 
 def date_text(days: int) -> str:
     """Return days since 1990-01-01 as ``D#yyyy-mm-dd``."""
-    year, month, day = civil(days + _DAYS_TO_1990)
+    year, month, day = civil(days + DAYS_TO_1990)
     return f"D#{year:04d}-{month:02d}-{day:02d}"
 
 

@@ -1,1 +1,1 @@
-"""S7comm-plus: what frames its PDUs, which function they carry, who asks and who answers; their contents stay octets."""
+"""S7comm-plus: frames, PDUs, and their contents: objects, attributes, variables and values (docs/s7plus.md)."""

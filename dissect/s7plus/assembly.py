@@ -13,7 +13,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.message import DIGEST_SIZE, is_beginning, parse_plus
+from dissect.s7plus.message import HEADER_SIZE, INTEGRITY_SIZE, is_beginning, parse_plus
 from dissect.s7plus.tables import FUNCTIONS, KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT, V1, V3
 from dissect.wire.octets import u16
 
@@ -23,7 +23,6 @@ MAX_PDU: Final = 8 * 1024 * 1024
 #: Frames of a PDU that are kept: as many as 8 MiB take on a connection with the smallest TPDUs. Each costs more than a hundred
 #: octets when the PDU is read, and needs to carry only one.
 MAX_FRAMES: Final = 65_536
-_HEADER: Final = 4
 #: What follows the subscription's id in every notification of V2 and V3 (reference S7comm-plus section 8).
 _AFTER_SUBSCRIPTION: Final = b"\x04\x00\x00\x00\x00\x00"
 
@@ -41,9 +40,9 @@ def _begins(frame: bytes) -> bool:
 
 def is_notification(octets: bytes) -> bool:
     """Tell whether a PDU with the opcode of a notification is one: the rest of a PDU may begin with that octet as well."""
-    if len(octets) < _HEADER or octets[1] == V1:
+    if len(octets) < HEADER_SIZE or octets[1] == V1:
         return True  # that form has nothing by which to tell
-    at: i64 = _HEADER + 5 + (1 + DIGEST_SIZE if octets[1] == V3 else 0)
+    at: i64 = HEADER_SIZE + 5 + (INTEGRITY_SIZE if octets[1] == V3 else 0)
     return octets[at : at + len(_AFTER_SUBSCRIPTION)] == _AFTER_SUBSCRIPTION
 
 
@@ -86,9 +85,9 @@ class PlusAssembler:
     def push(self, tsdu: bytes) -> bytes | None:
         """Take a TSDU that begins with 0x72; return the PDU when it is whole, else None."""
         size: i64 = len(tsdu)
-        if size < _HEADER or tsdu[1] == SYSTEM_EVENT or tsdu[1] == KEEP_ALIVE:
+        if size < HEADER_SIZE or tsdu[1] == SYSTEM_EVENT or tsdu[1] == KEEP_ALIVE:
             return tsdu  # stands for itself, also between the frames of another PDU
-        ends: bool = _HEADER + u16(tsdu, 2) != size  # a trailer follows, or it is damaged
+        ends: bool = HEADER_SIZE + u16(tsdu, 2) != size  # a trailer follows, or it is damaged
         parts = self.parts
         if parts is None:
             self.left_out = 0
@@ -107,7 +106,7 @@ class PlusAssembler:
     def interrupted(self, tsdu: bytes) -> bool:
         """Tell whether ``tsdu`` begins another PDU while one is not finished; `finish` it first."""
         parts = self.parts
-        if parts is None or len(tsdu) <= _HEADER or tsdu[1] == SYSTEM_EVENT or tsdu[1] == KEEP_ALIVE:
+        if parts is None or len(tsdu) <= HEADER_SIZE or tsdu[1] == SYSTEM_EVENT or tsdu[1] == KEEP_ALIVE:
             return False
         return tsdu[1] != parts[1] or _begins(tsdu)
 

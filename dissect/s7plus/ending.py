@@ -14,16 +14,16 @@ from dissect.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import VLQ, read_varint
 
 #: Zeros that may end a PDU, or one less; those that may end a notification, or one less.
-_FILL: Final = 5
-_NOTIFICATION_FILL: Final = 4
+FILL: Final = 5
+NOTIFICATION_FILL: Final = 4
 #: Those of a response of the other kind, of which there are always so many.
-_RESPONSE2_FILL: Final = 11
+RESPONSE2_FILL: Final = 11
 
 
 def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
     """Read the end of a request or response. Raises `FormatError` for anything else."""
     second: bool = pdu.opcode == RESPONSE2
-    if _all_zeros(walk, walk.at, _RESPONSE2_FILL if second else _FILL, second) or walk.left == 0:
+    if _all_zeros(walk, walk.at, RESPONSE2_FILL if second else FILL, second) or walk.left == 0:
         _fill(walk)
         return
     if pdu.version == V2 and _is_digest(walk, walk.at):
@@ -31,7 +31,7 @@ def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
         return
     if found.integrity_id < 0 and pdu.version != V1:
         number, behind = read_varint(walk.octets, walk.at, walk.end, VLQ)
-        if behind > 0 and (_all_zeros(walk, behind, _FILL) or _is_digest(walk, behind)):
+        if behind > 0 and (_all_zeros(walk, behind, FILL) or _is_digest(walk, behind)):
             start, walk.at = walk.at, behind
             found.integrity_id = number
             walk.part(layouts.INTEGRITY_ID, start)
@@ -45,7 +45,7 @@ def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
 
 def read_notification_end(walk: Walk) -> None:
     """Read the end of a notification: zeros. Raises `FormatError` for anything else."""
-    if not _all_zeros(walk, walk.at, _NOTIFICATION_FILL) and walk.left:
+    if not _all_zeros(walk, walk.at, NOTIFICATION_FILL) and walk.left:
         raise FormatError("trailing_octets", "end", walk.at, 0, walk.left)
     _fill(walk)
 

@@ -13,7 +13,7 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
-from dissect.s7plus.message import PlusPdu, parsed
+from dissect.s7plus.message import HEADER_SIZE, INTEGRITY_SIZE, PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
@@ -123,8 +123,6 @@ _WRITING: Final = frozenset((DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, S
 #: What is known of such an answer that is sound.
 _WRITTEN: Final = Contents(V3, -1, {})
 _WRITTEN.whole = True
-_HEADER: Final = 4
-_INTEGRITY: Final = 33
 _BIT_7: Final = 0x80
 
 
@@ -333,7 +331,7 @@ def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
     """Return False for a read that surely asks for neither the operating state nor the identification record."""
     if skimmed & SOUND:
         return skimmed & ASKS != 0
-    return any([octets.find(mark, _HEADER + REQUEST_SIZE) >= 0 for mark in _READ_MARKS])
+    return any([octets.find(mark, HEADER_SIZE + REQUEST_SIZE) >= 0 for mark in _READ_MARKS])
 
 
 def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64) -> bool:
@@ -345,9 +343,9 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
         return True  # others do not come here
     if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
         return False
-    at: i64 = _HEADER + REQUEST_SIZE
+    at: i64 = HEADER_SIZE + REQUEST_SIZE
     if octets[1] == V3:
-        at += _INTEGRITY
+        at += INTEGRITY_SIZE
     if at + 6 > len(octets):
         return True
     object_id: i64 = u32(octets, at)
@@ -398,7 +396,7 @@ def _gone(session: PlusSession, events: list[Event], object_id: int, session_id:
 
 def _created(session: PlusSession, events: list[Event], asked: Made, told: Made | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
-    # Of a PDU that is too long, or lies further on, its first objects say what it is.
+    # The first objects say what it is, where a PDU is too long to be read whole, or lies further on.
     these = asked.objects or asked.begun
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
@@ -577,11 +575,11 @@ def _state(session: PlusSession, events: list[Event], state: int) -> None:
 def subscription_of(octets: bytes) -> i64:
     """Return the subscription of a notification, read in place; -1 when it is too short."""
     size: i64 = len(octets)
-    if size < _HEADER:
+    if size < HEADER_SIZE:
         return -1
-    at: i64 = _HEADER + 1
+    at: i64 = HEADER_SIZE + 1
     if octets[1] == V3:
-        at += _INTEGRITY
+        at += INTEGRITY_SIZE
     if at + 4 > size:
         return -1
     return u32(octets, at)

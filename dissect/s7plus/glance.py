@@ -16,7 +16,7 @@ from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
 from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.objects import numbers_at
 from dissect.s7plus.pieces import USUAL_QUALIFIER
-from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
+from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, SEQUENCE_AT, SESSION_AT, one_frame
 from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
@@ -50,8 +50,6 @@ _GOOD: Final = 1
 _ERROR: Final = 0x8000
 #: The last two octets of an id, by which `dissect.s7plus.skimming.ASKS` goes.
 _TWO_OCTETS: Final = 0x3FFF
-_SEQUENCE: Final = 7
-_SESSION_ID: Final = 9
 #: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
 _LARGEST: Final = 4096
 #: Attributes whose writing is more than a glance can tell.
@@ -269,8 +267,8 @@ class Seen:
 
     def come(self, request: bytes, at: i64) -> None:
         """Note which request it came from, whose data begin ``at``."""
-        self.sequence = u16(request, at + _SEQUENCE)
-        self.session_id = u32(request, at + _SESSION_ID)
+        self.sequence = u16(request, at + SEQUENCE_AT)
+        self.session_id = u32(request, at + SESSION_AT)
 
 
 #: What a read of one attribute says that nobody asks about.

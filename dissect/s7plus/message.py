@@ -28,9 +28,11 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-_HEADER: Final = 4
-#: Size of the digest in the integrity part of V3.
+#: Octets of the header of a frame: protocol id, version, and the size of what follows; a trailer has as many.
+HEADER_SIZE: Final = 4
+#: Size of the digest in the integrity part of V3, and of that part, which begins with the size.
 DIGEST_SIZE: Final = 32
+INTEGRITY_SIZE: Final = 33
 #: Subscriptions of S7-1200 with old firmware have ids below this. Their notifications have no credit; a sequence number of one
 #: octet stands in its place.
 SHORT_HEADS: Final = 0x70000000
@@ -87,9 +89,8 @@ class PlusPdu:
         self.cut = False
         self.version = -1
         self.frames = 0
-        self.frame_starts: dict[
-            int, int
-        ] = {}  # where frames but the first begin, within ``data`` and within ``octets``
+        # Where all frames but the first begin: within ``data``, and within ``octets``.
+        self.frame_starts: dict[int, int] = {}
         self._places: tuple[list[int], list[int]] | None = None  # the same, to be searched
         self.whole = False
         self.integrity = b""
@@ -164,15 +165,15 @@ def parse_plus(
     size = len(octets)
     if size >= 2:
         pdu.version = octets[1]
-    if size < _HEADER:
-        pdu.tell("too_short", "header", 0, _HEADER, size)
+    if size < HEADER_SIZE:
+        pdu.tell("too_short", "header", 0, HEADER_SIZE, size)
         return pdu
     pdu.frames = 1
     if pdu.version == KEEP_ALIVE:
         pdu.number = octets[2]
         pdu.whole = True
-        if size > _HEADER:
-            pdu.tell("trailing_octets", "keep-alive", _HEADER, _HEADER, size)
+        if size > HEADER_SIZE:
+            pdu.tell("trailing_octets", "keep-alive", HEADER_SIZE, HEADER_SIZE, size)
     elif pdu.version == SYSTEM_EVENT:
         _read_event(pdu, octets)
     else:
@@ -181,7 +182,7 @@ def parse_plus(
         _read_frames(pdu, octets)
         _read_head(pdu)
         if not pdu.whole and not cut and not pdu.malformed:
-            pdu.tell("too_short", "trailer", size, size + _HEADER, size)
+            pdu.tell("too_short", "trailer", size, size + HEADER_SIZE, size)
     if size <= LARGEST_KEPT and not cut:
         _LATEST.pdu = pdu
     return pdu
@@ -212,20 +213,20 @@ def parsed(octets: bytes) -> PlusPdu:
 
 def _read_event(pdu: PlusPdu, octets: bytes) -> None:
     length = u16(octets, 2)
-    end = _HEADER + length
+    end = HEADER_SIZE + length
     pdu.whole = end <= len(octets)
     if not pdu.whole:
         pdu.tell("length_beyond", "length", 2, end, len(octets))
     elif end < len(octets) and octets[end:] != _trailer(SYSTEM_EVENT):
         pdu.tell("trailing_octets", "system event", end, end, len(octets))
-    pdu.data_offset = _HEADER
-    pdu.data = octets[_HEADER:end]
+    pdu.data_offset = HEADER_SIZE
+    pdu.data = octets[HEADER_SIZE:end]
     fixed = layouts.EVENT.size
     if len(pdu.data) >= 8:
         pdu.number = u32(pdu.data, 4)
     if len(pdu.data) < fixed:
         if pdu.whole:
-            pdu.tell("too_short", "system event", _HEADER, fixed, len(pdu.data))
+            pdu.tell("too_short", "system event", HEADER_SIZE, fixed, len(pdu.data))
         return
     pdu.message = pdu.data[fixed:]
 
@@ -237,9 +238,9 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
     at = 0
     count = 0
     taken = 0
-    while at + _HEADER <= size and octets[at] == PROTOCOL_ID and octets[at + 1] == pdu.version:
+    while at + HEADER_SIZE <= size and octets[at] == PROTOCOL_ID and octets[at + 1] == pdu.version:
         length = u16(octets, at + 2)
-        start = at + _HEADER
+        start = at + HEADER_SIZE
         end = start + length
         if length == 0 and count:
             pdu.whole = True
@@ -259,7 +260,7 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
         at = end
     pdu.frames = count
     pdu.data = parts[0] if count == 1 else b"".join(parts)
-    if at < size and not (pdu.cut and at + _HEADER > size):
+    if at < size and not (pdu.cut and at + HEADER_SIZE > size):
         pdu.tell("trailing_octets", "pdu", at, at, size)
 
 

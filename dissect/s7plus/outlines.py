@@ -7,22 +7,18 @@ property test (tests/s7plus/test_outlines.py).
 
 from __future__ import annotations
 
-from typing import Final
-
 from mypy_extensions import i64
 
 from dissect.s7plus.contents import Made
+from dissect.s7plus.ending import FILL
 from dissect.s7plus.message import parsed
 from dissect.s7plus.noted import Noted, latest_noted
 from dissect.s7plus.objects import PlusObject, objects_at
-from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
-from dissect.s7plus.skimming import FILL, SOUND, Body, free_body
+from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, SEQUENCE_AT, SESSION_AT, one_frame
+from dissect.s7plus.skimming import SOUND, Body, free_body
 from dissect.s7plus.tables import REQUEST, RESPONSE
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ64, read_varint
-
-_SEQUENCE: Final = 7
-_SESSION_ID: Final = 9
 
 
 class Outline(Made):
@@ -71,10 +67,10 @@ def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outlin
     found.ids = noted.ids
     if request:
         found.object_id = int(noted.object_id)
-        found.session_id = u32(data, at + _SESSION_ID)
+        found.session_id = u32(data, at + SESSION_AT)
     else:
         found.return_code = read_varint(data, at + RESPONSE_SIZE, noted.end, VLQ64)[0] & 0xFFFF  # of what is sound
-    found.sequence = u16(data, at + _SEQUENCE)
+    found.sequence = u16(data, at + SEQUENCE_AT)
     return found
 
 

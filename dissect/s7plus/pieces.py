@@ -163,7 +163,10 @@ def _remember(asked: bytes, found: Contents, cost: int) -> None:
 
 
 def take_addresses(walk: Walk, found: Contents) -> int:
-    """Read the addresses of items: of variables, or attributes of one object. Returns how many items there are."""
+    """Read the addresses of items: of variables, or attributes of one object. Return how many items there are.
+
+    Raises `FormatError` for what is no such list.
+    """
     at = walk.at
     link = walk.fixed(4, "link")
     count = walk.counted(VLQ, "item count")

@@ -10,7 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.message import DIGEST_SIZE, SHORT_HEADS, PlusPdu, is_beginning
+from dissect.s7plus.message import DIGEST_SIZE, HEADER_SIZE, SHORT_HEADS, PlusPdu, is_beginning
 from dissect.s7plus.tables import (
     FUNCTIONS,
     NO_RESPONSE,
@@ -26,12 +26,14 @@ from dissect.s7plus.tables import (
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-_HEADER: Final = 4
 _TRAILER: Final = 4
 #: Octets of the fixed part of a request, a response and a notification.
 REQUEST_SIZE: Final = 14
 RESPONSE_SIZE: Final = 10
 NOTIFICATION_SIZE: Final = 12
+#: Where in the data of a request its sequence number and its session id stand.
+SEQUENCE_AT: Final = 7
+SESSION_AT: Final = 9
 _BIT_7: Final = 0x80
 _FUNCTIONS: Final = frozenset([row.number for row in FUNCTIONS])
 
@@ -39,17 +41,17 @@ _FUNCTIONS: Final = frozenset([row.number for row in FUNCTIONS])
 def one_frame(octets: bytes) -> tuple[i64, i64]:
     """Return where the data of a PDU begin and end that is one sound frame and a trailer; (-1, -1) for any other."""
     end: i64 = len(octets) - _TRAILER
-    if end < _HEADER or octets[0] != PROTOCOL_ID or octets[end] != PROTOCOL_ID:
+    if end < HEADER_SIZE or octets[0] != PROTOCOL_ID or octets[end] != PROTOCOL_ID:
         return -1, -1
     version: i64 = octets[1]
-    at: i64 = _HEADER
+    at: i64 = HEADER_SIZE
     if version == V3:
         if end <= at or octets[at] != DIGEST_SIZE:
             return -1, -1
         at += 1 + DIGEST_SIZE
     elif version != V2 and version != V1:
         return -1, -1
-    if at > end or u16(octets, 2) != end - _HEADER or octets[end + 1] != version or u16(octets, end + 2):
+    if at > end or u16(octets, 2) != end - HEADER_SIZE or octets[end + 1] != version or u16(octets, end + 2):
         return -1, -1
     return at, end
 

@@ -11,7 +11,7 @@ from mypy_extensions import i64
 
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.message import PlusPdu, parsed
+from dissect.s7plus.message import INTEGRITY_SIZE, PlusPdu, parsed
 from dissect.s7plus.plain import REQUEST_SIZE
 from dissect.s7plus.program import CODE, TYPE_INFO
 from dissect.s7plus.session import ASKED_OF_OBJECTS
@@ -33,9 +33,8 @@ from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: What objects hold that matters: the code of a block, or the names of variables; and what of them is asked for.
 MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)), ASKED_OF_OBJECTS)
-#: Where a request with a list of items says how many there are, and how much further back in version 3.
+#: Where a request with a list of items says how many there are; in version 3 the integrity part stands before that.
 _COUNT: Final = 4 + REQUEST_SIZE + 4
-_DIGEST: Final = 33
 #: Items that are named.
 _NAMED: Final = 3
 
@@ -92,7 +91,7 @@ def count_mismatch(function: i64, request: bytes, response: bytes, skimmed: i64)
     if skimmed & SOUND:
         if function == SET_MULTI_VARIABLES and not skimmed & REFUSES:
             return ""
-        at: i64 = _COUNT + (_DIGEST if len(request) > 1 and request[1] == V3 else 0)
+        at: i64 = _COUNT + (INTEGRITY_SIZE if len(request) > 1 and request[1] == V3 else 0)
         if skimmed >> VALUES > 0 and read_varint(request, at, len(request), VLQ)[0] == skimmed >> VALUES:
             return ""
     return _compared(function, parsed(request), parsed(response))

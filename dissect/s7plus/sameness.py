@@ -11,8 +11,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.s7plus.ending import FILL
 from dissect.s7plus.message import SHORT_HEADS
-from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
+from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, SESSION_AT, one_frame
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -30,13 +31,11 @@ from dissect.wire.varint import VLQ, VLQ64, read_varint
 #: Octets of the longest PDU that is looked at.
 _LONGEST: Final = 4096
 _BIT_7: Final = 0x80
-_SESSION: Final = 9
 _FLAGS: Final = 9  # of a response, whose return value follows
 _CREDIT: Final = 11
 _ID: Final = 4
-#: Zeros that end a PDU of version 3, at least and at most; octets of an integrity id that is looked at.
+#: Zeros that end a PDU of version 3 at least (`FILL` at most); octets of an integrity id that is looked at.
 _LEAST_FILL: Final = 4
-_FILL: Final = 5
 _LONGEST_ID: Final = 4
 #: Requests and responses whose contents may end in objects: what is behind them decides whether another one follows.
 _OPEN_REQUESTS: Final = frozenset((CREATE_OBJECT, BEGIN_SEQUENCE))
@@ -122,7 +121,7 @@ class Seen:
         return True
 
     def _request_of(self, octets: bytes, at: i64, end: i64, function: i64) -> bool:
-        self.session = (u32(octets, at + _SESSION) << 8 | octets[at + REQUEST_SIZE - 1]) << 8 | self.version
+        self.session = (u32(octets, at + SESSION_AT) << 8 | octets[at + REQUEST_SIZE - 1]) << 8 | self.version
         stop: i64 = end
         if self.version == V3:
             if function in _OPEN_REQUESTS:
@@ -172,14 +171,14 @@ class Seen:
         number.
         """
         last: i64 = end - 1
-        while last >= begin and octets[last] == 0 and end - last <= _FILL + 1:
+        while last >= begin and octets[last] == 0 and end - last <= FILL + 1:
             last -= 1
         if last < begin:
             return -1
         if octets[last] >= _BIT_7:
             last += 1  # the last octet of the id is a zero itself
         fill: i64 = end - last - 1
-        if fill < _LEAST_FILL or fill > _FILL:
+        if fill < _LEAST_FILL or fill > FILL:
             return -1
         at: i64 = last
         while at > begin and octets[at - 1] >= _BIT_7:

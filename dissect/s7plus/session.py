@@ -25,7 +25,6 @@ _APPLICATION: Final = 297
 _HOST: Final = 298
 _ROLE: Final = 299
 _USER: Final = 296
-_CLIENT_ID: Final = 289
 _SESSION_VERSION: Final = 306
 _VERSION_TEXT: Final = 319
 _CHALLENGE: Final = 303
@@ -42,7 +41,7 @@ LANGUAGE: Final = 2523
 CYCLE: Final = 1049
 #: Attributes of objects that are asked for, here and by `dissect.s7plus.events`, those that are only sought included.
 ASKED_OF_OBJECTS: Final = CODE | {
-    REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _CLIENT_ID, _SESSION_VERSION, _CHALLENGE,
+    REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _SESSION_VERSION, _CHALLENGE,
     NUMBER, LANGUAGE, CYCLE, STATE_REQUEST,
 }  # fmt: skip
 OPERATING_STATE: Final = 3486
@@ -153,7 +152,6 @@ class PlusSession:
         "application",
         "authenticated",
         "challenged",
-        "client_id",
         "elsewhere_told",
         "explored",
         "explored_ns",
@@ -179,7 +177,6 @@ class PlusSession:
         self.program = program
         self.identity = identity
         self.application = ""
-        self.client_id = ""
         self.host = ""
         self.role = -1
         self.user = ""
@@ -238,7 +235,6 @@ class PlusSession:
             if one.class_id == SERVER_SESSION:
                 self.session_name = one.text(NAME)
                 self.application = one.text(_APPLICATION)
-                self.client_id = one.text(_CLIENT_ID)
                 self.host = one.text(_HOST)
                 self.user = one.text(_USER)
                 self.role = one.number(_ROLE)

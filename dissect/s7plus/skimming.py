@@ -10,6 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.s7plus.ending import FILL, NOTIFICATION_FILL, RESPONSE2_FILL
 from dissect.s7plus.message import DIGEST_SIZE, LARGEST_KEPT, SHORT_HEADS, parsed
 from dissect.s7plus.noted import Noted, keep_noted
 from dissect.s7plus.pieces import USUAL_QUALIFIER
@@ -78,10 +79,6 @@ _BIT_7: Final = 0x80
 _STATE: Final = (OPERATING_STATE >> 7 | _BIT_7) << 8 | OPERATING_STATE & (_BIT_7 - 1)
 _DIAGNOSIS: Final = (DIAGNOSIS >> 7 | _BIT_7) << 8 | DIAGNOSIS & (_BIT_7 - 1)
 _DETAILS: Final = 62
-#: Zeros that end a response of the other kind, and at most those of a notification and of everything else.
-_RESPONSE2_FILL: Final = 11
-_NOTIFICATION_FILL: Final = 4
-FILL: Final = 5
 #: Octets of an id; of a filter of Explore before its members; of what stands between the parts of a notification; of a time.
 _ID: Final = 4
 _FILTER: Final = 5
@@ -136,7 +133,7 @@ def _skim(pdu: bytes, octets: bytes, at: i64, end: i64, version: i64, single: bo
         code = value & _CODE
     if not body.skipper.wide():
         return body.result(False, _NO_CODE)
-    fill: i64 = _RESPONSE2_FILL if opcode == RESPONSE2 else FILL
+    fill: i64 = RESPONSE2_FILL if opcode == RESPONSE2 else FILL
     if opcode != RESPONSE or (function != EXPLORE and function != CREATE_OBJECT) or end > LARGEST_KEPT:
         return body.result(body.response(function, details) and (not body.known or body.ends(fill)), code)
     noted = Noted(pdu, octets, at, end, marks)
@@ -331,7 +328,7 @@ class Body:
         if self._peek() > 0 and not (self._skip(_SECOND_PART) and self._notified()):
             return False
         left: i64 = self._end - skipper.at
-        return left == 0 or (_NOTIFICATION_FILL - 1 <= left <= _NOTIFICATION_FILL and self._zeros(skipper.at))
+        return left == 0 or (NOTIFICATION_FILL - 1 <= left <= NOTIFICATION_FILL and self._zeros(skipper.at))
 
     def ends(self, fill: i64) -> bool:
         """Pass over the end of a request or response, of at most ``fill`` zeros."""

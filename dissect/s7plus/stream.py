@@ -7,10 +7,10 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.iso.upper import is_sound
+from dissect.s7plus.message import HEADER_SIZE
 from dissect.s7plus.tables import PROTOCOL_ID, V3
 from dissect.wire.octets import u16
 
-_HEADER: Final = 4
 _FIRST: Final = bytes((PROTOCOL_ID,))
 
 
@@ -66,7 +66,7 @@ class FrameStream:
 
 def _is_open(octets: bytes) -> bool:
     """Tell whether a frame lacks octets by its own length."""
-    return len(octets) < _HEADER or len(octets) < _HEADER + u16(octets, 2)
+    return len(octets) < HEADER_SIZE or len(octets) < HEADER_SIZE + u16(octets, 2)
 
 
 def _next(octets: bytes, at: i64, size: i64) -> i64:
@@ -74,8 +74,8 @@ def _next(octets: bytes, at: i64, size: i64) -> i64:
     if is_sound(octets, at, size):
         return size  # S7comm, whose contents are its own
     place: i64 = octets.find(_FIRST, at + 1)
-    while place >= 0 and size - place > 2 * _HEADER:
-        whole: i64 = place + 2 * _HEADER + u16(octets, place + 2)
+    while place >= 0 and size - place > 2 * HEADER_SIZE:
+        whole: i64 = place + 2 * HEADER_SIZE + u16(octets, place + 2)
         if octets[place + 1] <= V3 and _end(octets, place, size) == whole and is_sound(octets, place, whole):
             return place
         place = octets.find(_FIRST, place + 1)
@@ -84,18 +84,18 @@ def _next(octets: bytes, at: i64, size: i64) -> i64:
 
 def _end(octets: bytes, at: i64, size: i64) -> i64:
     """Return where the frame at ``at`` ends, -1 while that is not known."""
-    if size - at < _HEADER:
+    if size - at < HEADER_SIZE:
         return -1
     version: i64 = octets[at + 1]
     if version == 0xFF:
-        return at + _HEADER  # a keep-alive is nothing but a header
-    end: i64 = at + _HEADER + u16(octets, at + 2)
+        return at + HEADER_SIZE  # a keep-alive is nothing but a header
+    end: i64 = at + HEADER_SIZE + u16(octets, at + 2)
     if end > size:
         return -1
     if version > V3:
         return end  # a system event has no trailer
-    if end == size or (size - end < _HEADER and octets[end] == PROTOCOL_ID):
+    if end == size or (size - end < HEADER_SIZE and octets[end] == PROTOCOL_ID):
         return -1
     if octets[end] == PROTOCOL_ID and octets[end + 1] == version and u16(octets, end + 2) == 0:
-        return end + _HEADER
+        return end + HEADER_SIZE
     return end

@@ -47,9 +47,8 @@ def summary(pdu: PlusPdu, found: Contents) -> list[str]:
     if found.value is not None:
         said.append(value_text(found.value))
         count += 1
-    if pdu.function in {CREATE_OBJECT, GET_LINK} and not refuses(
-        pdu.return_code
-    ):  # a refusal names what would have been
+    # A refusal names what would have been made.
+    if pdu.function in {CREATE_OBJECT, GET_LINK} and not refuses(pdu.return_code):
         said += [short_name(id_) for id_ in found.ids[:_NAMED]]
         count += len(found.ids)
     objects = found.objects or found.begun

@@ -150,7 +150,7 @@ class Walk:
         return self.octets[at : at + size]
 
     def number(self, kind: int, field: str) -> int:
-        """Read a number of variable size (dissect.wire.varint)."""
+        """Read a number of variable size (`dissect.wire.varint`). Raises `FormatError` where it is cut off."""
         at = self.at
         octets = self.octets
         if kind >= VLQ64 and at + 1 < self.end:  # unsigned; most have one octet or two
@@ -169,7 +169,7 @@ class Walk:
         return value
 
     def counted(self, kind: int, field: str) -> int:
-        """Read a count of things that take one octet or more each."""
+        """Read a count of things that take one octet or more each. Raises `FormatError` for more than there can be."""
         at = self.at
         count = self.number(kind, field)
         if count > self.left:
@@ -181,13 +181,13 @@ class Walk:
         return self.octets[self.at] if self.at < self.end else -1
 
     def spend(self, cost: int, field: str) -> None:
-        """Count work against the budget."""
+        """Count work against the budget. Raises `FormatError` when it is used up."""
         self.budget -= cost
         if self.budget < 0:
             raise FormatError(EXHAUSTED if self.bounded else "count_mismatch", field, self.at, cost, 0)
 
     def enter(self, field: str) -> None:
-        """Go one level down; the caller goes up again."""
+        """Go one level down; the caller goes up again. Raises `FormatError` at `MAX_DEPTH`."""
         self.depth += 1
         if self.depth > MAX_DEPTH:
             raise FormatError("bad_value", f"depth of {field}", self.at, MAX_DEPTH, self.depth)

@@ -38,7 +38,10 @@ _POSITION: Final = re.compile(r"\(byte (\d+)\)")
 
 
 def build_file(body: Body) -> bytes:
-    """Return the compiled file of checked records; the same records always give the same octets."""
+    """Return the compiled file of checked records; the same records always give the same octets.
+
+    Raises `DictionaryError` when it would be larger than a dictionary may be.
+    """
     octets, minor = _content(body)
     size = HEADER_SIZE + len(octets)
     if size > MAX_FILE:

@@ -34,6 +34,7 @@ from dissect.scd.packing import (
     flag,
     single,
 )
+from dissect.scd.ranges import STRUCTURE_SUB
 from dissect.scd.types import SIZED, UINT32, Kind, Value
 from dissect.wire.text import count
 
@@ -147,8 +148,6 @@ def _octets(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
 
 #: Spellings of PDOs and structs that are remembered.
 _MOST_SPELLINGS: Final = 4096
-#: Sub-index with class and type of an object (C33).
-_STRUCTURE_SUB: Final = 255
 
 
 class Decoded(msgspec.Struct, frozen=True):
@@ -330,7 +329,7 @@ class Codec:
         return known[0]
 
     def _asks_structure(self, key: str | tuple[int, int]) -> bool:
-        return isinstance(key, tuple) and key[1] == _STRUCTURE_SUB and key[0] in self.dictionary.objects
+        return isinstance(key, tuple) and key[1] == STRUCTURE_SUB and key[0] in self.dictionary.objects
 
     # Messages
 
@@ -342,7 +341,7 @@ class Codec:
         if message.size < len(octets):
             flag(message.flags, TRAILING)
         if objects is not None:
-            objects.merge({key: value for key, value in message.values.items() if key[1] != _STRUCTURE_SUB})
+            objects.merge({key: value for key, value in message.values.items() if key[1] != STRUCTURE_SUB})
         return message
 
     def parse_message(self, octets: Octets, at: int = 0) -> Message:

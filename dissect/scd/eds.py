@@ -21,7 +21,7 @@ from dissect.scd.errors import DictionaryError, Troubles
 from dissect.scd.foreign import Description, ForeignEntry, ForeignSub, Imported, Notes
 from dissect.scd.foreign_types import DOMAIN_TYPE
 from dissect.scd.model import ARRAY, CLASSES, DEFSTRUCT, DEFTYPE, DOMAIN, NULL, RECORD, VAR
-from dissect.scd.ranges import MAX_SUB
+from dissect.scd.ranges import MAX_SUB, STRUCTURE_SUB
 from dissect.scd.translation import translate
 from dissect.scd.written import whole_octal
 
@@ -35,7 +35,6 @@ _LISTS: Final = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 _COMMISSIONING: Final = ("DeviceComissioning", "DeviceCommissioning")
 #: The last type python-canopen knows; above it looks for a section that describes the type.
 _LAST_KNOWN: Final = 0x1B
-_STRUCTURE_SUB: Final = 0xFF
 #: python-canopen misses this section with a warning.
 _DEVICE: Final = "DeviceInfo"
 #: Sections that it is given at a time.
@@ -181,7 +180,7 @@ class _File:
         index, sub = int(match[1], 16), int(match[2], 16)
         if index not in self._objects:
             raise self._fail(name, "", f"belongs to no object: [{match[1]}] is missing", "R62")
-        if sub == _STRUCTURE_SUB:
+        if sub == STRUCTURE_SUB:
             return
         if (index, sub) in self._subs:
             raise self._fail(name, "", f"the same as [{self._subs[index, sub]}]", "R62")

@@ -359,7 +359,10 @@ def _write_all(places: list[_Place], numbers: Mapping[str, int], size: int) -> b
 
 
 def crc_function(record: CrcRecord) -> Callable[[bytes], int]:
-    """Return what computes the checksum: the standard library where it can, else anycrc (extra "scd")."""
+    """Return what computes the checksum: the standard library where it can, else anycrc (extra "scd").
+
+    Raises `Error` where that package is needed and missing.
+    """
     if record.poly == 0x1021 and not record.refin and not record.refout:
         init, xorout = record.init, record.xorout
         return lambda octets: crc_hqx(octets, init) ^ xorout

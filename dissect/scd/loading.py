@@ -94,11 +94,6 @@ def import_file(path: str | os.PathLike[str], encoding: str = "", node: int | No
     return import_xdd(octets, os.fspath(path), node)
 
 
-def compile_text(text: str, path: str = "") -> Dictionary:
-    """Return the dictionary of a TOML source."""
-    return parse_toml(text, path)
-
-
 def _from_source(octets: bytes, path: str) -> Dictionary:
     text = source_text(octets, path)
     return parse_json(text, path) if path.lower().endswith(".json") else parse_toml(text, path)

@@ -10,7 +10,7 @@ import msgspec
 from dissect.scd.errors import E_COUNT, E_INDEX, E_KIND, E_PDO_NUMBER, E_VALUE, Error
 from dissect.scd.layout import Key
 from dissect.scd.packing import ACCESS, TRAILING, VERSION, Flags, Octets, flag
-from dissect.scd.ranges import is_mapping, pdo_of_index, section_of
+from dissect.scd.ranges import STRUCTURE_SUB, is_mapping, pdo_of_index, section_of
 from dissect.scd.types import Value
 
 if TYPE_CHECKING:
@@ -238,7 +238,7 @@ def _judge_access(codec: Codec, message: Message) -> None:
     if message.index not in dictionary.objects and section_of(message.index).holds in {"", "static"}:
         flag(message.flags, ACCESS, key)
         raise Error(E_INDEX, f"{message.index:#06x}", "indices of this section cannot be addressed")
-    if message.sub == 255 and message.index in dictionary.objects:
+    if message.sub == STRUCTURE_SUB and message.index in dictionary.objects:
         allowed = message.service == "read"
     else:
         try:

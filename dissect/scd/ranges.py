@@ -15,6 +15,8 @@ TYPE_SPACE: Final = 0x40
 PDOS_OF_DEVICE: Final = 64
 MAX_PDO: Final = DEVICES * PDOS_OF_DEVICE
 MAX_SUB: Final = 254
+#: The sub-index that holds the class of an object (bits 0-7) and its type (bits 8-23), C33.
+STRUCTURE_SUB: Final = 255
 
 #: (direction, what the object is) → index of the first PDO's object (R107, R108, C48).
 PDO_BASES: Final[dict[tuple[str, str], int]] = {
@@ -82,21 +84,30 @@ def own_complex_type(index: int) -> bool:
 
 
 def type_of_device(index: int, device: int) -> int:
-    """Return where device ``device`` has the type that device 0 has at ``index`` 60h-9Fh (R81)."""
+    """Return where device ``device`` has the type that device 0 has at ``index`` 60h-9Fh (R81).
+
+    Raises `Error` for another index or device.
+    """
     if not 0x60 <= index <= 0x9F:
         raise Error(E_INDEX, hex(index), "types of device 0 stand at 0x60 to 0x9f")
     return index + TYPE_SPACE * _device(device)
 
 
 def object_of_device(index: int, device: int) -> int:
-    """Return where device ``device`` has the object that device 0 has at ``index`` 6000h-67FFh (R94)."""
+    """Return where device ``device`` has the object that device 0 has at ``index`` 6000h-67FFh (R94).
+
+    Raises `Error` for another index or device.
+    """
     if not 0x6000 <= index <= 0x67FF:
         raise Error(E_INDEX, hex(index), "objects of device 0 stand at 0x6000 to 0x67ff")
     return index + DEVICE_SPACE * _device(device)
 
 
 def device_of_object(index: int) -> tuple[int, int]:
-    """Return the device of an object at 6000h-9FFFh and the index it would have on device 0 (R93, R94)."""
+    """Return the device of an object at 6000h-9FFFh and the index it would have on device 0 (R93, R94).
+
+    Raises `Error` for another index.
+    """
     if not 0x6000 <= index <= 0x9FFF:
         raise Error(E_INDEX, hex(index), "objects of devices stand at 0x6000 to 0x9fff")
     device, offset = divmod(index - 0x6000, DEVICE_SPACE)
@@ -104,14 +115,20 @@ def device_of_object(index: int) -> tuple[int, int]:
 
 
 def pdo_index(direction: str, part: str, number: int) -> int:
-    """Return the index of a PDO's object: direction "R" or "T", part "comm" or "map", number 1..512 (R107, R108)."""
+    """Return the index of a PDO's object: direction "R" or "T", part "comm" or "map", number 1..512 (R107, R108).
+
+    Raises `Error` for another number.
+    """
     if not 1 <= number <= MAX_PDO:
         raise Error(E_PDO_NUMBER, f"{direction}PDO {number}", f"PDOs are numbered 1 to {MAX_PDO}")
     return PDO_BASES[direction, part] + number - 1
 
 
 def pdo_of_index(index: int) -> tuple[str, str, int]:
-    """Return direction, part and number of the PDO that the object at ``index`` describes."""
+    """Return direction, part and number of the PDO that the object at ``index`` describes.
+
+    Raises `Error` when it describes none.
+    """
     for (direction, part), first in PDO_BASES.items():
         if first <= index < first + MAX_PDO:
             return direction, part, index - first + 1
@@ -129,7 +146,7 @@ def is_communication(index: int) -> bool:
 
 
 def device_of_pdo(number: int) -> tuple[int, int]:
-    """Return the device 0..7 of PDO ``number`` and its number 1..64 there (R95)."""
+    """Return the device 0..7 of PDO ``number`` and its number 1..64 there (R95). Raises `Error` for no number of a PDO."""
     if not 1 <= number <= MAX_PDO:
         raise Error(E_PDO_NUMBER, f"PDO {number}", f"PDOs are numbered 1 to {MAX_PDO}")
     device, local = divmod(number - 1, PDOS_OF_DEVICE)
@@ -137,7 +154,7 @@ def device_of_pdo(number: int) -> tuple[int, int]:
 
 
 def pdo_of_device(device: int, number: int) -> int:
-    """Return the number of the PDO that device ``device`` counts as ``number`` 1..64 (R95)."""
+    """Return the number of the PDO that device ``device`` counts as ``number`` 1..64 (R95). Raises `Error` for another one."""
     if not 1 <= number <= PDOS_OF_DEVICE:
         raise Error(E_PDO_NUMBER, f"PDO {number}", f"a device has the PDOs 1 to {PDOS_OF_DEVICE}")
     return PDOS_OF_DEVICE * _device(device) + number

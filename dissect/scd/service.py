@@ -40,7 +40,7 @@ def decode(octets: Octets, objects: Objects) -> tuple[Key, ...]:
 
 
 def encode_named(codec: Codec, objects: Objects) -> bytes:
-    """Do what `encode` does, with a codec of one's own."""
+    """Do what `encode` does, with a codec of one's own. Raises `Error` as `encode` does."""
     name = objects.message
     if not name:
         raise Error(E_VALUE, "encode", "name the PDO, struct, object or variable in objects.message")

@@ -129,7 +129,7 @@ def parse_toml(text: str, path: str = "") -> Dictionary:
 
 
 def parse_json(text: str, path: str = "") -> Dictionary:
-    """Return the dictionary of a JSON source of the same shape."""
+    """Return the dictionary of a JSON source with the tables of a TOML one; raises `DictionaryError` as `parse_toml` does."""
     try:
         tables = json.loads(text, object_pairs_hook=_no_key_twice)
     except json.JSONDecodeError as error:

@@ -353,7 +353,10 @@ def reserved(bits: int) -> SimpleType:
 
 
 def integer(bits: int, *, signed: bool) -> SimpleType:
-    """Return the Integer N or Unsigned N of 1..64 bits (R34, R37); one of 3.1.19 where the text has it."""
+    """Return the Integer N or Unsigned N of 1..64 bits (R34, R37); one of 3.1.19 where the text has it.
+
+    Raises `Error` for another width.
+    """
     kind = Kind.INT if signed else Kind.UINT
     for row in STANDARD.values():
         if row.kind is kind and row.bits == bits:

@@ -80,7 +80,7 @@ class UserFile:
         return None
 
     def tables(self, name: str, most: int) -> Iterator[Table]:
-        """Yield the [[tables]] of a name, at most ``most``; more than those are an error."""
+        """Yield the [[tables]] of a name; more than ``most`` are a trouble, and none of them is yielded."""
         rows = self._content.get(name, [])
         if not isinstance(rows, list) or len(rows) > most:
             detail = (

@@ -42,7 +42,10 @@ def is_octal(text: str) -> bool:
 
 
 def whole_octal(text: str) -> int:
-    """Return a whole number as device descriptions write it: decimal, 0x… or, with a 0 in front, octal (CiA 306)."""
+    """Return a whole number as device descriptions write it: decimal, 0x… or, with a 0 in front, octal (CiA 306).
+
+    Raises ValueError for what is no such number.
+    """
     written = "".join(text.split())
     if _OCTAL.fullmatch(written):
         if "8" in written or "9" in written:

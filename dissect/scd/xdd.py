@@ -13,7 +13,7 @@ from dissect.scd.errors import DictionaryError
 from dissect.scd.foreign import Description, ForeignEntry, ForeignSub, Imported, Notes
 from dissect.scd.foreign_types import DOMAIN_TYPE
 from dissect.scd.model import ARRAY, CLASSES, DOMAIN, RECORD, VAR
-from dissect.scd.ranges import MAX_SUB
+from dissect.scd.ranges import MAX_SUB, STRUCTURE_SUB
 from dissect.scd.translation import translate
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ _OBJECTS: Final = frozenset(("Object", "CANopenObject"))
 _SUBS: Final = frozenset(("SubObject", "CANopenSubObject"))
 _HEX: Final = re.compile(r"[0-9A-Fa-f]{1,4}")
 _MAPPED: Final = frozenset(("default", "optional", "tpdo", "rpdo"))
-_STRUCTURE_SUB: Final = 0xFF
 
 #: Types of the parameters that objects refer to by uniqueIDRef (IEC 61131-3).
 _PARAMETER_TYPES: Final = MappingProxyType(
@@ -130,7 +129,7 @@ def _entry(element: Element, parameters: dict[str, Element], notes: Notes) -> Fo
         entry.subs[0] = _variable(element, 0, DOMAIN_TYPE if kind == DOMAIN and outer < 0 else outer, parameters)
     for child in _children(element):
         sub = _hex(child, "subIndex", where)
-        if sub == _STRUCTURE_SUB:
+        if sub == STRUCTURE_SUB:
             continue
         if sub > MAX_SUB:
             raise DictionaryError(f"{where}, SubObject {sub:02X}", "sub-indices have 8 bits", rule="R62", index=index)

@@ -48,9 +48,9 @@ WRITE: Final = "write"
 _MAX_KNOWN: Final = 4096
 
 
-def named(*names: str, number: int | None = None) -> CodeValue:
-    """Return a value that has names."""
-    return CodeValue(number, names)
+def named(*names: str) -> CodeValue:
+    """Return a value that has names and no number."""
+    return CodeValue(None, names)
 
 
 @functools.cache

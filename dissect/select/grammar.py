@@ -39,7 +39,7 @@ _AND.3: /and(?![\w.])|&&/i
 NOT.3: /not(?![\w.])|!(?!=)/i
 IN.3: /in(?![\w.])/i
 OPERATOR.3: /===|!==|==|!=|<=|>=|<|>|~|(all_eq|any_ne|eq|ne|lt|le|gt|ge|contains|matches|overlaps)(?![\w.])/i
-FIELD.2: /[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[[^\]]*\])?/
+FIELD.2: /[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\s*("[^"]*"|'[^']*')\s*\]|\[([^\[\]]|\[[^\[\]]*\])*\])?/
 WORD: /(?!(?:and|or|not|in)(?![\w.]))[^\s(){},"'<>=!&|~]+/i
 SUFFIX.2: /(ns|us|[µμ]s|ms|s|min|h|d|x[0-9]+)(?![\w.])/i
 STRING: /"(\\.|[^"\\])*"|'(\\.|[^'\\])*'/s
@@ -252,6 +252,11 @@ def _explain(text: str, error: Any) -> NoReturn:
         if text.find(text[at], at + 1) < 0 or "STRING" in could:
             raise SelectError(f"the text that begins here has no closing {text[at]}", text, at, len(text)) from None
         raise SelectError(f"expected {_wanted(could)}, got a text", text, at, at + 1) from None
+    if text[at] == "[" and "OPERATOR" in could:
+        raise SelectError(
+            "these brackets are not closed; a name that has some of its own can stand in quotes",
+            text, at, len(text),
+        ) from None  # fmt: skip
     hint = ""
     if "OPERATOR" in could:
         known = _ELSEWHERE.get(word.lower())

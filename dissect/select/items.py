@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Final
 
@@ -29,6 +30,11 @@ from dissect.transactions.transaction import Transaction
 #: Request items whose facts are remembered: polling repeats the same ones.
 _MOST_KNOWN: Final = 8192
 _UNKNOWN_ELEMENT: Final = 1
+#: An element of an array of one dimension: its name; and the lowest index of those that an item covers, of all by their
+#: type, of some by their name.
+_ELEMENT: Final = re.compile(r"(.+)\[(-?[0-9]{1,9})\]", re.DOTALL)
+_ALL: Final = re.compile(r"Array\[(?P<low>-?[0-9]{1,9})\.\.-?[0-9]{1,9}\] of ")
+_SOME: Final = re.compile(r"(?P<name>.+)\[(?P<low>-?[0-9]{1,9})\.\.-?[0-9]{1,9}\]", re.DOTALL)
 
 
 class ItemFacts:
@@ -77,17 +83,40 @@ class ItemFacts:
         return [named for named in self.naming.named(self.source) if named.name]
 
     def of_tag(self, name: str) -> ItemFacts | None:
-        """Return one of the tags that it covers as an item of its own, None where it does not cover it."""
-        for named in self.tags:
+        """Return one of the tags that it covers, or one element of an array, as an item of its own; None where it has none."""
+        tags = self.tags
+        for named in tags:
             if named.name == name:
-                facts = ItemFacts(named)
-                facts.area, facts.db, facts.return_code = self.area, self.db, self.return_code
-                facts.place = place_of(named.address) or self.place
-                facts.type = CodeValue(None, (named.type,)) if named.type else None
-                facts.data = named.data or None
-                facts.name, facts.unit = named.name, named.unit or None
-                return facts
+                return self._of(named)
+        wanted = _ELEMENT.fullmatch(name)
+        for named in tags if wanted is not None else ():
+            element = _element(named, wanted[1], int(wanted[2])) if wanted is not None else None
+            if element is not None:
+                return self._of(element)
         return None
+
+    def _of(self, named: NamedValue) -> ItemFacts:
+        facts = ItemFacts(named)
+        facts.area, facts.db, facts.return_code = self.area, self.db, self.return_code
+        facts.place = place_of(named.address) or self.place
+        facts.type = CodeValue(None, (named.type,)) if named.type else None
+        facts.data = named.data or None
+        facts.name, facts.unit = named.name, named.unit or None
+        return facts
+
+
+def _element(named: NamedValue, array: str, index: int) -> NamedValue | None:
+    """Return an element of the tag ``array`` out of the elements of it that an item covers, None where it is not among them."""
+    whole = named.name == array
+    covered = _ALL.match(named.type) if whole else _SOME.fullmatch(named.name)
+    if covered is None or not isinstance(named.value, list) or not (whole or covered["name"] == array):
+        return None
+    at = index - int(covered["low"])
+    if not 0 <= at < len(named.value):
+        return None
+    found = NamedValue(f"{array}[{index}]", "", named.type.rpartition(" ")[2])
+    found.value, found.unit = named.value[at], named.unit
+    return found
 
 
 def _flatten(value: object, into: list[object]) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -128,7 +129,9 @@ def _pattern(literal: Literal) -> Callable[[str], bool]:
             "", literal.start, literal.end,
         )  # fmt: skip
     try:
-        search = re.compile(literal.text, re.IGNORECASE).search
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what a later Python may read differently: nothing for who typed it
+            search = re.compile(literal.text, re.IGNORECASE).search
     except (re.error, OverflowError, RecursionError) as error:
         raise SelectError(f"invalid regular expression: {error}", "", literal.start, literal.end) from None
     return lambda text: search(text) is not None

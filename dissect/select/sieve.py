@@ -155,9 +155,8 @@ class Sieve(Observer):
         elif self._at_once or finding.connection not in self._open:
             self._pass_finding(finding, self._shows_selected(finding))
         else:
-            self._waiting.setdefault(int(finding.connection), []).append(
-                finding
-            )  # the reporter bounds how many there are
+            # The reporter bounds how many there are.
+            self._waiting.setdefault(int(finding.connection), []).append(finding)
 
     def fact(self, fact: Fact) -> None:
         """Tell of what a station said in the transaction or operation at hand, and of the addresses of its network card."""

@@ -6,6 +6,7 @@ thing does not have makes every comparison false. `not X` holds exactly where X 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
@@ -39,6 +40,8 @@ Predicate = Callable[[Any], bool]
 #: where that is not known.
 Judge = Callable[[Any], bool | None]
 
+#: What is in quotes as a whole.
+_QUOTED: Final = re.compile(r"""(["'])((?:(?!\1).)*)\1""", re.DOTALL)
 #: What people call many of a kind.
 PLURALS: Final = {
     TRANSACTION: "transactions",
@@ -188,7 +191,10 @@ _NEGATED: Final = {"!=": "==", "!==": "=="}
 
 
 def comparison_test(condition: Comparison, field: Field, context: Context) -> Test:
-    """Return the test of one value; of `!=` and `!==` that of `==`."""
+    """Return the test of one value; for `!=` and `!==` that of `==`.
+
+    Raises `SelectError` where the field cannot be compared so.
+    """
     operator = condition.operator
     if operator not in field.kind.operators:
         takes = ", ".join(field.kind.operators)
@@ -208,7 +214,8 @@ def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFac
         raise SelectError(
             f"{field.name} is not of an item, so that no brackets can follow", start=name.start, end=name.end
         )
-    literal = Literal(name.index.strip("\"'"), True, name.start, name.end)
+    quoted = _QUOTED.fullmatch(name.index)  # a name may end with quotes of its own: DB1."level"
+    literal = Literal(quoted[2] if quoted else name.index, True, name.start, name.end)
     same = S7Address().compare("==", literal, context.start)
     block = place_of(literal.text)
     if block is not None and block.whole:

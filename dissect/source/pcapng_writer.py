@@ -95,14 +95,13 @@ def packet_block(
     octets: bytes,
     wire_length: int,
     comments: Sequence[str] = (),
-    room: int = MAX_COMMENTS,
 ) -> bytes:
     """Return an Enhanced Packet Block. ``time_ns`` is nanoseconds since 1970, clamped to 0 … 2**64 - 1.
 
     ``wire_length`` is raised to the size of ``octets`` where it is less. ``room`` is how many octets the comments may take.
     ValueError when the block would be larger than readers accept (16 MiB).
     """
-    options = _options([(OPT_COMMENT, text) for text in _comments(comments, room)]) if comments else b""
+    options = _options([(OPT_COMMENT, text) for text in _comments(comments)]) if comments else b""
     return plain_block(interface, time_ns, octets, wire_length, options)
 
 
@@ -141,8 +140,9 @@ def _cut(octets: bytes) -> bytes:
     return octets[: _MAX_OPTION - 3].decode("utf-8", "ignore").encode() + "…".encode()
 
 
-def _comments(comments: Sequence[str], room: int) -> list[bytes]:
-    """Return comments as octets, as many as have ``room``; how many had none is said in a last one."""
+def _comments(comments: Sequence[str]) -> list[bytes]:
+    """Return comments as octets, as many as `MAX_COMMENTS` has room for; a last one counts the others."""
+    room = MAX_COMMENTS
     told: list[bytes] = []
     for index, comment in enumerate(comments):
         octets = comment_octets(comment)

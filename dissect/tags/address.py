@@ -54,7 +54,7 @@ _CODES: Final[dict[str, str]] = {
 #: nodes7's numbers with the low byte first, which this program does not read as such.
 _SWAPPED: Final = frozenset(("RI", "RW", "RDI", "RD", "RR", "WDT", "DWT"))
 #: Bits of a width letter, and the type it stands for where none is declared.
-_WIDTHS: Final[dict[str, int]] = {"X": 1, "B": 8, "W": 16, "D": 32, "L": 64}
+WIDTHS: Final[dict[str, int]] = {"X": 1, "B": 8, "W": 16, "D": 32, "L": 64}
 _BY_WIDTH: Final[dict[str, str]] = {"X": "BOOL", "B": "BYTE", "W": "WORD", "D": "DWORD", "L": "LWORD"}
 _LETTERED: Final = frozenset((8, 16, 32))
 
@@ -247,12 +247,12 @@ def _check_width(shown: str, address: TagAddress, base: DataType, several: bool)
     """Raise `AddressError` when the width letter or bit of an address does not fit a declared type."""
     if base.kind == "BOOL":
         if address.bit < 0:
-            raise AddressError(f"{shown}: the bit is missing for BOOL, for example {shown.replace('DBB', 'DBX')}.0")
+            raise AddressError(f"{shown}: the bit is missing for BOOL, for example {_right(address, base)}")
         return
     lettered = base.bits in _LETTERED and not several and base.kind not in {"STRING", "FSTRING", "OCTETS"}
     if address.bit >= 0 and not address.loose and (lettered or address.bit):
         raise AddressError(f"{shown}: {base.name} has no bit: expected {_right(address, base)}")
-    bits = _WIDTHS.get(address.width, 0)
+    bits = WIDTHS.get(address.width, 0)
     if bits and bits != base.bits and (lettered or bits > 8) and address.width != "X":
         raise AddressError(f"{shown} with {base.name}: {base.name} needs {_right(address, base)}")
 

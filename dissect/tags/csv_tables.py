@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
@@ -10,16 +11,18 @@ from typing import Final, NamedTuple
 from dissect.config.hints import close_names
 from dissect.tags.symbol_tables import add_constant
 from dissect.tags.tag_file import Row, Scale, TagFile, parse_scale
+from dissect.tags.types import TypeNameError, tag_type
+from dissect.wire.text import uncell
 
 _DELIMITERS: Final = (",", ";", "\t")
 #: What a column holds, by its header in lower case.
 COLUMNS: Final[dict[str, str]] = {
     **dict.fromkeys(("name", "tag", "tag name", "varname", "variable", "symbol"), "name"),
-    **dict.fromkeys(("address", "addr", "logical address", "adresse", "logische adresse", "code"), "address"),
-    **dict.fromkeys(("type", "data type", "datatype", "datentyp"), "type"),
+    **dict.fromkeys(("address", "addr", "logical address", "adresse", "logische adresse", "operand", "code"), "address"),
+    **dict.fromkeys(("type", "data type", "datatype", "datentyp", "typ"), "type"),
     **dict.fromkeys(("comment", "description", "kommentar", "beschreibung", "remark"), "comment"),
     **dict.fromkeys(("unit", "eng units", "einheit"), "unit"),
-    **dict.fromkeys(("scale", "factor"), "scale"),
+    **dict.fromkeys(("scale", "factor", "skalierung", "faktor"), "scale"),
     "db": "db",
     "offset": "offset",
     "bit": "bit",
@@ -42,6 +45,8 @@ _OTHERS: Final = frozenset(
 _KEPWARE: Final = frozenset(("tag name", "address", "respect data type"))
 _ENLYZE: Final = frozenset(("device", "block", "variable", "code"))
 _BLOCK_NAME: Final = re.compile(r"DB(\d+)\s*\((.*)\)")
+#: What spreadsheets write and take as their first line: ``sep=;``.
+_SEPARATOR: Final = re.compile(r'"?sep=.?"?\s*$', re.IGNORECASE)
 _SPOILED: Final = re.compile(r"\d{1,2}[.-](?:[A-Za-z]{3}|\d{1,2}[.-]\d{2,4})")
 
 
@@ -66,10 +71,23 @@ def delimiter_of(line: str) -> str:
     return max(_DELIMITERS, key=lambda mark: (line.count(mark), -_DELIMITERS.index(mark)))
 
 
+def first_line(text: str) -> str:
+    """Return the first line of a text that says something: not empty, no comment, not the separator a spreadsheet is told."""
+    return next((line for line in text.splitlines() if line.strip() and not _aside(line)), "")
+
+
+def _aside(line: str) -> bool:
+    return line.lstrip().startswith("#") or _SEPARATOR.match(line) is not None
+
+
+def has_header(line: str) -> bool:
+    """Tell whether a line has names of columns."""
+    return _known(_cells(line)) >= 2
+
+
 def looks_like_table(line: str) -> bool:
     """Tell whether a line is the header of a table of tags, or two cells of which one is an address."""
-    cells = _cells(line)
-    return len(cells) > 1 and (_known(cells) >= 2 or _pair(cells) is not None)
+    return has_header(line) or _pair(_cells(line)) is not None
 
 
 def _cells(line: str) -> list[str]:
@@ -84,10 +102,13 @@ def _known(cells: Iterable[str]) -> int:
 
 
 def _pair(cells: list[str]) -> tuple[int, int] | None:
-    """Return where address and name stand in a line without a header, None when neither cell is an address."""
-    from dissect.tags.address import AddressError, TypeNameError, parse_tag_address
+    """Return where address and name stand in a line without a header, None when neither cell is an address.
 
-    if len(cells) < 2:
+    A type behind an address or a name says that these are the columns of a table whose header is missing.
+    """
+    from dissect.tags.address import AddressError, parse_tag_address
+
+    if len(cells) < 2 or (len(cells) > 2 and cells[2].strip() and _is_type(cells[1])):
         return None
     for at in (0, 1):
         try:
@@ -96,6 +117,14 @@ def _pair(cells: list[str]) -> tuple[int, int] | None:
             continue
         return at, 1 - at
     return None
+
+
+def _is_type(cell: str) -> bool:
+    try:
+        tag_type(cell)
+    except TypeNameError:
+        return False
+    return True
 
 
 def read_csv(text: str, into: TagFile) -> None:
@@ -107,14 +136,13 @@ def read_csv(text: str, into: TagFile) -> None:
 
 
 def _read_csv(text: str, into: TagFile) -> None:
-    first = text.lstrip("\n\r").partition("\n")[0].rstrip("\r")
+    first = first_line(text)
     delimiter = delimiter_of(first)
-    rows = csv.reader(text.splitlines(keepends=True), delimiter=delimiter)
-    numbered = ((rows.line_num, row) for row in rows)
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)  # a comment may hold other ends of lines
+    numbered = ((rows.line_num, row) for row in rows if row and not _aside(row[0]))
     if delimiter == ";":
         into.problems.note(1, "cells are separated by semicolons; decimal commas are read as points")
-    cells = _cells(first)
-    pair = _pair(cells) if _known(cells) < 2 else None
+    pair = _pair(_cells(first)) if not has_header(first) else None
     if pair is not None:
         into.format = "list of addresses and names"
         address, name = pair
@@ -122,20 +150,28 @@ def _read_csv(text: str, into: TagFile) -> None:
             if len(row) > 1 and any([cell.strip() for cell in row]):
                 into.add(Row(line, row[name].rstrip(","), row[address]))  # commas that a spreadsheet left behind
         return
-    read_rows(numbered, into, decimal_comma=delimiter == ";")
+    read_rows(numbered, into, decimal_comma=delimiter != ",")
 
 
 def read_rows(rows: Iterable[tuple[int, Sequence[str]]], into: TagFile, *, decimal_comma: bool = False) -> None:
     """Read the rows of a table, (line, cells) each, of which the first that is not empty is the header."""
     head: Head | None = None
+    columns = 0
     for line, row in rows:
-        if not any([cell.strip() for cell in row]) or row[0].lstrip().startswith("#"):
+        if not any([cell.strip() for cell in row]):
             continue
         if head is None:
             head = find_head(row, line, into)
             if head is None:
                 return
+            columns = len(row)
             continue
+        if any([cell.strip() for cell in row[columns:]]):
+            into.problems.warning(
+                line,
+                f"{len(row)} cells where the header has {columns}: is a cell that holds a separator without quotes? "
+                f"{row[columns].strip()[:40]!r} and what follows was left out",
+            )
         _take(head, row, line, into, decimal_comma)
 
 
@@ -146,10 +182,6 @@ def find_head(row: Sequence[str], line: int, into: TagFile) -> Head | None:
     for at, name in enumerate(names):
         if name in COLUMNS:
             places.setdefault(COLUMNS[name], at)
-        elif name and name not in _OTHERS:
-            near = close_names(name, COLUMNS)
-            hint = f"; close to it: {', '.join(near)}" if near else ""
-            into.problems.warning(line, f"column {row[at].strip()[:40]!r} is not known and was left out{hint}")
     found = set(names)
     if found >= _KEPWARE:
         kind = "Kepware tag list"
@@ -169,6 +201,11 @@ def find_head(row: Sequence[str], line: int, into: TagFile) -> Head | None:
             line, f"the header is {listed!r}: expected columns Name and Address (or Logical Address), or tag, db, offset, type"
         )
         return None
+    for at, name in enumerate(names):
+        if name and name not in COLUMNS and name not in _OTHERS:
+            near = close_names(name, COLUMNS)
+            hint = f"; close to it: {', '.join(near)}" if near else ""
+            into.problems.warning(line, f"column {row[at].strip()[:40]!r} is not known and was left out{hint}")
     return Head(places, kind)
 
 
@@ -198,8 +235,8 @@ def _take(head: Head, row: Sequence[str], line: int, into: TagFile, decimal_comm
         return
     if into.name_block(name, address, type_, line):
         return
-    comment, unit = head.cell(row, "comment"), head.cell(row, "unit")
-    into.add(Row(line, name, address, "" if kepware else type_, comment, unit, scale), foreign=kepware)
+    comment, unit = uncell(head.cell(row, "comment")), uncell(head.cell(row, "unit"))
+    into.add(Row(line, uncell(name), address, "" if kepware else type_, comment, unit, scale), foreign=kepware)
 
 
 def _scale(head: Head, row: Sequence[str], decimal_comma: bool) -> Scale:

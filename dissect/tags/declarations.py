@@ -48,6 +48,8 @@ _SECTIONS: Final = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR", "VAR_TEMP", 
 #: The order in memory, whatever that in the text is; the others take no room.
 _IN_MEMORY: Final = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR")
 _QUALIFIERS: Final = frozenset(("RETAIN", "NON_RETAIN", "DB_SPECIFIC", "CONSTANT"))
+#: What a program calls the elements of a block that is one array.
+_ELEMENTS: Final = "THIS"
 #: Types that are two words.
 _NUMBERED: Final = re.compile(r"(DB|UDT|FB|SFB|FC|SFC|OB|SDB)\s*(\d{1,5})", re.IGNORECASE)
 _MOST_NESTED: Final = 64
@@ -168,6 +170,8 @@ class _Reader:
                 self._at = found.end()
                 continue
             token = self._next()
+            if token.upper not in _BLOCKS:
+                continue  # a longer word: DATA_BLOCK-1
             try:
                 block = self._block(token)
             except SourceError as error:
@@ -263,6 +267,11 @@ class _Reader:
             elif word == "BEGIN":
                 self._skip(end, kind != "DATA_BLOCK", line, name)
                 break
+            elif kind == "DATA_BLOCK" and word == "ARRAY":
+                self._at = token.at
+                bounds: list[str] = []
+                type_, inner = self._type(bounds, (end, "BEGIN"), 0)
+                sections["VAR"] = [Member(_ELEMENTS, type_, bounds, inner, False, "", self._line(token))]
             elif kind == "DATA_BLOCK" and token.kind in {"quoted", "word"} and word not in _WORDS and not sections:
                 of = self._type_name(token)
             elif kind in {"FUNCTION", "ORGANIZATION_BLOCK"} and not sections and word not in _WORDS:
@@ -402,8 +411,7 @@ class _Reader:
             self._next()
             length = self._next()
             self._expect("]", token)
-            constant = self._constants.get(length.text.strip('"').lower())
-            name = f"{name}[{constant if constant is not None else length.text}]"
+            name = f"{name}[{length.text}]"
         return name, None
 
     def _expect(self, mark: str, near: Token) -> None:

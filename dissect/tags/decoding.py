@@ -15,6 +15,8 @@ _MARKS: Final = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+#: Octets in which UTF-16 without a mark shows.
+_BEGINNING: Final = 100
 DEFAULT_PAGE: Final = "cp1252"
 CYRILLIC_PAGE: Final = "cp1251"
 #: Letters of Windows-1251 are above this octet, and stand together in words; accented ones of western Europe mostly alone.
@@ -40,6 +42,8 @@ def decode_text(octets: bytes, encoding: str) -> tuple[str, str]:
             return _decoded(octets, name), ""
     if encoding:
         return _decoded(octets, encoding), ""
+    if b"\0" in octets[:_BEGINNING]:
+        raise EncodingError(1, "has zeros between its letters: UTF-16 without its mark? try --tags-encoding utf-16-le")
     try:
         return octets.decode("utf-8"), ""
     except UnicodeDecodeError:

@@ -15,7 +15,7 @@ _ATOMIC: Final = "opcItemPath"
 def read_json(text: str, into: TagFile) -> None:
     """Read whichever of them it is."""
     try:
-        content = json.loads(text)
+        content = json.loads(text, object_pairs_hook=lambda pairs: _object(pairs, into))
     except (json.JSONDecodeError, RecursionError) as error:
         line = error.lineno if isinstance(error, json.JSONDecodeError) else 0
         into.problems.error(line, f"is not valid JSON: {error}")
@@ -56,6 +56,15 @@ def read_json(text: str, into: TagFile) -> None:
         "JSON without tags: expected name to address (nodes7), name to db, offset and type (python-snap7), a flow or "
         "an export of tags",
     )
+
+
+def _object(pairs: list[tuple[str, Any]], into: TagFile) -> dict[str, Any]:
+    """Return an object of JSON; of a name that stands in it twice JSON itself keeps the last value, and says nothing."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        for name in [name for name, value in pairs if found[name] != value]:
+            into.problems.error(0, f"{name[:60]!r} stands in one object twice, with two values: which one is right?")
+    return found
 
 
 def _add(into: TagFile, name: Any, address: Any, type_: str) -> None:

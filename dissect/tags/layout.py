@@ -6,6 +6,7 @@ gets a remark, and those that stand behind one get it too.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
@@ -17,6 +18,8 @@ MAX_MEMBERS: Final = 200_000
 MAX_DEPTH: Final = 32
 #: Octets of an address of a parameter that is passed by reference.
 _POINTER: Final = 48
+#: A string whose length is a constant.
+_NAMED_LENGTH: Final = re.compile(r"(W?STRING)\[([^\]]*[^\]\d][^\]]*)\]", re.IGNORECASE)
 
 
 class LayoutError(Exception):
@@ -84,7 +87,7 @@ class Layout:
                 member.line, f"{member.name} has {count} elements: an array has at most {MAX_ARRAY} bytes"
             )
         try:
-            type_ = elementary(member.type) if member.shape is None else None
+            type_ = elementary(self._sized(member)) if member.shape is None else None
         except TypeNameError as error:
             raise LayoutError(member.line, f"{member.name}: {error}") from None
         if member.type.upper() == "VARIANT":
@@ -134,23 +137,30 @@ class Layout:
 
     def _bounds(self, member: Member, text: str) -> tuple[int, int]:
         low, dots, high = text.partition("..")
-        texts = []
-        for part in (low, high):
-            written = part.strip().strip('"')
-            if dots and written and not written.lstrip("+-").isdigit():
-                value = self._constants(written)
-                if value is None:
-                    raise LayoutError(
-                        member.line,
-                        f"{member.name}: the array bound {written!r} is a constant that no file declares: "
-                        "name the tag table that has it too",
-                    )
-                written = str(value)
-            texts.append(written.lstrip("+"))
+        texts = [self._number(member, part, "array bound") for part in (low, high)] if dots else [text]
         try:
-            return parse_bounds("..".join(texts) if dots else text)
+            return parse_bounds("..".join(texts))
         except TypeNameError as error:
             raise LayoutError(member.line, f"{member.name}: {error}") from None
+
+    def _sized(self, member: Member) -> str:
+        """Return the type of a member, the length of a string as a number."""
+        found = _NAMED_LENGTH.fullmatch(member.type)
+        return f"{found[1]}[{self._number(member, found[2], 'length')}]" if found else member.type
+
+    def _number(self, member: Member, text: str, what: str) -> str:
+        """Return a bound or length as digits: as it is written, or the value of the constant it names."""
+        written = text.strip().lstrip("#").strip('"')
+        if not written or written.lstrip("+-").isdigit():
+            return written.lstrip("+")
+        value = self._constants(written)
+        if value is None:
+            raise LayoutError(
+                member.line,
+                f"{member.name}: the {what} {written!r} is a constant that no file declares: "
+                "name the tag table that has it too",
+            )
+        return str(value)
 
     def _simple(
         self, member: Member, name: str, at: int, type_: DataType, dims: list[tuple[int, int]], count: int
@@ -229,6 +239,8 @@ def type_names(shape: Shape) -> Iterator[tuple[str, int]]:
                 yield from type_names(member.shape)
                 continue
             try:
+                if _NAMED_LENGTH.fullmatch(member.type):
+                    continue
                 if elementary(member.type) is None and member.type.upper() != "VARIANT":
                     yield member.type, member.line
             except TypeNameError:

@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from dissect.config.hints import close_to
+from dissect.config.hints import close_names, close_to
 from dissect.s7.tables import DB
 from dissect.s7plus.program import Program
 from dissect.source.files import compression
 from dissect.source.pcap import PCAP_MAGICS
 from dissect.source.pcapng import PCAPNG_MAGIC
 from dissect.tags.captures import read_capture
-from dissect.tags.csv_tables import looks_like_table, read_csv
+from dissect.tags.csv_tables import first_line, has_header, looks_like_table, read_csv
 from dissect.tags.declarations import Block, Shape, essence, looks_like_source, read_declarations
 from dissect.tags.decoding import EncodingError, decode_text
 from dissect.tags.json_lists import read_json
@@ -24,9 +24,9 @@ from dissect.tags.layout import Layout, LayoutError, type_names
 from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming
 from dissect.tags.problems import ERROR, Problem
-from dissect.tags.symbol_tables import TIA_FIELDS, is_asc, read_asc, read_dif, read_sdf, read_seq
+from dissect.tags.symbol_tables import TIA_FIELDS, V5_FIELDS, is_asc, read_asc, read_dif, read_sdf, read_seq
 from dissect.tags.tag_file import TagFile
-from dissect.tags.types import unknown
+from dissect.tags.types import meant, unknown
 from dissect.tags.xlsx_files import is_workbook, read_xlsx
 from dissect.tags.xml_files import XmlError, parse_xml, read_xml
 
@@ -70,6 +70,15 @@ class TagSet:
             programs = {host: next(iter(programs.values()))}
         return TagNaming(self.tags, programs)
 
+    def has_block(self, name: str) -> bool:
+        """Tell whether a file declares a data block of this name, in upper or lower case."""
+        return name.lower() in [each.lower() for each in self.block_names]
+
+    @property
+    def block_names(self) -> list[str]:
+        """The names of all data blocks that the files declare."""
+        return [block.name for file in self.files for block in file.blocks if block.kind == "DATA_BLOCK"]
+
     @property
     def programs(self) -> dict[str, Program]:
         """The variables of S7comm-plus that captures among the files tell, by the host of their CPU."""
@@ -91,29 +100,43 @@ class TagSet:
 
 
 def load_tags(
-    paths: Sequence[str | os.PathLike[str]], encoding: str = "", numbers: Mapping[str, int] | None = None
+    paths: Sequence[str | os.PathLike[str]],
+    encoding: str = "",
+    numbers: Mapping[str, int] | None = None,
+    more: bool = False,
 ) -> TagSet:
     """Return the tags of files, which are used together or not at all.
 
-    ``encoding`` is the code page of those that nothing tells it of; ``numbers`` gives data blocks their number by name.
+    ``encoding`` is the code page of those that nothing tells it of; ``numbers`` gives data blocks their number by name, all
+    of which are in these files, or with ``more`` perhaps in those of another PLC.
     Raises `TagError` with everything that is wrong with them, OSError where there is no reading one, ImportError (whose text
     says what to install) for a format that needs a library, LookupError for an unknown encoding.
     """
-    found = read_tags(paths, encoding, numbers)
+    found = read_tags(paths, encoding, numbers, more)
     if any([problem.severity == ERROR for problem in found.problems]):
         raise TagError(found.problems)
     return found
 
 
 def read_tags(
-    paths: Sequence[str | os.PathLike[str]], encoding: str = "", numbers: Mapping[str, int] | None = None
+    paths: Sequence[str | os.PathLike[str]],
+    encoding: str = "",
+    numbers: Mapping[str, int] | None = None,
+    more: bool = False,
 ) -> TagSet:
     """Return what `load_tags` does, whatever is wrong with the files. Raises OSError, ImportError, LookupError."""
     if encoding:
         codecs.lookup(encoding)
     files = [_read(os.fspath(path), encoding) for path in paths]
     found = TagSet(files)
-    _Joining(found, {name.lower(): number for name, number in (numbers or {}).items()}).join()
+    numbers = numbers or {}
+    # A block that cannot be read is told of by itself.
+    whole = files and not any([problem.severity == ERROR for problem in found.problems])
+    for name in [name for name in numbers if whole and not more and not found.has_block(name)]:
+        files[0].problems.error(
+            0, f"--tags-db {name}: no file has a data block of that name{close_to(name, found.block_names)}"
+        )
+    _Joining(found, {name.lower(): number for name, number in numbers.items()}).join()
     return found
 
 
@@ -175,7 +198,7 @@ def _missing(path: str, what: str, library: str) -> ImportError:
 
 
 def _text(text: str, file: TagFile) -> None:
-    first = next((line for line in text.splitlines() if line.strip()), "")
+    first = first_line(text)
     if first.lstrip().startswith(("{", "[")) and not looks_like_source(text):
         read_json(text, file)
     elif is_asc(first):
@@ -184,7 +207,14 @@ def _text(text: str, file: TagFile) -> None:
         read_seq(text, file)
     elif first.strip().upper() == "TABLE":
         read_dif(text, file)
-    elif first.startswith('"') and first.count('","') in {3, TIA_FIELDS - 1}:
+    elif (
+        first.startswith('"')
+        and (marks := first.count('","') + 1) in {V5_FIELDS, TIA_FIELDS}
+        and not (
+            marks == V5_FIELDS
+            and has_header(first)  # a table whose cells all have quotes: symbol tables of V5 have no header
+        )
+    ):
         read_sdf(text, file)
     elif looks_like_table(first):
         read_csv(text, file)
@@ -229,12 +259,6 @@ class _Joining:
         for file in self._set.files:
             for block in file.blocks:
                 self._declare(block, file)
-        for name in self._numbers:
-            known = [block.name for file in self._set.files for block in file.blocks if block.kind == "DATA_BLOCK"]
-            if name not in [each.lower() for each in known] and self._set.files:
-                self._set.files[0].problems.error(
-                    0, f"--tags-db {name}: no file has a data block of that name{close_to(name, known)}"
-                )
         for file in self._set.files:
             for block in file.blocks:
                 if block.kind == "DATA_BLOCK":
@@ -284,7 +308,7 @@ class _Joining:
                 f'DB "{block.name}" has S7_Optimized_Access TRUE: its members have no fixed addresses; '
                 "export it after switching optimised access off",
             )
-            file.skipped["members of optimised blocks"] += 1
+            file.skipped["optimised blocks"] += 1
             return
         number = self._number(block)
         if number is None:
@@ -342,10 +366,9 @@ class _Joining:
                 else:
                     waiting.append(inner)
         for name, line in missing.items():
-            file.problems.error(
-                line,
-                f"{block.name}: type {name!r} is not in this or the other files; export it too (.udt) and name both files",
-            )
+            written = meant(name)
+            hint = f"is {written} meant?" if written else "export it too (.udt) and name both files"
+            file.problems.error(line, f"{block.name}: type {name!r} is not in this or the other files; {hint}")
         return bool(missing)
 
     def _fields(self, layout: Layout, title: str, area: int, db: int, base: int, file: TagFile) -> None:
@@ -373,13 +396,13 @@ class _Joining:
         for placed in file.placed:
             shape = self._shape(placed.type)
             if shape is None:
-                names = list(self._types)
-                near = close_to(placed.type, names) if names else ""
-                file.problems.error(
-                    placed.line,
-                    f"{placed.name[:60]}: {unknown(placed.type)}, nor declared in one of the files{near}: "
-                    "name its source (.udt) too",
+                near = close_names(placed.type.lower(), self._types)
+                meant = (
+                    f"the files declare {near[0]!r}"
+                    if near
+                    else "if the program declares it, name its source (.udt) too"
                 )
+                file.problems.error(placed.line, f"{placed.name[:60]}: {unknown(placed.type)}; {meant}")
                 continue
             try:
                 layout = Layout(shape, self._shape, self._constant)

@@ -14,7 +14,7 @@ _ASC_LEAST: Final = 41
 _PREFIX: Final = re.compile(r"(\d{1,4}),")
 _ASC_PREFIX: Final = "126"
 #: Fields of a row: of STEP 7 V5 and of TIA.
-_V5_FIELDS: Final = 4
+V5_FIELDS: Final = 4
 TIA_FIELDS: Final = 9
 _TIA_COMMENT: Final = 6
 _BETWEEN: Final = re.compile(r'"\s*,\s*"')
@@ -64,7 +64,7 @@ def read_sdf(text: str, into: TagFile) -> None:
             into.format = "TIA tag table (SDF)" if fields == TIA_FIELDS else "STEP 7 V5 symbol table (SDF)"
             if [cell.strip().lower() for cell in row[:2]] == ["name", "address"]:
                 continue
-        if len(row) not in {_V5_FIELDS, TIA_FIELDS}:
+        if len(row) not in {V5_FIELDS, TIA_FIELDS}:
             into.problems.error(line, f"{len(row)} fields: a row has 4 (STEP 7 V5) or 9 (TIA)")
             continue
         if len(row) != fields:
@@ -99,8 +99,13 @@ def _tia_row(into: TagFile, line: int, cells: list[str]) -> None:
 
 
 def add_constant(into: TagFile, name: str, value: str) -> None:
-    """Take a constant of a tag table; whole numbers may be bounds of arrays."""
+    """Take a constant of a tag table and count it."""
     into.skipped["constants"] += 1
+    take_constant(into, name, value)
+
+
+def take_constant(into: TagFile, name: str, value: str) -> None:
+    """Take a constant; whole numbers may be bounds of arrays."""
     number = whole_number(value)
     if number is not None:
         into.constants[name.strip().lower()] = number

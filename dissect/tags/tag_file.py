@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections import Counter
 from typing import Final, NamedTuple
 
@@ -14,6 +16,10 @@ from dissect.tags.types import DataType, TypeNameError, tag_type
 
 #: Most tags of one file.
 MAX_TAGS: Final = 500_000
+
+
+#: A factor, and a shift with its sign; either may have an exponent, which has a sign as well.
+_FACTOR_AND_SHIFT: Final = re.compile(r"([+-]?[0-9.]+(?:e[+-]?[0-9]+)?)([+-][0-9.]+(?:e[+-]?[0-9]+)?)", re.IGNORECASE)
 
 
 class Symbol(NamedTuple):
@@ -80,6 +86,9 @@ class TagFile:
         complain = self.problems.warning if foreign else self.problems.error
         if not row.name.strip():
             complain(row.line, f"the tag at {row.address.strip()[:60]!r} has no name")
+            return
+        if not row.address.strip():
+            complain(row.line, f"{row.name.strip()[:60]!r} has no address")
             return
         if len(self.tags) >= MAX_TAGS:
             if len(self.tags) == MAX_TAGS:
@@ -164,18 +173,22 @@ def parse_scale(text: str) -> Scale:
             low, high = _range(raw)
             bottom, top = _range(scaled)
             factor = (top - bottom) / (high - low)
-            return Scale(factor, bottom - low * factor)
-        cut = max(written.rfind("+"), written.rfind("-"))
-        if cut > 0 and written[cut - 1] not in "eE":
-            return Scale(float(written[:cut]), float(written[cut:]))
-        factor = float(written)
-        if factor:
-            return Scale(factor)
+            return _checked(factor, bottom - low * factor)
+        if parts := _FACTOR_AND_SHIFT.fullmatch(written):
+            return _checked(float(parts[1]), float(parts[2]))
+        return _checked(float(written))
     except (ValueError, ZeroDivisionError):
         pass
     raise ValueError(
         f"scale {text.strip()[:40]!r}: expected a factor (0.1), factor and shift (0.1-40), or 0..27648 = 0..100"
     )
+
+
+def _checked(factor: float, shift: float = 0.0) -> Scale:
+    """Return a scale that gives every value one of its own. Raises ValueError for 0, "nan" and "inf"."""
+    if not factor or not math.isfinite(factor) or not math.isfinite(shift):
+        raise ValueError
+    return Scale(factor, shift)
 
 
 def _range(text: str) -> tuple[float, float]:

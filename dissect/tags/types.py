@@ -6,6 +6,7 @@ import re
 from typing import Final, NamedTuple
 
 from dissect.config.hints import close_names
+from dissect.s7plus.program_tables import DATATYPES
 
 
 class TypeNameError(ValueError):
@@ -56,10 +57,12 @@ ALIASES: Final[dict[str, str]] = {
     "BIT": "BOOL",
     "DWORD_BCD": "DWORD",
 }
-#: Types of the system that are a number or a handle; their octets are shown as a number.
+#: Types of the system that are a number or a handle; their octets are shown as a number. A user may call a type so as well
+#: (``HW_Status``): only names that STEP 7 itself has are of the system.
 _HANDLES: Final = re.compile(r"(?:HW|OB|DB|PORT|PIP|RTM|CONN)_[A-Z0-9_]+|PORT|PIP|RTM")
 _LONG_HANDLES: Final = frozenset(("CONN_R_ID", "AOM_IDENT"))
 _EVENTS: Final = re.compile(r"EVENT_[A-Z0-9_]+")
+_SYSTEM: Final = frozenset([row.name for row in DATATYPES])
 #: Structures of the system, whose octets are shown as they are.
 STRUCTURES: Final[dict[str, int]] = {
     **dict.fromkeys(("IEC_TIMER", "TON_TIME", "TOF_TIME", "TP_TIME", "TONR_TIME"), 16),
@@ -138,11 +141,11 @@ def elementary(written: str) -> DataType | None:
         return string_type(kind, int(string[2]) if string[2] else _DEFAULT_LENGTH)
     if name in STRUCTURES:
         return DataType(name, "OCTETS", 8 * STRUCTURES[name])
+    if name not in _SYSTEM:
+        return None
     if name in _LONG_HANDLES or _EVENTS.fullmatch(name):
         return DataType(name, "DWORD", 32)
-    if _HANDLES.fullmatch(name):
-        return DataType(name, "WORD", 16)
-    return None
+    return DataType(name, "WORD", 16) if _HANDLES.fullmatch(name) else None
 
 
 def tag_type(written: str) -> tuple[DataType, list[tuple[int, int]]]:
@@ -189,10 +192,15 @@ def require(written: str) -> DataType:
     return found
 
 
+def meant(written: str) -> str:
+    """Return the type that a German word or a word of another tool stands for, empty for none."""
+    return _MEANT.get(written.upper(), "")
+
+
 def unknown(written: str) -> str:
     """Return what is wrong with a type that is none, and which is close to it."""
     name = written.strip().strip('"').upper()
-    meant = _MEANT.get(name)
-    near = [meant] if meant else close_names(name, [*TYPES, *ALIASES, "STRING[20]", "WSTRING[20]"])
+    known = meant(name)
+    near = [known] if known else close_names(name, [*TYPES, *ALIASES, "STRING[20]", "WSTRING[20]"])
     hint = f"; close to it: {', '.join(near)}" if near else ""
     return f"type {written.strip()[:60]!r} is not a type of S7{hint}"

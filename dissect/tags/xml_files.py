@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 from dissect.tags.declarations import Block, Member, Section, Shape
-from dissect.tags.symbol_tables import add_constant
+from dissect.tags.symbol_tables import add_constant, take_constant
 from dissect.tags.tag_file import Row, TagFile
 from dissect.tags.types import whole_number
 
@@ -18,8 +18,7 @@ _LINE: Final = "s7dissect.line"
 _MAX_DEPTH: Final = 200
 #: The greatest number that a block may have: it stands in 16 bits.
 _LAST_BLOCK: Final = 0xFFFF
-_STORED: Final = ("Static", "None", "Input", "Output", "InOut")
-#: Sections in their order in memory.
+#: Sections in their order in memory; the others take no room.
 _ORDER: Final = {"Input": 0, "Output": 1, "InOut": 2, "Static": 3, "None": 3}
 
 
@@ -178,19 +177,32 @@ def _openness_block(element: Element, kind: str, into: TagFile) -> None:
     layout = given.get("MemoryLayout", "")
     optimized = None if not layout else layout.lower() != "standard"
     sections: list[tuple[int, Section]] = []
-    for section in element.iter():
-        if local(section) == "Section" and section.get("Name") in _STORED:
-            where = section.get("Name", "")
-            members = [_member(child) for child in section if local(child) == "Member"]
-            if members:
-                sections.append((_ORDER[where], Section(members, where == "InOut")))
-            if where in {"Static", "None"}:
-                break  # what follows inside are the expanded types of members
+    for section in _sections(element):
+        where = section.get("Name", "")
+        declared = [child for child in section if local(child) == "Member"]
+        if where == "Constant":
+            for each in declared:
+                take_constant(into, each.get("Name", ""), _start_value(each))
+        elif where in _ORDER and declared:
+            sections.append((_ORDER[where], Section([_member(each) for each in declared], where == "InOut")))
     sections.sort(key=lambda row: row[0])
     role = {"SW.Types.PlcStruct": "TYPE", "SW.Blocks.FB": "FUNCTION_BLOCK"}.get(kind, "DATA_BLOCK")
     shape = Shape([section for _, section in sections])
     of = given.get("InstanceOfName", "") if not sections else ""
     into.blocks.append(Block(role, name, number, shape, of, optimized, _line(element)))
+
+
+def _sections(block: Element) -> Iterator[Element]:
+    """Yield the sections of a block or type; the members in them may have expanded types, which have sections as well."""
+    for attributes in block:
+        if local(attributes) == "AttributeList":
+            outer = next((each for each in attributes.iter() if local(each) == "Sections"), None)
+            if outer is not None:
+                yield from [each for each in outer if local(each) == "Section"]
+
+
+def _start_value(member: Element) -> str:
+    return next(((each.text or "").strip() for each in member if local(each) == "StartValue"), "")
 
 
 def _member(element: Element) -> Member:

@@ -3,12 +3,13 @@
 `HalfStream` does no I/O and knows no clock; time comes in with each segment. A segment that is exactly the next one is the
 common case and costs one comparison, which the pipeline makes itself (`next_seq`, `held`). Everything else comes here:
 
-* the first copy of an octet wins; a later copy that differs is counted as a conflict; * a segment ahead of its turn is held,
-in order of position, until the octets before it arrive or are given up; * octets are given up (a gap) when the far end
-acknowledged them and a short grace period has passed, because captures also show   a segment after its own acknowledgement;
-else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of capture time;   else at the end of the stream. Nothing is
-ever filled in; * a segment far ahead, where no window reaches, counts only when the far end acknowledges it; else it is
-dropped (`outside`).
+* The first copy of an octet wins; a later copy that differs is counted as a conflict.
+* A segment ahead of its turn is held, in order of position, until the octets before it arrive or are given up.
+* Missing octets are given up (a gap) once the far end acknowledged them and a short grace period has passed, because captures
+  also show a segment after its own acknowledgement; else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of
+  capture time; else at the end of the stream. Nothing is ever filled in (docs/decisions/0003-holes.md).
+* A segment so far ahead that no window reaches it counts only when the far end acknowledges it; else it is dropped
+  (`outside`).
 
 Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32. `Endpoint` is who sends.
 """
@@ -26,19 +27,22 @@ from dissect.wire.text import POINT, SHORT, decimal
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000
 
-#: Segments and octets held for one direction before its first hole is given up: a window without scaling in full segments, and
-#: some more. What a segment takes in memory besides its octets counts where all connections are added up (`held_size`).
+#: Segments and octets held for one direction before its first hole is given up: a little more than the full segments that fit a
+#: window without scaling.
 MAX_HELD: Final = 64
-HELD_COST: Final = 128
 MAX_HELD_OCTETS: Final = 1024 * 1024
+#: What a held segment takes in memory besides its octets, for the sum over all connections (`held_size`).
+HELD_COST: Final = 128
 #: A hole that nothing explains is given up after this much capture time.
 HOLE_TIMEOUT_NS: Final = 1_000_000_000
 #: After the far end acknowledged a missing octet: segments of the connection, or time, that it may still turn up in.
 ACK_GRACE_SEGMENTS: Final = 8
 ACK_GRACE_NS: Final = 50_000_000
-#: Where nothing of the far end is seen: a segment further ahead than this is believed only when another follows it closely.
+#: Where the capture shows nothing of the far end, a segment further ahead than this is believed only when another one follows
+#: it closely.
 FAR_AHEAD: Final = 1024 * 1024
-#: Where it is seen: a segment further ahead, than the largest window without scaling, counts only when it is acknowledged.
+#: Where it shows the far end, a segment further ahead than this, the largest window without scaling, counts only when the far
+#: end acknowledges it.
 WINDOW: Final = 65535
 
 #: What became of a segment's octets (`HalfStream.accept`).
@@ -48,7 +52,7 @@ KEEP_ALIVE: Final = 2
 BEFORE_START: Final = 3
 
 
-#: What a stream has ready while that is nothing: most streams share it, and nobody appends to it.
+#: What a stream has ready while there is nothing: most streams share this list, and nobody appends to it.
 _NOTHING: Final[list[Chunk]] = []
 
 
@@ -97,7 +101,7 @@ class HalfStream:
         self._acked_segments: i64 = 0
         self.heard: bool = False  # the far end speaks as well, so that what it acknowledges can be seen
         self.repeats: bool = False  # the segment that `accept` took last has octets that were there before
-        self.outside: i64 = 0  # octets that were not believed, until who reports them sets it back
+        self.outside: i64 = 0  # octets that were not believed; set back to 0 by who reports them
 
     def start(self, seq: i64) -> None:
         """Begin at sequence number ``seq`` (the octet after a SYN, or the first one seen)."""
@@ -189,7 +193,7 @@ class HalfStream:
 
     @property
     def held_size(self) -> i64:
-        """What is held takes about so many octets of memory; the latest stretches passed on count as well."""
+        """The memory that held segments and the latest stretches passed on take, in octets, roughly."""
         size: i64 = self.held_octets + len(self.last) + len(self.before)
         held = self.held
         return size if held is None else size + len(held) * HELD_COST

@@ -90,7 +90,7 @@ class CaptureFolder:
 
 
 def path_of(what: object, captures: CaptureFolder) -> Path:
-    """Return the path of something that is a capture, a recorder, a name or a path itself."""
+    """Return the path of something that is a capture, a recorder, a name or a path itself. Raises TypeError."""
     __tracebackhide__ = True
     if isinstance(what, Capture):
         return what.path

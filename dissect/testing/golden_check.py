@@ -16,13 +16,9 @@ from dissect.golden.reading import load_golden, read_session
 from dissect.golden.writing import golden_text
 from dissect.report import words
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
-from dissect.testing.golden_files import GoldenFiles, folder_of, golden_of, stem_of
+from dissect.testing.golden_files import ALL, NONE, GoldenFiles, folder_of, golden_of, stem_of
 from dissect.transactions.naming import Naming
 from dissect.wire.saving import save
-
-NONE: Final = "none"
-NEW: Final = "new"
-ALL: Final = "all"
 
 #: What a failure says at most.
 MAX_DIFFERENCES: Final = 20

@@ -11,6 +11,10 @@ from typing import Any, Final
 from urllib.parse import quote
 
 SUFFIX: Final = ".s7.txt"
+#: Which goldens a run writes: none, those that are missing, all that differ.
+NONE: Final = "none"
+NEW: Final = "new"
+ALL: Final = "all"
 #: What stands for a step upwards, for tests that are not below the folder that the folder of goldens is in.
 UP: Final = "__"
 #: What may stand in the name of a file as it stands in the name of a test.

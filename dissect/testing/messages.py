@@ -46,7 +46,7 @@ _NUMBERED: Final = {0x1C: "COUNTER", 0x1D: "TIMER", 0x1E: "COUNTER", 0x1F: "TIME
 
 
 class Ask:
-    """A request: its PDU, whatever the reference."""
+    """A request: its PDU, whatever the reference. Raises ValueError for octets that are shorter than a header."""
 
     def __init__(self, octets: bytes) -> None:
         if len(octets) < HEADER_SIZE:
@@ -84,7 +84,7 @@ def _line(text: str) -> ItemLine:
 
 
 def read(*items: str) -> Ask:
-    """Read variables: ``read("DB10.DBW4", "DB10.DBD8 REAL", "MB20 x4")``."""
+    """Read variables: ``read("DB10.DBW4", "DB10.DBD8 REAL", "MB20 x4")``. Raises ValueError for what is no item to read."""
     lines = [_line(item) for item in items]
     if any([line.data is not None for line in lines]):
         raise ValueError("a read has no values")
@@ -92,7 +92,10 @@ def read(*items: str) -> Ask:
 
 
 def write(*items: str) -> Ask:
-    """Write variables: ``write("DB10.DBW4 INT = -5", "M0.0 = true", "DB10.DBB0 x2 = <01 02>")``."""
+    """Write variables: ``write("DB10.DBW4 INT = -5", "M0.0 = true", "DB10.DBB0 x2 = <01 02>")``.
+
+    Raises ValueError for what is no item with a value.
+    """
     lines = [_line(item) for item in items]
     if any([line.data is None for line in lines]):
         raise ValueError("each item of a write needs a value: DB10.DBW4 INT = 5")
@@ -146,7 +149,7 @@ class Piece(Tell):
         self.code = code
 
     def line(self, item: Item) -> ItemLine:
-        """Return what becomes of ``item``."""
+        """Return what becomes of ``item``. Raises ValueError where the answer is not as long as the item."""
         if self.code != SUCCESS:
             return ItemLine(item.octets, None, self.code, 0)
         data = self._data
@@ -256,7 +259,7 @@ def octets(content: bytes) -> Piece:
 
 
 def refused(code: int = OBJECT_DOES_NOT_EXIST) -> Piece:
-    """An item that is refused with a return code."""
+    """An item that is refused with a return code. Raises ValueError for a code that refuses nothing."""
     if not 0 <= code <= 0xFF or code == SUCCESS:
         raise ValueError(f"0x{code:02x} is not a return code for a refusal")
     return Piece(code=code)

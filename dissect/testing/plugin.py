@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import pytest
 
-from dissect.testing.golden_files import GoldenFiles
+from dissect.testing.golden_files import ALL, NEW, NONE, GoldenFiles
 
 if TYPE_CHECKING:
     from dissect.testing.captures import CaptureFolder
@@ -40,8 +40,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("s7dissect", "S7 sessions (s7dissect)")
     group.addoption(
         "--s7-update",
-        choices=("none", "new", "all"),
-        default="none",
+        choices=(NONE, NEW, ALL),
+        default=NONE,
         help="Goldens to write: none (the default: a missing one fails), new (those that are missing), all (those that "
         "differ as well). None is ever deleted.",
     )

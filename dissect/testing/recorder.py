@@ -34,7 +34,10 @@ class RecordError(Exception):
 
 
 def address_of(to: object) -> Address:
-    """Return an address given as (host, port), ``HOST:PORT``, a port of this machine, or something with a ``port``."""
+    """Return an address given as (host, port), ``HOST:PORT``, a port of this machine, or something with a ``port``.
+
+    Raises TypeError for anything else.
+    """
     __tracebackhide__ = True
     if isinstance(to, str):
         return read_address(to, PLC_PORT)

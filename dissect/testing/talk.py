@@ -29,11 +29,12 @@ from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.iso.tables import CC, CR
 from dissect.playback.server.model import Recording
 from dissect.playback.server.recording import recording_of
-from dissect.proxy.packets import ETHERNET, Conversation
+from dissect.proxy.packets import Conversation
 from dissect.s7.build import with_reference
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH
 from dissect.source.pcapng_writer import interface_block, packet_block, section_block
+from dissect.tcp.link import ETHERNET
 from dissect.tcp.stream import Endpoint
 from dissect.testing.messages import (
     Ask,
@@ -167,7 +168,7 @@ class Talk:
         return self
 
     def unanswered(self) -> Self:
-        """The oldest open request of the client is not answered any more."""
+        """The oldest open request of the client is not answered any more. Raises ValueError where none is open."""
         if not self._open[CLIENT]:
             raise ValueError("the client has no pending request")
         self._open[CLIENT].popleft()

@@ -1,4 +1,4 @@
-"""A transport connection as the user knows it: who, TSAPs, what was negotiated, what is open, how it ended."""
+"""`Connection`: a transport connection as a user knows it. Its ends, TSAPs, what was negotiated, what is open, how it ended."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from dissect.transactions.naming import Naming
     from dissect.transactions.transaction import Transaction
 
-# What is known of the protocol a TCP connection carries; which one it is says `Connection.protocol`.
+# What is known of the protocol of a TCP connection (`Connection.state`); `Connection.protocol` has its name.
 PROBING: Final = 0
-ISO: Final = 1  # apart from the others because nearly every packet asks for it
-FOREIGN: Final = 2  # only counted
+ISO: Final = 1  # ISO-on-TCP; a value of its own, because nearly every packet asks for it
+FOREIGN: Final = 2  # not S7: its octets are only counted
 FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
 LEFT_OUT: Final = 4  # recognised and numbered, but not selected: nothing of it is read
 
@@ -73,11 +73,12 @@ _NONE_OPEN: Final[list[OpenRequests]] = [OpenRequests(), OpenRequests()]
 
 
 class Writes:
-    """The latest writes of a connection: how many they are, and a sample of them.
+    """The latest writes of a connection: how many there are, and a sample of them (`dissect.findings.security_rules`).
 
-    ``count`` counts all writes ever; the others start over with each look: ``since_ns`` and ``pdus`` are the time and the PDUs
-    of the connection when it began, ``variables`` and ``answers_ns`` the requests of the sample and the time each answer took.
-    ``hasty`` is the write at which so many had come within ``hasty_ns``, none with an answer, that it may be a flood.
+    ``count`` counts all writes ever; the others begin anew with each sample. ``since_ns`` and ``pdus`` are the time, and the
+    PDUs of the connection, at which the sample began; ``variables`` its distinct requests, ``answers_ns`` the time that each
+    answer took. ``hasty`` is the write with which there were so many within ``hasty_ns``, none of them answered, that it may be
+    a flood.
     """
 
     __slots__ = ("answers_ns", "count", "hasty", "hasty_ns", "pdus", "since_ns", "variables")
@@ -93,12 +94,12 @@ class Writes:
 
 
 class Traits:
-    """What a connection has been used for so far, the memory of the rules about security; every part of it is bounded.
+    """What a connection was used for so far: the memory of the rules about security. Every part of it is bounded.
 
-    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.written_areas`), ``sent`` one for each that
-    may have been, by a write without an answer; ``told`` has the slugs that are said once for a connection; ``szl_ids`` are
-    what was asked for, ``loaded`` the blocks that were loaded, by name. ``stop_event`` is the latest diagnostic message that
-    states a STOP: its event, its packet and its time.
+    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.written_areas`), ``sent`` for each that may
+    have been written, because no answer came. ``told`` has the slugs that are reported only once for a connection, ``szl_ids``
+    the lists that were requested, ``loaded`` the blocks that were loaded, by name. ``stop_event`` is the latest diagnostic
+    message that states a STOP: its event, its packet and its time.
     """
 
     __slots__ = (
@@ -129,7 +130,7 @@ class Traits:
 
     @property
     def told(self) -> set[str]:
-        """What was said of it."""
+        """The slugs that were reported of it."""
         found = self._told
         if found is None:
             found = self._told = set()
@@ -137,7 +138,7 @@ class Traits:
 
     @property
     def szl_ids(self) -> set[int]:
-        """The lists that were asked for."""
+        """The ids of the SZL lists that were requested."""
         found = self._szl_ids
         if found is None:
             found = self._szl_ids = set()
@@ -145,7 +146,7 @@ class Traits:
 
     @property
     def loaded(self) -> dict[str, Activation]:
-        """The blocks that were loaded."""
+        """The blocks that were loaded, by name."""
         found = self._loaded
         if found is None:
             found = self._loaded = {}
@@ -158,7 +159,7 @@ class Traits:
 
     @property
     def hasty(self) -> Writes | None:
-        """Its writes, when some came in a hurry and without an answer."""
+        """Its writes, where some came in a hurry and without an answer; else None."""
         found = self._writes
         return found if found is not None and found.hasty is not None else None
 
@@ -171,7 +172,7 @@ class Traits:
         return found
 
     def first(self, slug: str) -> bool:
-        """Return whether ``slug`` is said for the first time on this connection, and remember that it was."""
+        """Return whether ``slug`` was not reported of this connection before, and remember it."""
         if slug in self.told:
             return False
         self.told.add(slug)
@@ -258,21 +259,19 @@ class Connection:
         self.number: i64 = number
         self.tcp: TcpConnection = tcp
         self.udp: bool = False  # a conversation over UDP, which has no beginning and no end
-        self.bound: i64 = (
-            -1
-        )  # number of the binding that a carrier found for its TSAPs or ports, -1 while nobody looked
-        self.naming: Naming | None = None  # who knows names for addresses of this CPU
+        self.bound: i64 = -1  # number of the SCD binding for its TSAPs or ports, -1 while nobody looked
+        self.naming: Naming | None = None  # knows names for addresses of this CPU
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets looked at while probing
         self.probed_frame: i64 = 0  # the packet of the first of them, and its time
         self.probed_ns: i64 = 0
-        self.plus: PlusSession | None = None  # what S7comm-plus told of client, CPU and subscriptions
-        #: Of requests of S7comm-plus in several frames, by sequence number and packet of the last: packet and time of the
-        #: first, and the octets that were not kept.
+        self.plus: PlusSession | None = None  # what S7comm-plus says of client, CPU and subscriptions
+        #: S7comm-plus requests in several frames, by sequence number and packet of the last frame: packet and time of the first
+        #: frame, and the octets that were not kept.
         self.begun: dict[tuple[int, int], tuple[int, int, int]] | None = None
         self.tls: TlsSession | None = None  # there from the first record of TLS on
-        self.protocol: str = ""  # what the TSDUs speak, as far as one name does
-        self.identified_by: str = ""  # of another protocol: the words that say what, and for whom
+        self.protocol: str = ""  # the name of what its TSDUs speak
+        self.identified_by: str = ""  # what a protocol other than S7 was identified by, in words
         self.client_side: i64 = 0
         self.client_known: bool = False
         self._find_client(tcp)
@@ -281,12 +280,12 @@ class Connection:
         self.cr_ref: i64 = 0
         self.cr_class: i64 = 0
         self.class_: i64 = -1  # chosen by the CC, -1 while none was seen
-        #: A DT of more octets is looked at closely: -1 for each one, until the connection is set up and after its end.
+        #: A DT of more octets is looked at closely. -1, so that each one is, until the connection is set up and after its end.
         self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
-        self.told: i64 = 0  # what the rules have said of it (dissect.findings), in bits
+        self.told: i64 = 0  # what was reported of it, a bit for each of some rules (dissect.findings)
         self.tsap_calling: Tsap | None = None
         self.tsap_called: Tsap | None = None
-        self.tsap_frame: i64 = 0  # the packet that told the TSAPs: the CR, else the CC
+        self.tsap_frame: i64 = 0  # the packet with the TSAPs: the CR, else the CC
         self.tpdu_size_asked: i64 = 0
         self.tpdu_size: i64 = 0
         self.refused: str = ""
@@ -310,18 +309,18 @@ class Connection:
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
-        self.still_open: i64 = 0  # of those: the capture ended before their answer was due
+        self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
-        self.one_way: i64 = 0  # of those: requests that want no answer
+        self.one_way: i64 = 0  # of the unsolicited: requests that want no answer
         self.system_events: i64 = 0  # of S7comm-plus: PDUs that are part of no transaction
         self.errors: i64 = 0
-        # What was asked, answered and refused last: parameter blocks, which polling shares, not whole transactions.
+        # The latest request, answer and refusal: their parameter blocks, which polling shares, not whole transactions.
         self.last_request: Parameters | None = None
         self.last_request_ns: i64 = 0
         self.last_answer: Parameters | None = None
         self.last_answer_ns: i64 = 0
-        self.last_encrypted_ns: i64 = 0  # of the server, in TLS: what it says is not visible, that it speaks is
+        self.last_encrypted_ns: i64 = 0  # when the server last sent something in TLS
         self.last_error: Parameters | None = None
         self.last_error_ns: i64 = 0
         self.last_error_code: i64 = 0
@@ -330,7 +329,7 @@ class Connection:
         self.ending: Ending | None = None  # once it is over
 
     def _find_client(self, tcp: TcpConnection) -> None:
-        """Name the client by the handshake, or by the ports."""
+        """Find the client by the handshake, or else by the ports."""
         if tcp.initiator >= 0:
             self.set_client(tcp.initiator)
         elif tcp.ends[0].port == ISO_TSAP_PORT and tcp.ends[1].port != ISO_TSAP_PORT:
@@ -357,7 +356,7 @@ class Connection:
 
     @property
     def operations(self) -> OpenOperations:
-        """The operations that go on."""
+        """The operations that are under way."""
         found = self._operations
         if found is None:
             found = self._operations = OpenOperations()
@@ -365,7 +364,7 @@ class Connection:
 
     @property
     def traits(self) -> Traits:
-        """What it has been used for so far."""
+        """What it was used for so far."""
         found = self._traits
         if found is None:
             found = self._traits = Traits()
@@ -378,7 +377,7 @@ class Connection:
 
     @property
     def hasty_writes(self) -> Writes | None:
-        """Its writes, when some came in a hurry and without an answer; None at nearly every connection."""
+        """Its writes, where some came in a hurry and without an answer; None for nearly every connection."""
         return self._traits.hasty if self._traits is not None else None
 
     @property
@@ -390,7 +389,7 @@ class Connection:
         return found
 
     def let_go(self) -> None:
-        """It is over and everybody was told: keep what reports say of it, and nothing that it worked with."""
+        """It is over, and everybody was told: keep what reports show of it, and forget what it worked with."""
         self.open_requests = _NONE_OPEN
         self._operations = None
         self._traits = None

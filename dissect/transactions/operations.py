@@ -59,6 +59,7 @@ from dissect.transactions.operation import (
     DONE,
     FAILED,
     LONG_ANSWER,
+    MAX_SUBJECT,
     MESSAGES,
     NOT_CAPTURED,
     PASSWORD,
@@ -89,7 +90,6 @@ _TEST_STARTS: Final = frozenset((BLOCK_STATUS_JOB, VARIABLE_STATUS, MODIFY_VARIA
 
 #: Kinds that run until they are stopped.
 ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
-_MAX_SUBJECT: Final = 200
 #: Where the header states the octets of the data block.
 _DATA_LENGTH_AT: Final = 8
 #: Protocols of connections where Setup communication is expected: S7comm, and connections without any message.
@@ -106,7 +106,7 @@ def subject_of(transaction: Transaction) -> str:
     """Return what a request is about: the notes of its parts, or else its function; text from the wire, not escaped."""
     body = transaction.request_body
     notes = dict.fromkeys(body.notes) if body is not None else {}
-    return ", ".join(notes)[:_MAX_SUBJECT] or transaction.function_name
+    return ", ".join(notes)[:MAX_SUBJECT] or transaction.function_name
 
 
 def _joined(subject: str, more: str) -> str:
@@ -115,7 +115,7 @@ def _joined(subject: str, more: str) -> str:
     for word in more.removeprefix("events: ").split(", "):
         if word not in words and f"events: {word}" not in words:
             words[word] = None
-    return ", ".join(words)[:_MAX_SUBJECT]
+    return ", ".join(words)[:MAX_SUBJECT]
 
 
 def payload_size(transaction: Transaction) -> int:

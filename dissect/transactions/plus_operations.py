@@ -30,7 +30,7 @@ from dissect.s7plus.events import (
     TEST_JOB,
     Event,
 )
-from dissect.s7plus.message import parsed
+from dissect.s7plus.message import INTEGRITY_SIZE, parsed
 from dissect.s7plus.pieces import addresses_of
 from dissect.s7plus.refusals import glimpse, reads_again
 from dissect.s7plus.session import PlusSession
@@ -38,7 +38,7 @@ from dissect.s7plus.skimming import PLACE
 from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import DONE, FAILED, NOT_CAPTURED, REFUSED, Operation, OperationBook
+from dissect.transactions.operation import DONE, FAILED, MAX_SUBJECT, NOT_CAPTURED, REFUSED, Operation, OperationBook
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 #: Kinds of operations by the events that begin them.
@@ -62,7 +62,6 @@ _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
 _PANELS: Final = "6AV"
 _DELETE: Final = "delete "
 _LOAD: Final = "load "
-_MAX_SUBJECT: Final = 200
 #: Reads of the same variables that make it polling, and different ones that are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
@@ -74,7 +73,6 @@ _ALL_KEPT: Final = MAX_PDU - 0x10004
 _LARGEST: Final = 2048
 #: Where the body of a request begins (in version 3 behind the integrity part), and what ends the addresses in it.
 _BODY: Final = 18
-_DIGEST: Final = 33
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
 _THIRD: Final = 0x04
 _LAST: Final = 0xE8
@@ -133,7 +131,7 @@ def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
     size: i64 = len(octets)
     begin: i64 = _BODY
     if size > 1 and octets[1] == V3:
-        begin += _DIGEST
+        begin += INTEGRITY_SIZE
     if end > 0:
         return octets[begin:end]
     at: i64 = begin + len(_QUALIFIER) - 1  # where the last octet of the qualifier may be
@@ -178,7 +176,7 @@ class PlusOperations:
             subject = subject.removeprefix(_DELETE).removeprefix(_LOAD)
         if not kind:
             return
-        operation = self._book.begin(kind, str(event.object_id), transaction, subject[:_MAX_SUBJECT])
+        operation = self._book.begin(kind, str(event.object_id), transaction, subject[:MAX_SUBJECT])
         if kind in {kinds.DOWNLOAD, kinds.TRANSFER}:
             left_out = _begin_at_first_frame(operation, transaction)
             operation.octets = int(transaction.request_size) + left_out
@@ -213,7 +211,7 @@ class PlusOperations:
         """Add the items of a newly written list to the subject of its subscription."""
         operation = _open_on(transaction.connection).objects.get(event.object_id)
         if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
-            operation.subject = f"{operation.subject}, {event.text}"[:_MAX_SUBJECT]
+            operation.subject = f"{operation.subject}, {event.text}"[:MAX_SUBJECT]
 
     def notified(self, subscription: i64, transaction: Transaction) -> bool:
         """Add a notification to the operation of its subscription; return True if that begins the operation.
@@ -316,7 +314,7 @@ class PlusOperations:
                 operation.add(transaction)
         elif poll.count >= _POLLED:
             labels = [session.label(address) for address in _addresses(poll, transaction)]
-            operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:_MAX_SUBJECT])
+            operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:MAX_SUBJECT])
             operation.begin_ns = poll.time_ns
             operation.first_frame = poll.frame
             operation.parts = poll.count

@@ -1,9 +1,9 @@
 """The seam of the engine: what reads the octets of a connection, or the messages that another protocol delivers.
 
-A TCP connection begins with a protocol that only looks (`dissect.engine.connections`) and is given to the one that
+A TCP connection begins with a protocol that only looks (`dissect.engine.connections`) and is then given to the one that
 recognises it. Some protocols frame a stream (ISO-on-TCP, IBH-NetLink); they deliver whole messages to others of the same
-seam (S7comm, S7comm-plus). One object serves all connections (docs/decisions/0012); what belongs to one direction of one
-connection is kept at its `Side`: `Side.kept` is for what a protocol needs that frames a stream by itself.
+seam (S7comm, S7comm-plus). One object serves all connections (docs/decisions/0012-engine-by-composition.md). The state of one
+direction of one connection is at its `Side`; a new protocol that frames a stream keeps its own in `Side.kept`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 
 class Kept:
-    """What a protocol keeps of one direction of a stream: ``octets`` that make no whole message yet, and what became of others.
+    """The state of a protocol that frames one direction of a stream.
 
-    ``framed`` counts octets of whole messages, ``skipped`` those given up. Derive from it what else the framing needs, put it
-    at `Side.kept` in `Protocol.begin`, and bound ``octets``.
+    ``octets`` are the beginning of a message that is not whole yet. ``framed`` counts octets of whole messages, ``skipped``
+    those given up. A protocol derives a class from it for whatever else its framing needs, puts an object at `Side.kept` in
+    `Protocol.begin`, and bounds ``octets``.
     """
 
     __slots__ = ("framed", "octets", "skipped")
@@ -33,45 +34,51 @@ class Kept:
 
 
 class Protocol:
-    """What a protocol may do where a byte passes; this one takes everything and makes nothing of it.
+    """What a protocol may do with what passes; this base class takes everything and makes nothing of it.
 
-    ``state`` is the value of `Connection.state` while a connection speaks it (`dissect.transactions.connection.FOLLOWED`); of
-    no meaning for what takes messages.
+    ``state`` is the value of `Connection.state` while a connection speaks it (`dissect.transactions.connection`: PROBING, ISO
+    …); it means nothing for a protocol that takes messages from another one.
     """
 
     def __init__(self, state: i64 = 0) -> None:
         self.state: i64 = state
 
     def probe(self, side: Side, octets: bytes, at_start: bool) -> bool:
-        """Return whether ``octets``, the next of a connection not known yet, are its own; ``at_start``: its very first ones."""
+        """Return whether ``octets`` of a connection that is not recognised yet are of this protocol.
+
+        ``at_start``: they are the first ones that their side sent.
+        """
         return False
 
     def begin(self, side: Side, at_start: bool) -> None:
-        """A connection is given to it; ``at_start``: what comes next of ``side`` begins a message."""
+        """A connection is given to this protocol; ``at_start``: the next octets of ``side`` begin a message."""
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take the next ``size`` octets of a stream from ``at``, or a whole message that packet ``frame`` completed."""
+        """Take ``buf[at:at + size]``: the next octets of a stream, or a whole message, which packet ``frame`` completed.
+
+        ``time_ns`` is the time of that packet, nanoseconds since 1970.
+        """
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take the beginning of a message whose rest the capture cut off; ten octets of it or more are there."""
+        """Take the beginning of a message whose rest the capture cut off; it has ten octets or more."""
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
-        """``size`` octets are missing here; ``cut``: the capture cut them off a packet (snaplen)."""
+        """``size`` octets of the stream are missing here; ``cut``: the capture cut them off a packet (snaplen)."""
         side.framer.hole(size, cut)
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """No more octets of ``side`` come: take what there is of an unfinished message."""
+        """Nothing more comes from ``side``: take what there is of an unfinished message."""
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """The connection is over and judged: report what of ``side`` stays unfinished. Called for either side."""
+        """The connection is over and judged: report what stays unfinished of ``side``. Called once for each side."""
 
     def held(self, side: Side) -> i64:
-        """Return how many octets are kept of ``side`` until a message is whole."""
+        """Return how many octets of ``side`` are kept because their message is not whole yet."""
         kept = side.kept
         return side.framer.buffered + (len(kept.octets) if kept is not None else 0)
 
     def add_up(self, side: Side, account: OctetAccount) -> None:
-        """Add to the account what became of the octets that ``side`` delivered: framed, skipped, or still held."""
+        """Add to ``account`` what became of the octets of ``side``: framed, skipped, or still held."""
         framer = side.framer
         account.framed += framer.framed
         account.skipped += framer.skipped

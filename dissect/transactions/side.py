@@ -1,4 +1,4 @@
-"""One direction of a connection: everything that reads what its side sends."""
+"""`Side`: one direction of a connection, with the state of everything that reads what that side sends."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Place:
 
 
 class Side:
-    """One direction of a connection: everything that reads what side ``index`` sends."""
+    """One direction of a connection: what side ``index`` sends, and the state of everything that reads it."""
 
     __slots__ = (
         "addresses",
@@ -70,19 +70,19 @@ class Side:
     def __init__(self, index: i64, key: bytes, tcp: TcpConnection, connection: Connection, protocol: Protocol) -> None:
         self.index: i64 = index
         self.key: bytes = key
-        self.also: list[bytes] | None = None  # keys by which it is found besides: its packets in other VLANs
+        self.also: list[bytes] | None = None  # further keys by which it is found: those of its packets in other VLANs
         self.tcp: TcpConnection = tcp
         self.connection: Connection = connection
-        self.protocol: Protocol = protocol  # takes its octets; that of its peer is the same
+        self.protocol: Protocol = protocol  # takes its octets; both sides of a connection have the same
         self.stream: HalfStream = tcp.streams[index]
         self.framer: Framer = Framer()
-        self.ibh: PacketFramer | None = None  # in the place of `framer` once the connection speaks IBH-NetLink
+        self.ibh: PacketFramer | None = None  # frames instead of `framer` once the connection speaks IBH-NetLink
         self.assembler: Assembler = Assembler()
         self.plus: PlusAssembler | None = None  # there from the first S7comm-plus frame on
-        self.inner: FrameStream | None = None  # of what was decrypted; there from the first of it on
-        self.kept: Kept | None = None  # of another protocol that frames the stream by itself, in the place of `framer`
+        self.inner: FrameStream | None = None  # frames what was decrypted; there once anything was
+        self.kept: Kept | None = None  # state of another protocol that frames the stream itself, instead of `framer`
         self.peer: Side | None = None
-        self.place: i64 = -1  # where `ConnectionTable.find` found it last, by these two
+        self.place: i64 = -1  # where `ConnectionTable.find` found it last, by the next two
         self.addresses: i64 = 0
         self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
@@ -96,11 +96,11 @@ class Side:
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
-        self.waiting: bool = False  # in the pipeline's list of sides to look at when time passes
-        self.watched: bool = False  # of those whose requests are watched for being overdue
-        self.told_overdue: i64 = 0  # number of its latest request that was told to be
-        self.stray: Stray | None = None  # inside a stretch that belongs to no TPKT
-        self.rival: Rival | None = None  # a SYN with other numbers, which nothing has confirmed
+        self.waiting: bool = False  # `Timers` has it in its list of sides to look at when time passes
+        self.watched: bool = False  # `OverdueWatch` looks at its requests
+        self.told_overdue: i64 = 0  # number of its latest request that was reported as overdue
+        self.stray: Stray | None = None  # there while its octets belong to no TPKT
+        self.rival: Rival | None = None  # a SYN with new sequence numbers that nothing has confirmed yet
 
     def speak(self, protocol: Protocol) -> None:
         """From now on ``protocol`` takes the octets of both directions."""
@@ -110,7 +110,7 @@ class Side:
         self.connection.state = protocol.state
 
     def note_probe(self, frame: i64, time_ns: i64, filled: bool) -> None:
-        """Packet ``frame`` is a keep-alive, before anything else was captured; ``filled``: with a byte."""
+        """Packet ``frame`` is a keep-alive that came before anything else; ``filled``: it has an octet."""
         if self.probes is None:
             self.probes = Probes()
         self.probes.add(frame, time_ns, filled)
@@ -138,7 +138,7 @@ class Side:
 
     @property
     def unfinished(self) -> bool:
-        """True while a TPKT or a TSDU is begun; it may be whole, if its length or the lack of its end mark is wrong."""
+        """True while a TPKT or a TSDU is begun; a wrong length, or a missing end mark, makes a whole one look like that."""
         return self.framer.buffered > 0 or not self.assembler.clear
 
     @property
@@ -148,10 +148,10 @@ class Side:
 
 
 class Rival:
-    """A SYN that a side of an open connection is said to have sent, to begin another one: ``seq`` is the number after it.
+    """A SYN from the address of a side of an open connection, which would begin another one; anybody can have sent it.
 
-    ``octets`` is how many that side had sent then, ``answered`` how many the other one; ``last_frame`` and ``last_ns`` are the
-    latest packet of the connection before it.
+    ``seq`` is the sequence number after it. ``octets`` is how many that side had sent by then, ``answered`` how many the other
+    side had; ``last_frame`` and ``last_ns`` are the latest packet of the open connection before the SYN.
     """
 
     __slots__ = ("answered", "frame", "last_frame", "last_ns", "octets", "seq", "time_ns")

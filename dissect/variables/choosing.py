@@ -11,7 +11,7 @@ from dissect.config.hints import close_names
 from dissect.engine.exchange import PayloadDecoder
 from dissect.s7.tables import NUMBERED_AREAS
 from dissect.select.literals import place_of
-from dissect.tags.address import AddressError, TagAddress, TypeNameError, parse_tag_address
+from dissect.tags.address import WIDTHS, AddressError, TagAddress, TypeNameError, parse_tag_address
 from dissect.tags.index import Part
 from dissect.tags.model import NUMBERED_BITS, Tag
 from dissect.tags.naming import HostNaming, TagNaming
@@ -20,8 +20,6 @@ from dissect.transactions.naming import Naming
 from dissect.variables.wanted import Wanted, WantedSet, of_tag, whole
 from dissect.wire.text import shortened
 
-#: Bits of a width letter.
-_WIDTHS: Final = {"X": 1, "B": 8, "W": 16, "D": 32, "L": 64}
 #: Addresses of SCD, and names of S7comm-plus, which are known only where they passed.
 _OBJECT: Final = re.compile(r"0x[0-9a-f]{1,16}:[0-9]{1,10}")
 _PLUS: Final = re.compile(r'.*".*|.* LID [0-9]+.*')
@@ -131,7 +129,7 @@ def _of_address(text: str, address: TagAddress) -> Wanted:
     base = address.type
     count = max(address.elements, 1)
     if base is None:
-        bits = _WIDTHS.get(address.width or ("X" if address.bit >= 0 else "B"), 8)
+        bits = WIDTHS.get(address.width or ("X" if address.bit >= 0 else "B"), 8)
         if bits > 1 and address.bit >= 0 and not address.loose:
             bits = 1
         return Wanted(text, address.area, address.db, address.start, bits * count)

@@ -8,7 +8,7 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Final
 
 from dissect.engine.pipeline import Options
-from dissect.session import Run, Tags, decoder_of, keys_of, naming_of
+from dissect.session import KeyLogFiles, Run, Tags, decoder_of, keys_of, naming_of, where_of
 from dissect.tcp.link import within
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow, Variable
@@ -34,7 +34,7 @@ def values(
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
     checksums: bool = False,
-    tls_keys: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    tls_keys: KeyLogFiles = None,
 ) -> Iterator[ValueRow]:
     """Iterate the values of variables that were read, written or pushed in one capture or several.
 
@@ -59,23 +59,12 @@ def values(
         from dissect.variables.choosing import Known, choose, scd_names
 
         wanted = choose(names, Known(naming, scd_names(decoder), of_command=False))
-    chosen = _where(where, options)
+    chosen = where_of(where, options)
     collector = Collector(wanted, changes, every_ns, False, chosen.predicate("transaction") if chosen else None)
     run = Run([path, *more], collector, options)
     if chosen is not None:
         chosen.context.start = lambda: int(run.pipeline.first_ns)
     return _rows(run, collector)
-
-
-def _where(where: str | Where | None, options: Options) -> Where | None:
-    if where is None:
-        return None
-    from dissect.select import Where
-
-    chosen = Where(where) if isinstance(where, str) else where
-    if chosen.narrows:
-        options.only = chosen.may_hold
-    return chosen
 
 
 def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:

@@ -23,11 +23,6 @@ _MAX_NAMES: Final = 4096
 _LONG: Final = 40
 
 
-def json_page(value: object, indent: int, before: str = "") -> str:
-    r"""Return ``json.dumps(value, indent=indent)`` with ``before`` in front of each line but the first, DEL as ``\u007f``."""
-    return JsonPage(indent).text(value, before)
-
-
 class JsonPage:
     """Writes values with ``indent`` blanks for each level; names and sentences that come again are put together once."""
 
@@ -43,7 +38,7 @@ class JsonPage:
         self._texts: JsonTexts = JsonTexts()
 
     def text(self, value: object, before: str = "") -> str:
-        """Return `json_page` of a value."""
+        r"""Return ``json.dumps(value, indent=…)`` with ``before`` in front of each line but the first, DEL as ``\u007f``."""
         if before != self._before:
             self._before = before
             self._lines = [f"\n{before}"]

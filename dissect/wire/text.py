@@ -32,6 +32,7 @@ _FORMULA: Final = "=+-@\uff1d\uff0b\uff0d\uff20"
 # These patterns are strings, which `re` compiles and keeps at their first use, because most runs use none.
 #: The same after a semicolon, which separates cells in countries with a decimal comma.
 _LATER_FORMULA: Final = "(;\\s*)(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
+_DEFUSED: Final = "(;\\s*)'(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
 _NUMBER: Final = r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?"
 
 #: Numbers as text, without leading zeros, with two and with three digits: looking them up is several times as fast as `str`,
@@ -180,6 +181,13 @@ def cell(text: str) -> str:
     if begun and begun[0] in _FORMULA and not re.fullmatch(_NUMBER, begun):
         safe = "'" + safe
     return re.sub(_LATER_FORMULA, r"\1'", safe) if ";" in safe else safe
+
+
+def uncell(text: str) -> str:
+    """Return the text that `cell` made a cell of, but for escapes."""
+    if text[:1] == "'" and text[1:].lstrip()[:1] in tuple(_FORMULA):
+        text = text[1:]
+    return re.sub(_DEFUSED, r"\1", text) if ";" in text else text
 
 
 _NS_PER_S: Final = 1_000_000_000

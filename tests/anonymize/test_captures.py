@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import pytest
 
 import dissect
-from dissect.anonymize.account import KEEP, SCRAMBLE, Choices
+from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Choices
 from dissect.anonymize.key import Key
 from dissect.engine.observer import Observer
 from dissect.iso.cotp import parse_tpdu
@@ -21,6 +21,7 @@ from dissect.source.files import open_capture
 from dissect.tcp import ip, link
 from dissect.transactions.side import Side
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
+from tests.build import ACK_DATA, JOB, READ, USERDATA, data_item, dt, payload, pdu, userdata_head
 from tests.cases import each
 from tests.properties.packets import Flow, captured
 from tests.report.support import OWN, ROOT, begun, read, saved
@@ -106,6 +107,31 @@ def test_what_happened_stays_and_who_it_was_goes(source: Path, tmp_path: Path) -
     addresses = addresses_of(source)
     assert addresses & addresses_of(out) == set()
     assert [address.hex() for address in addresses if address in octets and len(set(address)) > 3] == []
+
+
+#: Two areas in one item (syntax 0xB0), and what they hold: a return code in front of each, of which the second refuses.
+AREAS: Final = bytes.fromhex("12 0c b0 02 02 0044 0160 01 0048 0030")
+HELD: Final = bytes.fromhex("ff 1234 0a")
+
+
+@pytest.mark.parametrize("gap", [0, 7])
+@pytest.mark.parametrize("values", [MASK, SCRAMBLE])
+def test_return_codes_within_values_stay_whoever_sends_them(values: str, gap: int, tmp_path: Path) -> None:
+    """A subscription and what it pushes; a read, behind a gap as well, where the answer is known before its request."""
+    talk = begun()
+    talk.send(0, dt(pdu(USERDATA, 2, userdata_head(1, 2, 5), payload(b"\x00\x01\x01\x0a" + AREAS))))
+    answer = b"\x00\x01" + data_item(0xFF, 9, HELD)
+    talk.send(1, dt(pdu(USERDATA, 2, userdata_head(2, 2, 5, 4, 0), payload(answer))))
+    pushed = dt(pdu(USERDATA, 0, userdata_head(0, 2, 5, 4, 0), payload(answer)))
+    talk.send(1, pushed + pushed).skip(0, gap)
+    talk.send(0, dt(pdu(JOB, 3, bytes((READ, 1)) + AREAS)))
+    talk.send(1, dt(pdu(ACK_DATA, 3, bytes((READ, 1)), data_item(0xFF, 9, HELD))))
+    source, out = saved(tmp_path / "in.pcapng", talk.packets()), tmp_path / "out.pcapng"
+    anonymized(source, out, Choices(values))
+    assert [code for row in told(source) for _, code in cast("list[tuple[str, int]]", row[7])] == [255, 10] * 4
+    assert told(out) == told(source)
+    octets = b"".join([frame.octets for frame in drain(open_capture(str(out))).frames])
+    assert b"\x12\x34" not in octets
 
 
 @pytest.mark.parametrize("values", [KEEP, SCRAMBLE])

@@ -11,7 +11,6 @@ from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.baseline.wire import Client, Wire
-from tests.properties.messages import Item
 from tests.report.support import ROOT
 
 NORMAL = {
@@ -21,7 +20,6 @@ NORMAL = {
     "reads": frozenset(("DB10",)),
     "writes": frozenset(("DB10",)),
 }
-BLOCK = Item(0x04, 1, 12, 0x84, 0)
 
 
 class Seen(Observer):

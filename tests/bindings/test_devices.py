@@ -20,7 +20,7 @@ FLOW: Final = plant.entry("Расход 1", 32, 8)
 
 
 def devices() -> Devices:
-    return Devices(plant.dictionary(), strict_pad=False)
+    return Devices(plant.dictionary())
 
 
 def device(host: int = 1, port: int = 5600, of: Devices | None = None) -> Device:

@@ -6,7 +6,7 @@ import pytest
 
 import dissect
 from captures.craft.mc7 import DB2, OB1, OB1_CHANGED, Network, code_block
-from dissect.carve.code import CodeListing, Programs, References, details_of
+from dissect.carve.code import CodeListing, References, details_of
 from dissect.carve.contents import block_values, tag_names
 from dissect.program.carved import CarvedBlock, block_of
 from dissect.program.compare import compare
@@ -91,7 +91,7 @@ def test_names_of_places() -> None:
 
 
 def test_what_is_too_much_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Programs.__init__, "__defaults__", (len(OB1) + 10,))
+    monkeypatch.setattr("dissect.carve.code.MAX_CODE", len(OB1) + 10)
     told = listing(block_of(OB1), block_of(OB1), block_of(OB1_CHANGED))
     assert len([line for line in lines(told) if line.startswith("NETWORK")]) == 4
     assert lines(told)[-1].startswith("  not decoded: the blocks of this run")

@@ -11,7 +11,7 @@ import pytest
 from mypy_extensions import i64
 
 from dissect.report.analysis import Analysis
-from dissect.report.contract import analysis_as_json
+from dissect.report.contract import analysis_as_dict
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
 from dissect.report.words import Places
@@ -21,6 +21,7 @@ from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.report.writers.text import TextWriter
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, SourceFile
+from dissect.wire.json_page import JsonPage
 from tests.cli.support import run, simple
 from tests.properties.packets import Packet
 from tests.report.schemas import complaints
@@ -75,7 +76,7 @@ def holds(packets: list[Packet]) -> None:
     pipeline = observed(analysis, packets)
     analysis.take(pipeline, FILES)
     shown = [line.text for line in analysis_lines(analysis)]
-    assert complaints("analysis", json.loads(analysis_as_json(analysis)), exact=True) == []
+    assert complaints("analysis", json.loads(JsonPage(1).text(analysis_as_dict(analysis))), exact=True) == []
     lines = TransactionLines()
     observed(lines, packets)
     transactions = lines.take()

@@ -13,7 +13,7 @@ import pytest
 
 from dissect import scd
 from dissect.cli.main import group
-from dissect.scd.loading import compile_text
+from dissect.scd.source import parse_toml
 from tests.cli.support import Ran, run
 from tests.scd.test_eds import PUMP as EDS
 from tests.scd.test_xdd import PUMP as XDD
@@ -267,7 +267,7 @@ def test_a_dump_steers_no_terminal(capfdbinary: Capture, tmp_path: Path, form: s
     assert ran.out.replace("\n", "").isprintable()
     again = tmp_path / f"again.{form}"
     again.write_text(ran.out)
-    assert scd.compile(again).octets == compile_text(EVIL).octets
+    assert scd.compile(again).octets == parse_toml(EVIL).octets
 
 
 def test_nothing_steers_a_terminal(capfdbinary: Capture, tmp_path: Path) -> None:

@@ -85,6 +85,12 @@ def test_why_nothing_is_shown(capfdbinary: Capture, call: list[str], why: str) -
     assert len(ran.out.splitlines()) == ("csv" in call)
 
 
+@pytest.mark.parametrize("begin", ["2026-11-21T01:31:05.699", "2026-11-21 01:31:05.699", "2026-11-21 01:31:05.699 UTC"])
+def test_a_time_is_taken_as_reports_write_it(capfdbinary: Capture, begin: str) -> None:
+    ran = run(capfdbinary, "transactions", "-T", "jsonl", "--time", f"{begin}..2026-11-21 01:31:05.7007", ERRORS)
+    assert numbers(ran) == [5, 6]
+
+
 def test_of_a_capture_without_any_the_commands_say_so(capfdbinary: Capture) -> None:
     refused = str(ROOT / "captures" / "refused-port.pcapng")
     assert run(capfdbinary, "operations", refused).err == "s7dissect: no operation in what was read\n"

@@ -173,3 +173,18 @@ def test_list_and_convert_write_what_was_read(capfdbinary: Capture, tmp_path: Pa
     assert (same.code, path.read_bytes(), "both input and output" in same.err) == (2, before, True)
     assert run(capfdbinary, "tags", "convert", path, "-o", again, "--force").code == 0
     assert again.read_bytes() == before
+
+
+def test_the_number_of_a_block_is_that_of_whichever_plc_has_it(capfdbinary: Capture, tmp_path: Path) -> None:
+    source = tmp_path / "tank.awl"
+    source.write_text('DATA_BLOCK "Tank"\nSTRUCT\nlevel : REAL;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n', encoding="utf-8")
+    call: list[str | Path] = ["transactions", tank_capture(tmp_path), "--tags", tank_file(tmp_path)]
+    call += ["--tags", f"10.0.0.2={source}"]
+    ran = run(capfdbinary, *call, "--tags-db", "Tank=1")
+    assert ran.code == 0
+    assert "Tank.level = 3.5" in ran.out
+    ran = run(capfdbinary, *call, "--tags-db", "Tank=1", "--tags-db", "Pump=2")
+    assert (ran.code, ran.err) == (2, "Error: --tags-db Pump: no file of tags has a data block of that name\n")
+    ran = run(capfdbinary, "transactions", tank_capture(tmp_path), "--tags", f"plc={source}")
+    assert ran.code == 2
+    assert ran.err.endswith("No such file or directory; what stands before '=' has to be the IP address of a PLC\n")

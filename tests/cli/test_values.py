@@ -10,7 +10,7 @@ import re
 import struct
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import pytest
 
@@ -25,7 +25,6 @@ from tests.tags.support import tank_file
 from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
 
 Capture = pytest.CaptureFixture[bytes]
-PLANT: Final = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
 
 
 def tank(path: Path) -> Path:

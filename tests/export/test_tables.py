@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Final
 
@@ -27,7 +28,8 @@ from dissect.export.tables import (
 )
 from dissect.tags import load_tags
 from tests.export.support import rows_of
-from tests.report.support import OWN, ROOT
+from tests.properties.messages import Item
+from tests.report.support import OWN, ROOT, begun, read, saved
 
 _HOLDS: Final = {
     INT: int,
@@ -109,6 +111,26 @@ def test_values_are_numbers_or_text_and_those_of_tags_have_their_unit() -> None:
     plain = [row for row in rows_of(path)["items"] if row["address"] == "DB2.DBB16"]
     assert plain
     assert {(row["name"], row["number"]) for row in plain} == {(None, None)}
+
+
+def test_numbers_that_a_column_cannot_hold_are_there_as_text(tmp_path: Path) -> None:
+    tags = tmp_path / "tags.csv"
+    tags.write_text(
+        "address,type,name\nDB1.DBL0,ULINT,Stamp\nDB1.DBL8,LINT,Small\nDB1.DBD16,Array[0..1] of REAL,Curve\n",
+        encoding="utf-8",
+    )
+    talk = begun()
+    read(talk, 2, Item(2, 8, 1, 0x84, 0), struct.pack(">Q", 2**63 + 1))
+    read(talk, 3, Item(2, 8, 1, 0x84, 64), struct.pack(">q", -(2**53)))
+    read(talk, 4, Item(2, 8, 1, 0x84, 128), struct.pack(">ff", float("inf"), float("nan")))
+    capture = saved(tmp_path / "stamp.pcapng", talk.packets())
+    for table in ("items", "values"):
+        rows = rows_of(capture, options=Options(naming=load_tags([tags]).naming()))[table]
+        assert [(row["number"], row["text"]) for row in rows] == [
+            (float(2**63), "9223372036854775809"),
+            (float(-(2**53)), None),
+            (None, '["inf","nan"]'),
+        ]
 
 
 def test_values_are_those_of_the_command_and_follow_each_other() -> None:

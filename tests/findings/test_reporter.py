@@ -7,10 +7,10 @@ from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL, Finding, R
 
 
 def test_a_finding_is_counted_and_told() -> None:
-    judge = Reporter()
-    judge.note("transaction.refused", 3, [7, 9], 123, "what was seen")
-    assert judge.counts == {"transaction.refused": 1}
-    (finding,) = judge.fresh
+    reporter = Reporter()
+    reporter.note("transaction.refused", 3, [7, 9], 123, "what was seen")
+    assert reporter.counts == {"transaction.refused": 1}
+    (finding,) = reporter.fresh
     assert (finding.slug, finding.connection, finding.frames, finding.time_ns) == (
         "transaction.refused",
         3,
@@ -27,43 +27,43 @@ def test_a_finding_is_counted_and_told() -> None:
 
 @pytest.mark.parametrize("count", [MAX_DETAILED, MAX_DETAILED + 1, 10 * MAX_DETAILED])
 def test_so_many_are_told_of_one_connection(count: int) -> None:
-    judge = Reporter()
+    reporter = Reporter()
     for frame in range(count):
-        judge.note("s7.malformed", 1, [frame], frame, "")
-    assert judge.counts["s7.malformed"] == count
-    assert [finding.frames[0] for finding in judge.fresh] == [*range(MAX_DETAILED)]
+        reporter.note("s7.malformed", 1, [frame], frame, "")
+    assert reporter.counts["s7.malformed"] == count
+    assert [finding.frames[0] for finding in reporter.fresh] == [*range(MAX_DETAILED)]
 
 
 def test_the_bound_is_by_slug_and_connection() -> None:
-    judge = Reporter()
+    reporter = Reporter()
     for slug in ("s7.malformed", "tpkt.garbage"):
         for connection in (0, 1, 2):
             for frame in range(MAX_DETAILED + 5):
-                judge.note(slug, connection, [frame], frame)
-    assert judge.counts == {"s7.malformed": 3 * (MAX_DETAILED + 5), "tpkt.garbage": 3 * (MAX_DETAILED + 5)}
-    assert len(judge.fresh) == 6 * MAX_DETAILED
+                reporter.note(slug, connection, [frame], frame)
+    assert reporter.counts == {"s7.malformed": 3 * (MAX_DETAILED + 5), "tpkt.garbage": 3 * (MAX_DETAILED + 5)}
+    assert len(reporter.fresh) == 6 * MAX_DETAILED
 
 
 def test_so_many_are_told_of_all_connections() -> None:
-    judge = Reporter()
+    reporter = Reporter()
     for connection in range(5 * MAX_DETAILED_ALL):
-        judge.note("tpkt.garbage", connection, [1], 1)
-        judge.note("tpkt.garbage", connection, [2], 2)
-    assert judge.counts["tpkt.garbage"] == 10 * MAX_DETAILED_ALL
-    assert len(judge.fresh) == MAX_DETAILED_ALL
-    judge.note("tpkt.bad_length", 1, [3], 3)
-    assert len(judge.fresh) == MAX_DETAILED_ALL + 1
+        reporter.note("tpkt.garbage", connection, [1], 1)
+        reporter.note("tpkt.garbage", connection, [2], 2)
+    assert reporter.counts["tpkt.garbage"] == 10 * MAX_DETAILED_ALL
+    assert len(reporter.fresh) == MAX_DETAILED_ALL
+    reporter.note("tpkt.bad_length", 1, [3], 3)
+    assert len(reporter.fresh) == MAX_DETAILED_ALL + 1
 
 
 def test_nobody_builds_a_sentence_in_vain() -> None:
-    judge = Reporter()
-    wanted = [judge.wants("stream.hole", 1) for _ in range(MAX_DETAILED + 3)]
+    reporter = Reporter()
+    wanted = [reporter.wants("stream.hole", 1) for _ in range(MAX_DETAILED + 3)]
     assert wanted == [True] * MAX_DETAILED + [False] * 3
-    assert judge.counts["stream.hole"] == MAX_DETAILED + 3
-    assert judge.fresh == []
-    judge.detail("stream.hole", 1, [4], 4, "7 bytes")
-    assert judge.counts["stream.hole"] == MAX_DETAILED + 3
-    assert [finding.detail for finding in judge.fresh] == ["7 bytes"]
+    assert reporter.counts["stream.hole"] == MAX_DETAILED + 3
+    assert reporter.fresh == []
+    reporter.detail("stream.hole", 1, [4], 4, "7 bytes")
+    assert reporter.counts["stream.hole"] == MAX_DETAILED + 3
+    assert [finding.detail for finding in reporter.fresh] == ["7 bytes"]
 
 
 def test_a_slug_outside_the_catalogue_is_a_bug_of_ours() -> None:

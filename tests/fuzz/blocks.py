@@ -11,7 +11,7 @@ from typing import Final
 
 from dissect.mc7.block import Block, block_of_parts, parse_block
 from dissect.mc7.changes import change_lines, compare_blocks
-from dissect.mc7.checks import all_facts, check_calls
+from dissect.mc7.checks import all_facts
 from dissect.mc7.code import decode
 from dissect.mc7.hazards import new_output_writes, newly_skipped_calls, older_than, system_calls
 from dissect.mc7.listing import AWL, STL, Lister, block_lines, block_values
@@ -47,7 +47,7 @@ def blocks(octets: bytes) -> None:
         block.code if block.has_code else b""
     )
     assert sum([len(network.instructions) for network in block.networks]) == len(block.instructions)
-    for fact in [*all_facts(block), *check_calls(block, lambda *_: block)]:
+    for fact in all_facts(block):
         check_line(fact.text)
         assert fact.offset < 0x20000  # the jump list counts in words
     for language in (STL, AWL):

@@ -35,7 +35,7 @@ from dissect.playback.server.recording import recording_of
 from dissect.recording.cutter import Around, Cutter
 from dissect.recording.selection import Selection, Wanted
 from dissect.report.analysis import Analysis
-from dissect.report.contract import analysis_as_json
+from dissect.report.contract import analysis_as_dict
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
 from dissect.report.words import Places
@@ -49,6 +49,7 @@ from dissect.source.files import find_reader
 from dissect.source.packet import CaptureError, SourceFile
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.transactions.transaction import Transaction
+from dissect.wire.json_page import JsonPage
 from tests.anonymize.support import anonymized
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.containers import MOST_STEPS, Packets, read
@@ -126,7 +127,7 @@ def _analysis(octets: bytes, way: Way) -> None:
     check_lines([line.text for line in analysis_lines(analysis)])
     for line in analysis_lines(analysis):
         check_lines(line.wrapped(60))
-    found = check_json(analysis_as_json(analysis))
+    found = check_json(JsonPage(1).text(analysis_as_dict(analysis)))
     assert isinstance(found, dict)
 
 

@@ -18,7 +18,10 @@ def test_a_tolerance_that_is_none_is_told(text: str) -> None:
 
 
 def test_patterns() -> None:
-    options = DiffOptions(["values:DB10.*", "values:MB?", "codes"])
+    options = DiffOptions(["values:DB10.*", "values:MB?", "values:Motors[12].Speed*", "codes"])
+    assert options.ignores("values", "Motors[12].Speed")
+    assert options.ignores("values", "Motors[12].SpeedSet[1]")
+    assert not options.ignores("values", "Motors1.Speed")
     assert options.ignores("values", "DB10.DBW4")
     assert options.ignores("values", "nothing", "MB7")
     assert not options.ignores("values", "MB77")

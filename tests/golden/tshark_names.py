@@ -34,8 +34,6 @@ FUNCTIONS: Final = {
     0x29: "PLC stop",
     SETUP: "Setup communication",
 }
-#: What begins, and what goes on with, the transfer of a block.
-UPLOADS: Final = frozenset((0x1D, 0x1E, 0x1F))
 
 PUSH, REQUEST, RESPONSE = 0, 1, 2
 #: Subfunction of the group of security.

@@ -22,12 +22,13 @@ from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
 from dissect.jobs.sums import FilePart, part_of, unread
 from dissect.report.analysis import MAX_FAILED, Analysis
-from dissect.report.contract import analysis_as_json
+from dissect.report.contract import analysis_as_dict
 from dissect.report.latencies import EXACT
 from dissect.report.summary import Summary
 from dissect.session import Run
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import CLOCK, FIRMWARE, MAX_STRETCHES, ORDER_NUMBER, Book, Fact
+from dissect.wire.json_page import JsonPage
 from tests.report.schemas import ROOT
 
 CAPTURES: Final = ROOT / "captures"
@@ -52,7 +53,7 @@ APART: Final = [
 def text(analysis: Analysis) -> str:
     """Return all that is said of an analysis."""
     lines = [*Summary(analysis).text(), *Summary(analysis, brief=True).text()]
-    return "\n".join([analysis_as_json(analysis), *map(str, lines)])
+    return "\n".join([JsonPage(1).text(analysis_as_dict(analysis)), *map(str, lines)])
 
 
 @cache

@@ -25,8 +25,9 @@ from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT
 from dissect.scd.errors import E_COUNT, E_CRC, E_INDEX, E_KIND, E_RANGE, E_SHORT, ERROR_TEXTS, Error
-from dissect.scd.loading import compile_text, load
+from dissect.scd.loading import load
 from dissect.scd.messages import Message
+from dissect.scd.source import parse_toml
 from tests.layers.support import forget, shown, survives
 from tests.scd.making import REFERENCE, dictionary, plant
 
@@ -84,7 +85,7 @@ def code(packet: SCD) -> str:
 
 def made(text: str) -> Dictionary:
     """The dictionary of these tables."""
-    return compile_text(f'[dictionary]\nname = "made"\n{text}')
+    return parse_toml(f'[dictionary]\nname = "made"\n{text}')
 
 
 def built(od: Dictionary) -> list[SCD]:

@@ -137,7 +137,7 @@ def test_what_the_source_notes_is_told_when_it_does() -> None:
     session.start()
     for note in ("eth0 went down", "eth0 went down"):
         line.notes = [*line.notes, note]
-        (event,) = taken(session, len)
+        (event,) = taken(session, bool)
         assert (event.kind, event.what) == (PROBLEM, note)
     session.close()
     assert session.waiting == 0

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
+from typing import Final
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.mc7.assembler import AssemblyError, assemble
-from dissect.mc7.block import Block, parse_block, parse_tables, tables_octets
-from dissect.mc7.checks import all_facts, check_block, check_calls, inconsistencies
+from dissect.mc7.block import FACTS, Block, parse_block, parse_tables, tables_octets
+from dissect.mc7.checks import all_facts, check_block, inconsistencies
 from dissect.mc7.interface import interface_octets, parse_interface
 from dissect.mc7.source import assemble_block, block_source
 from dissect.s7.blocks import HEADER
 from tests.cases import each
-from tests.mc7.samples import FC5_SOURCE, OB1_SOURCE, fb7, fc5, ob1, program
+from tests.mc7.samples import FC5_SOURCE, OB1_SOURCE, fb7, fc5, ob1
 
 
 def slugs(block: Block) -> set[str]:
@@ -118,47 +119,49 @@ def test_a_block_with_injected_code_shows_in_its_tables() -> None:
     assert len(injected.instructions) == len(block.instructions) + 1
 
 
-@each(
-    ("old", "new", "slug"),
-    [
-        ("       BE\n", "", "no_end"),
-        ("present = 1", "present = 1\nnetworks = 7 7 7", "network_border"),
-        ("present = 1", "present = 1\nnetworks = 4", "network_sum"),
-        ("present = 1", "present = 1\njumps = 40", "jump_list"),
-        ("present = 1", "octets = 0500", "network_table"),
-        ("JCN   M3_1", "JCN   +3000", "jump_target"),
-        ("L     100", "DW    W#16#0600", "unknown_instruction"),
-        ("UC    FC 5 (P#V 22.0, P#M 40.0)", "UC    FC 5", "parameter_list"),
-        ("local_length = 30", "local_length = 10", "local_data"),
-        ("kind = 1\nTEMP BYTE", "kind = 1\nstart_values = 01\nTEMP BYTE", "start_values"),
-        ("local_length = 30", "local_length = 30\nload_length = 999", "lengths"),
-        ("kind = 1\nTEMP BYTE", "kind = 1\nrest = 010203\nTEMP BYTE", "interface"),
-    ],
-)
+#: What is replaced in the source of OB1, by what, and the fact that it makes.
+INCONSISTENT: Final = [
+    ("       BE\n", "", "no_end"),
+    ("present = 1", "present = 1\nnetworks = 7 7 7", "network_border"),
+    ("present = 1", "present = 1\nnetworks = 4", "network_sum"),
+    ("present = 1", "present = 1\njumps = 40", "jump_list"),
+    ("present = 1", "octets = 0500", "network_table"),
+    ("JCN   M3_1", "JCN   +3000", "jump_target"),
+    ("L     100", "DW    W#16#0600", "unknown_instruction"),
+    ("UC    FC 5 (P#V 22.0, P#M 40.0)", "UC    FC 5", "parameter_list"),
+    ("local_length = 30", "local_length = 10", "local_data"),
+    ("kind = 1\nTEMP BYTE", "kind = 1\nstart_values = 01\nTEMP BYTE", "start_values"),
+    ("local_length = 30", "local_length = 30\nload_length = 999", "lengths"),
+    ("kind = 1\nTEMP BYTE", "kind = 1\nrest = 010203\nTEMP BYTE", "interface"),
+]
+
+
+@each(("old", "new", "slug"), INCONSISTENT)
 def test_each_inconsistency_is_a_fact(old: str, new: str, slug: str) -> None:
     assert old in OB1_SOURCE
     assert slug in slugs(parse_block(assemble_block(OB1_SOURCE.replace(old, new))))
 
 
-@each(
-    ("old", "new", "slug"),
-    [
-        ("L     #IN0", "L     #PAR12", "parameter"),
-        ("L     #IN0", "A     #IN0", "parameter_type"),
-    ],
-)
+#: What is replaced in the source of FC5, by what, and the fact that it makes.
+UNDECLARED: Final = [
+    ("L     #IN0", "L     #PAR12", "parameter"),
+    ("L     #IN0", "A     #IN0", "parameter_type"),
+]
+
+
+@each(("old", "new", "slug"), UNDECLARED)
 def test_parameters_have_to_be_declared(old: str, new: str, slug: str) -> None:
     assert slug in slugs(parse_block(assemble_block(FC5_SOURCE.replace(old, new))))
 
 
-def test_a_call_is_compared_with_the_block_it_calls() -> None:
-    blocks = {(block.kind, block.number): block for block in program()}
-    ob = blocks["OB", 1]
-    assert check_calls(ob, lambda kind, number: blocks.get((kind, number))) == []
-    blocks["FC", 5] = parse_block(assemble_block(FC5_SOURCE.replace("IN INT\n", "IN INT\nIN BOOL\n")))
-    (fact,) = check_calls(ob, lambda kind, number: blocks.get((kind, number)))
-    assert fact.slug == "callee"
-    assert "gives 2 parameters, FC5 has 3" in fact.text
+def test_every_fact_that_the_documentation_lists_is_told_of_some_block() -> None:
+    altered = [OB1_SOURCE.replace(old, new) for old, new, _ in INCONSISTENT]
+    altered += [FC5_SOURCE.replace(old, new) for old, new, _ in UNDECLARED]
+    blocks = [parse_block(assemble_block(source)) for source in altered]
+    encrypted = bytearray(ob1())
+    encrypted[4] = 0x29
+    blocks += [parse_block(octets) for octets in (b"", ob1()[:-1], ob1() + b"x", bytes(encrypted))]
+    assert set().union(*[slugs(block) for block in blocks]) == set(FACTS)
 
 
 def test_floods_of_facts_are_counted() -> None:
@@ -191,7 +194,21 @@ def test_any_damage_to_a_block_is_borne(data: st.DataObject) -> None:
         assert assemble_block(block_source(block))[: len(octets)].startswith(b"pp")
 
 
-@given(st.binary(max_size=200))
+def changed(drawn: tuple[bytes, int, int]) -> bytes:
+    """Return octets with another one at a place, which counts from the start again behind the end."""
+    octets, at, octet = bytearray(drawn[0]), drawn[1], drawn[2]
+    octets[at % len(octets)] = octet
+    return bytes(octets)
+
+
+INTERFACES: Final = [parse_block(octets).interface_octets for octets in (ob1(), fc5(), fb7())]
+
+
+@given(
+    st.binary(max_size=200)
+    | st.tuples(st.sampled_from(INTERFACES), st.integers(0, 100), st.integers(0, 255)).map(changed)
+)
+@example(INTERFACES[2])
 def test_any_octets_are_an_interface_read_as_far_as_it_goes(octets: bytes) -> None:
     interface = parse_interface(octets)
     if not interface.fault and len(octets) >= 7:
@@ -203,6 +220,15 @@ def test_any_octets_are_tables(octets: bytes) -> None:
     tables = parse_tables(octets)
     if not tables.cut:
         assert tables_octets(tables) == octets
+
+
+def test_start_values_that_are_cut_off_are_told() -> None:
+    octets = ob1()
+    size = len(parse_block(octets).code)
+    head = HEADER.size + size
+    stated = octets[: head + 5] + (300).to_bytes(2, "little") + octets[head + 7 :]
+    (fact,) = [fact for fact in all_facts(parse_block(stated)) if fact.slug == "interface"]
+    assert "300 bytes of start values, 0 are there" in fact.text
 
 
 def test_hostile_interfaces_are_bounded() -> None:

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import pytest
 
 from dissect.mc7.block import Block, parse_block
-from dissect.mc7.checks import all_facts, check_calls
+from dissect.mc7.checks import all_facts, calls
 from dissect.mc7.code import jumps, unknown_octets
 from dissect.mc7.instruction_tables import confidence
 from dissect.mc7.source import assemble_block, block_source
@@ -61,23 +61,24 @@ def test_every_block_passes_every_check(real: list[Real]) -> None:
     assert sum(each.block.protected for each in real) == 10
 
 
-#: Two blocks of one project that do not fit each other: the project was stored between two edits.
-UNFIT: Final = [("UnitTest.zip", "FC1", "the call of FC21 at 252 gives 1 parameters, FC21 has 3")]
+#: Two blocks of one project that do not fit each other, because the project was stored between two edits: the caller, whom it
+#: calls and where, parameters that are given and declared.
+UNFIT: Final = [("UnitTest.zip", "FC1", "FC21", 252, 1, 3)]
 
 
 def test_calls_fit_what_they_call(real: list[Real]) -> None:
     blocks = {(each.project, each.block.kind, each.block.number): each.block for each in real}
     unfit, seen = [], 0
     for each in real:
-        project = each.project
-
-        def callee(kind: str, number: int, project: str = project) -> Block | None:
-            nonlocal seen
-            found = blocks.get((project, kind, number))
-            seen += found is not None
-            return found
-
-        unfit += [(project.split()[0], each.block.label, fact.text) for fact in check_calls(each.block, callee)]
+        for instruction, kind, number in calls(each.block):
+            called = blocks.get((each.project, kind, number))
+            if instruction.list is None or called is None:
+                continue
+            seen += 1
+            given, declared = len(instruction.list) // 4, len(called.interface.parameters)
+            if called.interface_octets and given != declared:
+                where = (each.project.split()[0], each.block.label, called.label, instruction.offset)
+                unfit.append((*where, given, declared))
     assert unfit == UNFIT
     assert seen > 300
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.proxy.packets import ACKNOWLEDGE_AFTER, ETHERNET, MAX_SEGMENT, Conversation, endpoint_of
+from dissect.proxy.packets import ACKNOWLEDGE_AFTER, MAX_SEGMENT, Conversation, endpoint_of
 from dissect.source.pcapng_writer import PcapngWriter
+from dissect.tcp.link import ETHERNET
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from tests.proxy.support import WRONG, tshark

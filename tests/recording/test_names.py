@@ -30,7 +30,7 @@ def test_times_sort_as_they_passed() -> None:
 
 def test_a_file_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
     path = unused(tmp_path, "x")
-    writer = begin(path, ("", "", ""))
+    writer = begin(path, ("", ""))
     assert [one.name for one in tmp_path.iterdir()] == ["x.pcapng.part"]
     assert writer.path == str(part_of(path))
     assert drain(open_capture(writer.path)).frames == []
@@ -42,4 +42,4 @@ def test_a_file_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_gone_is_told(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="none"):
-        begin(tmp_path / "none" / "x.pcapng", ("", "", ""))
+        begin(tmp_path / "none" / "x.pcapng", ("", ""))

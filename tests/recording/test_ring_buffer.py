@@ -129,7 +129,7 @@ def test_a_file_of_an_earlier_run_is_never_overwritten(tmp_path: Path) -> None:
 
 
 def test_comments_and_interfaces_go_along(tmp_path: Path) -> None:
-    ring = RingBuffer(str(tmp_path), application="s7dissect 1", hardware="box", os_name="Linux", batch=100_000)
+    ring = RingBuffer(str(tmp_path), application="s7dissect 1", os_name="Linux", batch=100_000)
     ring.comment("seen before")
     ring.add(TIME, OCTETS, 100, ETHERNET, "eth7")
     ring.add(TIME, OCTETS, 100, ETHERNET, "eth7")

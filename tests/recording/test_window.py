@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.recording.window import parse_window
@@ -29,6 +29,7 @@ MIDNIGHT = 1_454_976_000 * NS
         ("23:59:58..23:59:55", FIRST + 8 * NS, FIRST + 5 * NS + DAY),
         ("2016-02-08T23:59:51..2016-02-09 00:00:00.000000001Z", FIRST + NS, MIDNIGHT + 1),
         ("..2016-02-29T12:00:00Z", 0, MIDNIGHT + 20 * DAY + DAY // 2),
+        ("2016-02-08 23:59:51 UTC..2016-02-09T00:00:00.5UTC", FIRST + NS, MIDNIGHT + NS // 2),
         ("5..5", FIRST + 5 * NS, FIRST + 5 * NS),
     ],
 )
@@ -60,6 +61,7 @@ def test_what_is_no_window_is_told(text: str, said: str) -> None:
 
 
 @given(st.text(alphabet="0123456789.:-TZs ", max_size=30))
+@example("23:59:55..5")
 def test_nothing_else_is_raised(text: str) -> None:
     try:
         begin, end = parse_window(text).resolve(FIRST, LAST)

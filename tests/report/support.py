@@ -11,7 +11,6 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.report.analysis import Analysis
 from dissect.report.text import analysis_lines
-from dissect.s7.message import Pdu
 from dissect.session import Run
 from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
@@ -136,11 +135,6 @@ def transactions(packets: Iterable[Packet]) -> list[Transaction]:
 def first_transaction(talk: Talk) -> Transaction:
     """Return the first transaction behind the setup of a talk that `begun` made."""
     return transactions(talk.packets())[1]
-
-
-def malformed_of(pdu: Pdu) -> list[str]:
-    """Return what is wrong with a PDU, in short."""
-    return [f"{fact.field} {fact.reason}" for fact in pdu.malformed]
 
 
 def tree_lines(texts: list[str]) -> list[str]:

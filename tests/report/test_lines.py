@@ -145,7 +145,7 @@ SINGLES = struct.pack(">9f", 0.0, -0.0, 1.0, 123.456, 1e20, 1.5e-5, math.inf, -m
         (Item(0x03, 5, 1, 0x84, 0), b"P'-=\\", "DB1.DBB0 x5 = 'P'-=\\'"),
         (Item(0x03, 5, 1, 0x84, 0), b"P\x1b\xe4'\\", "DB1.DBB0 x5 = 'P\\x1bä'\\'"),
         (Item(0x03, 32, 1, 0x84, 0), b"p" * 32, f"DB1.DBB0 x32 = '{'p' * 32}'"),
-        (Item(0x03, 33, 1, 0x84, 0), b"p" * 33, f"DB1.DBB0 x33 = '{'p' * 32}'… (33 characters)"),
+        (Item(0x03, 37, 1, 0x84, 0), b"p" * 37, f"DB1.DBB0 x37 = '{'p' * 36}'… (37 characters)"),
         (Item(0x0C, 1, 1, 0x84, 0), b"\x21\x23", "DB1.DBW0 = 'S5T#2m3s'"),
         (Item(0x0C, 1, 1, 0x84, 0), b"\x2f\xff", "DB1.DBW0 = 2f ff"),
         (Item(0x0C, 2, 1, 0x84, 0), b"\x21\x23\x2f\xff", "DB1.DBW0 x2 = ['S5T#2m3s', -]"),

@@ -77,6 +77,18 @@ def test_a_report_from_top_to_bottom() -> None:
     assert section(lines, "Completeness") == ["26 of 26 packets used", "no gaps in the TCP streams"]
 
 
+@pytest.mark.parametrize(
+    ("count", "detailed", "said"),
+    [(6, 1, "and 5 more"), (2, 1, "and 1 more"), (9, 5, "and 6 more: packets 4, 5, …")],
+)
+def test_times_and_what_is_shown_of_a_finding_add_up(count: int, detailed: int, said: str) -> None:
+    rule = CATALOGUE["ip.bad_header"]  # counted for each packet, detailed for the first
+    found = [Finding(rule, 0, [number], 0, "") for number in range(1, detailed + 1)]
+    lines = [line.text for line in finding_lines(rule, count, found, Places([SourceFile("a.pcap", 1)], False))]
+    assert f"({count} times)" in lines[0]
+    assert [line.strip() for line in lines if "more" in line] == [said]
+
+
 def test_what_follows_a_finding_continues_under_its_first_word() -> None:
     """Details, advice and techniques are indented by six; on a narrow screen they go on two further in."""
     rule = CATALOGUE["security.program_change"]

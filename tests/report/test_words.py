@@ -83,8 +83,10 @@ def test_tsaps_say_rack_and_slot_only_where_a_siemens_device_speaks() -> None:
         ("Pump", "'Pump'"),
         ("\x1b[31m\u202e", "'\\x1b[31m\\u202e'"),
         ("x" * 32, "'" + "x" * 32 + "'"),
-        ("x" * 33, "'" + "x" * 32 + "'… (33 characters)"),
-        ("\x00" * 40, "'" + "\\x00" * 32 + "'… (40 characters)"),  # never cut within an escape
+        ("x" * 37, "'" + "x" * 36 + "'… (37 characters)"),
+        ("DTL#2024-11-28-13:35:59.123456789", "'DTL#2024-11-28-13:35:59.123456789'"),
+        ("LT#-106751d23h47m16s854ms775us808ns", "'LT#-106751d23h47m16s854ms775us808ns'"),
+        ("\x00" * 40, "'" + "\\x00" * 36 + "'… (40 characters)"),  # never cut within an escape
         ([1, None, True], "[1, -, true]"),
         ([], "[]"),
         (list(range(8)), "[0, 1, 2, 3, 4, 5, 6, 7]"),
@@ -109,7 +111,7 @@ def test_octets() -> None:
         (b"abc", "61 62 63"),
         (b"\x41\x33\x85\x1f", "41 33 85 1f"),
         (b"    ", "20 20 20 20"),
-        (b"it's" * 10, "69 74 27 73 69 74 27 73 69 74 27 73 69 74 27 73 … 40 bytes '" + "it's" * 8 + "…'"),
+        (b"it's" * 10, "69 74 27 73 69 74 27 73 69 74 27 73 69 74 27 73 … 40 bytes '" + "it's" * 9 + "…'"),
     ],
 )
 def test_octets_that_spell_a_text(content: bytes, text: str) -> None:
@@ -124,7 +126,7 @@ def test_octets_that_spell_a_text(content: bytes, text: str) -> None:
         (WORD, 0x77, "DB10.DBW4: 0x77"),
         (BYTES, b"\x01\x02\x03\x04", "DB1.DBB0 x4 = 01 02 03 04"),
         (BYTES, 0x05, "DB1.DBB0 x4: Invalid address"),
-        (CHARS, b"\x1b]0;x\x07" + bytes(34), "DB1.DBB0 x40 = '\\x1b]0;x\\x07" + "\\x00" * 26 + "'… (40 characters)"),
+        (CHARS, b"\x1b]0;x\x07" + bytes(34), "DB1.DBB0 x40 = '\\x1b]0;x\\x07" + "\\x00" * 30 + "'… (40 characters)"),
     ],
 )
 def test_an_item_with_what_became_of_it(item: Item, content: bytes | int, text: str) -> None:

@@ -105,7 +105,6 @@ def test_short_head_is_its_layout(type_: int, group: int, subfunction: int, sequ
     }
     assert (told.type, told.group, told.subfunction, told.sequence) == (type_, group, subfunction, sequence)
     assert (told.extended, told.error_code, parameters.item_count, parameters.malformed) == (False, 0, 1, [])
-    assert not parameters.userdata_extended
 
 
 @given(st.binary(min_size=7, max_size=7))
@@ -118,7 +117,6 @@ def test_extended_head_is_its_layout(rest: bytes) -> None:
     for name in ("type", "group", "subfunction", "sequence", "data_unit_ref", "last_data_unit", "error_code"):
         assert getattr(told, name) == expected[name], name
     assert (told.extended, parameters.malformed) == (True, [])
-    assert parameters.userdata_extended
 
 
 @given(st.integers(0, 255))

@@ -104,6 +104,10 @@ def _flat(draw: st.DrawFn) -> Value:
     return Value(flags, type_, draw(one))
 
 
+#: Numbers and texts, each by itself.
+PLAIN: Final[st.SearchStrategy[Value]] = st.sampled_from(
+    [type_.number for type_ in VALUE_TYPES if type_.number not in {BLOB, NULL, STRUCT, VARIANT}]
+).flatmap(lambda type_: st.builds(Value, st.just(0), st.just(type_), elements(type_, st.just([]))))
 SPARSE_VARIANTS: Final = st.builds(
     Value, st.just(SPARSE_ARRAY), st.just(VARIANT), st.lists(st.tuples(IDS, U32), max_size=4)
 )

@@ -12,13 +12,13 @@ from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_elemen
 from dissect.s7plus.skipping import Skipper, is_wanted, marks, table
 from dissect.s7plus.skipping_lists import pass_names, pass_variables
 from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.value_tables import VALUE_TYPES
+from dissect.s7plus.value_tables import UDINT, VALUE_TYPES
 from dissect.s7plus.values import Value, build_value
 from dissect.s7plus.variables import NameList, Variable, VariableList, build_names, build_variables
 from dissect.s7plus.walk import MAX_WORK, FormatError, Walk, Wanted
 from dissect.wire.varint import VLQ, build_varint
 from tests.cases import each
-from tests.s7plus.strategies import OBJECTS, VALUES
+from tests.s7plus.strategies import OBJECTS, PLAIN, VALUES
 
 _VARIABLES = VariableList(
     7, [[Variable(9, 1, 5, 0x8AC0, 0, 2, 4, [])], [Variable(10, 2, 19, 0x9AC0, 0, 254, 6, [8, 6])]]
@@ -199,7 +199,8 @@ def test_members_are_passed_over_as_one_by_one(members: list[tuple[int, Value]],
             assert (several.at, several.spent) == (single.at, single.spent)
 
 
-@given(st.lists(VALUES, max_size=5), st.binary(max_size=9))
+@given(st.lists(PLAIN, max_size=5) | st.lists(PLAIN | VALUES, max_size=5), st.binary(max_size=9))
+@example([Value(0, UDINT, 70000)] * 4, b"")
 def test_plain_values_that_are_numbered_are_passed_over_at_once(values: list[Value], behind: bytes) -> None:
     octets = b"".join([bytes((index,)) + build_value(value) for index, value in enumerate(values, 1)])
     for end in range(len(octets) + 1):

@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.scd.difference import Change, compare
-from dissect.scd.loading import compile_text
+from dissect.scd.source import parse_toml
 from tests.scd.test_dump import EVERYTHING, PLANT
 
 SOURCE = PLANT.read_text("utf-8")
 OTHER = EVERYTHING
-BASE = compile_text(SOURCE)
+BASE = parse_toml(SOURCE)
 
 
 def changed(*replacements: str, source: str = SOURCE) -> tuple[str, tuple[Change, ...]]:
@@ -21,7 +21,7 @@ def changed(*replacements: str, source: str = SOURCE) -> tuple[str, tuple[Change
         old, _, new = replacement.partition(" ⇒ ")
         assert old in text
         text = text.replace(old, new)
-    found = compare(compile_text(source), compile_text(text))
+    found = compare(parse_toml(source), parse_toml(text))
     return found.level, found.changes
 
 
@@ -76,9 +76,9 @@ def test_entries_of_a_mapping_as_canopen_has_it() -> None:
 
 def test_what_only_one_has() -> None:
     without = SOURCE[: SOURCE.index("[[object]]\nindex = 0x2003")] + SOURCE[SOURCE.index("[[object]]\ndevice") :]
-    found = compare(BASE, compile_text(without))
+    found = compare(BASE, parse_toml(without))
     assert (found.level, found.changes) == ("wire", (Change("object 0x2003", "", "Журнал", None, True),))
-    back = compare(compile_text(without), BASE)
+    back = compare(parse_toml(without), BASE)
     assert back.changes == (Change("object 0x2003", "", None, "Журнал", True),)
 
 
@@ -110,7 +110,7 @@ def test_the_changes_say_what_the_identities_say(first: set[str], second: set[st
         for replacement in sorted(replacements):
             old, _, new = replacement.partition(" ⇒ ")
             text = text.replace("run" if old == '"run"' else old, "go" if old == '"run"' else new)
-        sources.append(compile_text(text))
+        sources.append(parse_toml(text))
     found = compare(*sources)
     assert found.level == (
         "same" if not found.changes else "wire" if any(one.wire for one in found.changes) else "names"

@@ -3,7 +3,7 @@ from __future__ import annotations
 from binascii import crc_hqx
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.scd.codec import Codec
@@ -204,6 +204,7 @@ _CODEC = plant()
     st.sampled_from([0x01, 0x02, 0x81, 0x82, 0xC1, 0xC2, 0x10]), st.integers(-128, 127),
     st.sampled_from([0x6000, 0x6041, 0x6044, 0x1A00, 0x1641, 0x0001, 0x6045]), st.integers(0, 255), st.binary(max_size=12),
 )  # fmt: skip
+@example(0x01, 0, 0x6000, 0, b"\x01")
 def test_never_raises_on_messages_with_a_right_checksum(kind: int, err: int, index: int, sub: int, data: bytes) -> None:
     message = sent(_CODEC, kind, index, data, err=err, sub=sub)
     assert (message.data, message.index, message.sub, message.err) == (data, index, sub, err)

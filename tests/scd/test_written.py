@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from dissect import scd
 from dissect.scd.errors import Error
-from dissect.scd.loading import compile_text
 from dissect.scd.model import Variable
 from dissect.scd.records import Traits
+from dissect.scd.source import parse_toml
 from dissect.scd.types import STANDARD
 from dissect.scd.values import MAC, Interval, NetTime
 from dissect.scd.written import parse_written, whole
@@ -34,7 +34,7 @@ bits = 12
         ("bool", "int8", "int12", "uint64", "float32", "float64", "string", "block", "nettime", "interval", "mac", "ip")
     )
 )
-OD = compile_text(ALL)
+OD = parse_toml(ALL)
 
 
 @each(

@@ -37,6 +37,11 @@ MISTAKES: Final[list[tuple[str, str, str]]] = [
     ("latency > 20 parsecs", "parsecs", "expected and, or, or the end"),
     ("latency > fast", "fast", "expected a duration, such as 20ms"),
     ("host == 10.0.0.300", "10.0.0.300", "expected an address or a network"),
+    (
+        "value[Curve[2] > 5",
+        "[Curve[2] > 5",
+        "these brackets are not closed; a name that has some of its own can stand in quotes",
+    ),
     ("host == 10.0.0.0/33", "10.0.0.0/33", "expected an address or a network"),
     ("host == plc1", "plc1", "expected an address or a network"),
     ("host == 10.0.0.1:70000", "10.0.0.1:70000", "a port is at most 65535"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+from pathlib import Path
 from typing import Any, Final
 
 from hypothesis import given, settings
@@ -14,6 +16,8 @@ from dissect.select.items import ItemFacts
 from dissect.select.literals import AnyValue, Code, Duration, Host, Number, Octets, S7Address, Text, Time, Truth
 from dissect.select.things import FINDING, TRANSACTION
 from tests.cases import each
+from tests.properties.messages import Item
+from tests.report.support import begun, read, saved
 from tests.select.support import CAPTURES, NAMES, gathered
 
 
@@ -37,6 +41,7 @@ SELECTED: Final[list[tuple[str, list[int]]]] = [
     ("function >= 5", [1, 6, 7, 8]),
     ("function contains setup", [1]),
     ('function matches "^write"', [6, 7, 8]),
+    ('function matches "[[w]rite"', [6, 7, 8]),  # Python warns of it
     ("function.name eq write", [6, 7, 8]),
     ("failed", [2, 3, 4, 5, 6, 7, 8]),
     ("not failed", [1]),
@@ -135,6 +140,45 @@ def test_tags_are_selected_by_name_and_by_their_own_value(case: tuple[str, list[
         CAPTURES / "nodes7-write.pcapng", where=case[0], tags=CAPTURES / "tags" / "valve.csv", pdus=False
     )
     assert [int(one.number) for one in events if isinstance(one, dissect.Transaction)] == case[1]
+
+
+@each(
+    "case",
+    [
+        ("value[Motors[2].Speed] == 7", [2]),
+        ("value[Motors[1].Speed] == 7", []),
+        ('value["Motors[2].Speed"] == 7', [2]),
+        ("value[Speed [rpm]] == 5", [2]),
+        ("value[Curve] == 3", [3]),
+        ("value[Curve[1]] == 3", [3]),  # of all that are read
+        ("value[Curve[2]] == 3", []),
+        ("value[Curve[2]] == 4", [3, 4]),  # of some, and alone
+        ("value[Curve[3]] < 100", []),
+        ("value[Curve[x]] < 100", []),
+    ],
+)
+def test_names_with_brackets_and_elements_of_arrays_are_selected(case: tuple[str, list[int]], tmp_path: Path) -> None:
+    tags = tmp_path / "tags.csv"
+    tags.write_text(
+        "address,type,name\nDB1.DBW0,INT,Motors[1].Speed\nDB1.DBW2,INT,Motors[2].Speed\nDB1.DBW4,INT,Speed [rpm]\n"
+        "DB1.DBW8,Array[0..2] of INT,Curve\n",
+        encoding="utf-8",
+    )
+    talk = read(begun(), 2, Item(2, 6, 1, 0x84, 0), struct.pack(">3h", 6, 7, 5))
+    read(talk, 3, Item(2, 6, 1, 0x84, 64), struct.pack(">3h", 2, 3, 4))
+    read(talk, 4, Item(2, 2, 1, 0x84, 96), struct.pack(">h", 4))
+    capture = saved(tmp_path / "arrays.pcapng", talk.packets())
+    events = dissect.open(capture, where=case[0], tags=tags, pdus=False)
+    assert [int(one.number) for one in events if isinstance(one, dissect.Transaction)] == case[1]
+
+
+@each("name", ['DB1."level"', """'DB1."level"'"""])
+def test_a_variable_of_s7comm_plus_ends_with_a_quote_of_its_own(name: str) -> None:
+    def selected(expression: str) -> list[int]:
+        events = dissect.open(CAPTURES / "crafted" / "plus-plant.pcapng", where=expression, pdus=False)
+        return [int(one.number) for one in events if isinstance(one, dissect.Transaction)]
+
+    assert selected(f"value[{name}] == 45.5") == selected("value == 45.5") != []
 
 
 def test_a_request_alone_has_its_tags_too() -> None:

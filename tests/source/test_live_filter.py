@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dissect.source.live.filter import NotBuiltInError, compile_filter
@@ -207,7 +207,32 @@ def test_everything_else_is_left_to_libpcap(expression: str) -> None:
         compile_filter(expression)
 
 
-@given(st.text(alphabet="()!&| 0123456789./:-abcdehinoprstuvx\0é", max_size=40))
+WORDS = st.sampled_from(
+    [
+        "tcp",
+        "udp",
+        "port",
+        "102",
+        "src",
+        "dst",
+        "host",
+        "10.0.0.1",
+        "net",
+        "10.0.0.0/8",
+        "ip6",
+        "and",
+        "or",
+        "not",
+        "(",
+        ")",
+    ]
+)
+
+
+@given(
+    st.text(alphabet="()!&| 0123456789./:-abcdehinoprstuvx\0é", max_size=40) | st.lists(WORDS, max_size=8).map(" ".join)
+)
+@example("tcp port 102 and not host 10.0.0.1")
 def test_any_text_is_compiled_or_refused(expression: str) -> None:
     try:
         program = compile_filter(expression)

@@ -277,9 +277,27 @@ def test_an_interrupt_while_waiting_loses_nothing() -> None:
 
 @given(st.sampled_from(sorted(PCAP_MAGICS)), st.binary(max_size=400), st.integers(1, 500))
 def test_random_octets_never_raise(magic: bytes, octets: bytes, piece: int) -> None:
-    reader = reader_of(magic + octets, piece)
-    recorder = drain(reader)
-    for frame in recorder.frames:
+    drain(reader_of(magic + octets, piece))
+
+
+WORDS: Final = st.integers(0, 2**32 - 1)
+
+
+@given(
+    st.booleans(),
+    st.booleans(),
+    st.lists(st.tuples(WORDS, WORDS, WORDS, st.binary(min_size=1, max_size=40)), min_size=1, max_size=5),
+    st.integers(1, 500),
+)
+def test_whatever_a_record_says_its_packet_can_be(
+    big: bool, nanoseconds: bool, records: list[tuple[int, int, int, bytes]], piece: int
+) -> None:
+    sample = Pcap(big, nanoseconds)
+    for seconds, fraction, wire, octets in records:
+        sample.add(sample.record(seconds, fraction, len(octets), wire, octets))
+    frames = drain(reader_of(sample.octets, piece)).frames
+    assert [frame.octets for frame in frames] == [octets for *_, octets in records]
+    for frame in frames:
         assert 0 <= frame.time_ns < 2**63
         assert frame.wire_length >= len(frame.octets)
 

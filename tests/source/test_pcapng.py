@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mypy_extensions import i64
 
@@ -528,8 +528,16 @@ def test_random_octets_never_raise(order: str, octets: bytes, piece: int) -> Non
     drain(reader_of(front + octets, piece))
 
 
+def packet_body(high: int, low: int, wire: int, octets: bytes) -> bytes:
+    """What follows the number of the interface in a packet block of a little-endian file."""
+    return struct.pack("<IIII", high, low, len(octets), wire) + octets + bytes(-len(octets) % 4)
+
+
+words = st.integers(0, 2**32 - 1)
+packet_bodies = st.builds(packet_body, words, words, words, st.binary(max_size=40))
 blocks = st.lists(
-    st.tuples(
+    st.tuples(st.just(6), packet_bodies, st.just(0))
+    | st.tuples(
         st.sampled_from([0, 1, 2, 3, 4, 5, 6, 10, 0x0A0D0D0A, 2**32 - 1]),
         st.binary(max_size=60),
         st.sampled_from([0, 0, 0, 0, 0, 0, 4]),
@@ -539,6 +547,7 @@ blocks = st.lists(
 
 
 @given(st.booleans(), blocks, st.integers(1, 500))
+@example(False, [(6, packet_body(2**32 - 1, 2**32 - 1, 0, b"octets"), 0)], 7)
 def test_random_blocks_never_raise(big: bool, bodies: list[tuple[int, bytes, int]], piece: int) -> None:
     sample = Pcapng(big)
     sample.interface()

@@ -44,6 +44,10 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "block.awl", 'DATA_BLOCK DB 1\nSTRUCT\na : INT;\nb : "Job";\nc : UDT 7;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n',
         "error", 5, "type 'UDT 7' is not in this or the other files",
     ),
+    "3 a type in German": (
+        "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : Ganzzahl;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n",
+        "error", 3, "DB 1: type 'Ganzzahl' is not in this or the other files; is INT meant?",
+    ),
     "4 types in circles": (
         "block.awl",
         'TYPE "A"\nSTRUCT\nb : "B";\nEND_STRUCT\nEND_TYPE\nTYPE "B"\nSTRUCT\na : "A";\nEND_STRUCT\nEND_TYPE\n'
@@ -71,8 +75,11 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "error", 2, "tabs instead of blanks: an editor changed the columns",
     ),
     "10 a bit above seven": ("tags.csv", HEAD + "M 10.8,BOOL,a\n", "error", 2, "M 10.8: bits are 0-7"),
+    "10 no address at all": (
+        "tags.xml", "<Tagtable><Tag type='Real' addr=''>leer</Tag></Tagtable>", "error", 1, "'leer' has no address",
+    ),
     "11 a word with a bit": ("tags.csv", HEAD + "%MW10.1,WORD,a\n", "error", 2, "%MW10.1: a word has no bit"),
-    "11 a bit without one": ("tags.csv", HEAD + "%MB10,BOOL,a\n", "error", 2, "the bit is missing for BOOL"),
+    "11 a bit without one": ("tags.csv", HEAD + "%MB10,BOOL,a\n", "error", 2, "the bit is missing for BOOL, for example M10.0"),
     "11 a number with a bit": ("tags.csv", HEAD + "%M10.1,INT,a\n", "error", 2, "INT has no bit: expected MW10"),
     "12 a width that does not fit": ("tags.csv", HEAD + "%MW4,Real,a\n", "error", 2, "%MW4 with REAL: REAL needs MD4"),
     "13 German and international names": (
@@ -104,6 +111,10 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : ARRAY[0..32768] OF INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
         "error", 3, "a has 65538 bytes: at most 65536",
     ),
+    "20 a word that begins like a block": (
+        "b.awl", "DATA_BLOCK#1\nDATA_BLOCK DB 1\nSTRUCT\na INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
+        "error", 4, "expected NAME : TYPE",
+    ),
     "20 a block that is not closed": (
         "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : STRUCT\nb : INT;\nEND_STRUCT;\nEND_DATA_BLOCK\n",
         "error", 2, "END_STRUCT is missing: STRUCT of line 2 is still open at END_DATA_BLOCK",
@@ -111,6 +122,21 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
     "21 a semicolon that is missing": (
         "block.awl", "DATA_BLOCK DB 1\nSTRUCT\na : INT := 3\nb : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n",
         "warning", 3, "the semicolon behind 'a' is missing",
+    ),
+    "15 one name twice in an object of JSON": (
+        "tags.json", '{"A": "DB1,INT0", "B": "DB1,INT4",\n"A": "DB1,INT2"}', "error", 0,
+        "'A' stands in one object twice, with two values: which one is right?",
+    ),
+    "5 UTF-16 without its mark": (
+        "tags.csv", (HEAD + "DB1.DBW0,INT,a\n").encode("utf-16-le"), "error", 1, "try --tags-encoding utf-16-le",
+    ),
+    "22 a comma in a cell without quotes": (
+        "tags.csv", "address,type,name,comment\nDB1.DBW0,INT,a,slow, then fast\n", "warning", 2,
+        "5 cells where the header has 4: is a cell that holds a separator without quotes? 'then fast' and what follows",
+    ),
+    "22 no header at all": (
+        "tags.csv", "DB1.DBW0,INT,A\nDB1.DBW2,INT,B\n", "error", 1,
+        "the header is 'DB1.DBW0, INT, A': expected columns Name and Address",
     ),
     "22 a header that is not there": (
         "tags.csv", "Nom,Type,Adresse\nx,INT,MW0\n", "error", 1, "the header is 'Nom, Type, Adresse': expected columns Name and Address",
@@ -210,6 +236,30 @@ def test_a_constant_is_a_bound_where_it_is_a_number(value: str, tmp_path: Path) 
     assert said == [] if value == "5" else "the array bound 'N' is a constant that no file declares" in said[0]
 
 
+def test_a_block_that_cannot_be_read_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    path = written(tmp_path, "b.db", 'DATA_BLOCK "Tank"\nSTRUCT\na Int;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n')
+    assert [problem.line for problem in read_tags([path], numbers={"Tank": 1}).problems] == [3]
+    path.write_text('DATA_BLOCK "Tank"\nSTRUCT\na : Int;\nEND_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n', encoding="utf-8")
+    assert [problem.text for problem in read_tags([path], numbers={"Tank": 1, "Tnak": 2}).problems] == [
+        "--tags-db Tnak: no file has a data block of that name; close to it: 'Tank'"
+    ]
+
+
+@each("length", ["LEN", "#LEN", '"LEN"'])
+def test_the_length_of_a_string_may_be_a_constant(length: str, tmp_path: Path) -> None:
+    source = f"DATA_BLOCK DB 1\nSTRUCT\na : STRING[{length}];\nb : INT;\nEND_STRUCT\nBEGIN\nEND_DATA_BLOCK\n"
+    paths = [
+        written(tmp_path, "b.scl", source),
+        written(tmp_path, "k.sdf", sdf_line("Len", "CONSTANT", "Int", value="10")),
+    ]
+    assert [(tag.address, tag.type) for tag in load_tags(paths).tags] == [
+        ("DB1.DBB0", "STRING[10]"),
+        ("DB1.DBW12", "INT"),
+    ]
+    with pytest.raises(TagError, match="a: the length 'LEN' is a constant that no file declares: name the tag table"):
+        load_tags(paths[:1])
+
+
 @each("name", CASES)
 def test_a_mistake_is_reported_with_its_line_and_what_to_do(name: str, tmp_path: Path) -> None:
     file, content, severity, line, text = CASES[name]
@@ -273,9 +323,13 @@ def test_22_a_sheet_with_moved_and_missing_columns_is_read_and_one_without_the_n
 
 
 def test_23_semicolons_and_decimal_commas_are_detected_and_told(tmp_path: Path) -> None:
-    found = load_tags([written(tmp_path, "tags.csv", "Adresse;Datentyp;Name;Einheit;scale\nDB1.DBW0;INT;a;°C;0,1\n")])
-    assert (found.tags[0].factor, found.tags[0].unit) == (0.1, "°C")
+    found = load_tags([written(tmp_path, "tags.csv", "Adresse;Typ;Name;Einheit;Skalierung\nDB1.DBW0;INT;a;°C;0,1\n")])
+    assert (found.tags[0].type, found.tags[0].factor, found.tags[0].unit) == ("INT", 0.1, "°C")
     assert "decimal commas are read as points" in found.problems[0].text
+    # What Excel calls Unicode text.
+    path = tmp_path / "unicode.txt"
+    path.write_text("Adresse\tDatentyp\tName\tscale\nDB1.DBW0\tINT\ta\t0,1\n", encoding="utf-16")
+    assert load_tags([path]).tags[0].factor == 0.1
 
 
 def test_24_a_workbook_of_hmi_tags_is_named(tmp_path: Path) -> None:

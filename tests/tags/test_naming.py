@@ -30,7 +30,6 @@ MB10,BYTE,Flags,,,
 T5,S5TIME,Delay,,,
 C3,COUNTER,Parts,pcs,,
 """
-_SIZES: Final = {"X": 1, "B": 2, "W": 4, "D": 6}
 
 
 def item(area: int, db: int, bit: int, count: int, transport: int = 2) -> Item:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from dissect.tags import TagError, load_tags
 from dissect.tags.converting import table_lines
 from dissect.tags.loading import TagSet, read_tags
+from dissect.tags.model import Tag
 from dissect.tags.tag_file import parse_scale
 from tests.tags.support import TANK, TANK_AWL, TIA_HEAD, asc_line, example_files, sdf_line, tank_file, tia_row, workbook
 
@@ -42,6 +43,18 @@ BLOCK: Final = """<Document><Engineering version="V18"/><SW.Blocks.GlobalDB ID="
 <Member Name="l" Datatype="Array[0..&quot;MAX&quot;] of Int"/>
 </Section></Sections></Interface><MemoryLayout>Standard</MemoryLayout><Name>Box</Name><Number>9</Number>
 </AttributeList></SW.Blocks.GlobalDB></Document>"""
+INSTANCE: Final = """<Document><Engineering version="V18"/><SW.Blocks.InstanceDB ID="0"><AttributeList>
+<InstanceOfName>Motor</InstanceOfName>
+<Interface><Sections xmlns="http://www.siemens.com/automation/Openness/SW/Interface/v5"><Section Name="Input">
+<Member Name="cmd" Datatype="&quot;Cmd&quot;"><Sections><Section Name="None">
+<Member Name="a" Datatype="Bool"/><Member Name="b" Datatype="Int"/></Section></Sections></Member>
+<Member Name="enable" Datatype="Bool"/></Section>
+<Section Name="Output"><Member Name="running" Datatype="Bool"/></Section><Section Name="InOut"/>
+<Section Name="Static"><Member Name="list" Datatype="Array[1..MOST] of Int"/>
+<Member Name="name" Datatype="String[MOST]"/><Member Name="speed" Datatype="Real"/></Section>
+<Section Name="Constant"><Member Name="MOST" Datatype="Int"><StartValue>3</StartValue></Member></Section>
+</Sections></Interface><MemoryLayout>Standard</MemoryLayout><Name>Motor_DB</Name><Number>12</Number>
+</AttributeList></SW.Blocks.InstanceDB></Document>"""
 DIF: Final = (
     'TABLE\n0,1\n"EXCEL"\nVECTORS\n0,2\n""\nTUPLES\n0,4\n""\nDATA\n0,0\n""\n-1,0\nBOT\n1,0\n"Start"\n1,0\n"E  0.0"\n1,0\n"BOOL"\n'
     '1,0\n"a ""good"" one"\n-1,0\nBOT\n1,0\n"Tank"\n1,0\n"DB 10"\n1,0\n"FB 2"\n1,0\n""\n-1,0\nEOD\n'
@@ -140,6 +153,67 @@ def test_a_block_takes_its_array_bound_from_the_constants_of_another_file(tmp_pa
     ]
 
 
+def test_expanded_types_of_members_are_no_sections_of_an_instance(tmp_path: Path) -> None:
+    # Openness writes what a type consists of inside the member that has it, and in the same words as the block itself.
+    (tmp_path / "motor.xml").write_text(INSTANCE, encoding="utf-8-sig")
+    (tmp_path / "cmd.udt").write_text(
+        'TYPE "Cmd"\nSTRUCT\na : Bool;\nb : Int;\nEND_STRUCT;\nEND_TYPE\n', encoding="utf-8"
+    )
+    assert text(load_tags([tmp_path / "motor.xml", tmp_path / "cmd.udt"])) == (
+        "Motor_DB.cmd.a|DB12.DBX0.0|BOOL Motor_DB.cmd.b|DB12.DBW2|INT Motor_DB.enable|DB12.DBX4.0|BOOL "
+        "Motor_DB.running|DB12.DBX6.0|BOOL Motor_DB.list|DB12.DBW8|INT Motor_DB.name|DB12.DBB14|STRING[3] "
+        "Motor_DB.speed|DB12.DBD20|REAL"
+    )
+
+
+def test_a_type_of_the_user_is_laid_out_whatever_it_is_called(tmp_path: Path) -> None:
+    # HW_IO is a number of the system, HW_Status is not.
+    types = "".join(
+        [f'TYPE "{name}"\nSTRUCT\na : REAL;\nEND_STRUCT;\nEND_TYPE\n' for name in ("HW_Status", "Event_Log")]
+    )
+    block = 'DATA_BLOCK DB 3\nSTRUCT\na : HW_IO;\nb : "HW_Status";\nc : "Event_Log";\nd : INT;\nEND_STRUCT;\nEND_DATA_BLOCK\n'
+    path = tmp_path / "b.db"
+    path.write_text(types + block, encoding="utf-8")
+    assert (
+        text(load_tags([path]))
+        == "DB3.a|DB3.DBW0|HW_IO DB3.b.a|DB3.DBD2|REAL DB3.c.a|DB3.DBD6|REAL DB3.d|DB3.DBW10|INT"
+    )
+    path.write_text(block, encoding="utf-8")
+    with pytest.raises(TagError, match="type 'HW_Status' is not in this or the other files"):
+        load_tags([path])
+
+
+def test_a_block_that_is_one_array_has_its_elements(tmp_path: Path) -> None:
+    path = tmp_path / "field.db"
+    path.write_text(
+        "DATA_BLOCK DB 3\n{ S7_Optimized_Access := 'FALSE' }\nNON_RETAIN\nArray[0..3] of Int\nBEGIN\n"
+        "   THIS[1] := 7;\nEND_DATA_BLOCK\n",
+        encoding="utf-8",
+    )
+    found = load_tags([path])
+    assert [(tag.name, tag.address, tag.declared) for tag in found.tags] == [
+        ("DB3.THIS", "DB3.DBW0", "Array[0..3] of INT")
+    ]
+    assert found.sizes == {3: 8}
+
+
+@pytest.mark.parametrize(
+    ("content", "rows"),
+    [
+        ("# the plant; north\n# and south\naddress,type,name\nDB1.DBW0,INT,A\n", "A|DB1.DBW0|INT"),
+        ("sep=;\nName;Datentyp;Adresse\nA;Int;DB1.DBW0\n", "A|DB1.DBW0|INT"),
+        ('"sep=,"\nname,type,address\nA,Int,DB1.DBW0\n', "A|DB1.DBW0|INT"),
+        ('"address","type","name","unit"\n"DB1.DBW0","INT","A","bar"\n', "A|DB1.DBW0|INT"),
+        ("name,address,comment\nA,DB1.DBW0,one\u2028line\nB,DB1.DBW2,an\x85other\n", "A|DB1.DBW0|WORD B|DB1.DBW2|WORD"),
+        ("# a list; of nodes7\nDB1,W0;A\n# off; now\nDB1,W2;B\n", "A|DB1.DBW0|WORD B|DB1.DBW2|WORD"),
+    ],
+)
+def test_what_stands_before_or_in_a_table_does_not_hide_its_rows(content: str, rows: str, tmp_path: Path) -> None:
+    path = tmp_path / "tags.csv"
+    path.write_text(content, encoding="utf-8")
+    assert text(load_tags([path])) == rows
+
+
 def test_a_sheet_of_the_portal_and_its_constants_are_read_and_a_bomb_is_not(tmp_path: Path) -> None:
     path = workbook(tmp_path / "t.xlsx", [TIA_HEAD, tia_row("Start", "Bool", "%I0.0", "Кнопка")])
     assert load_tags([path]).tags[0].comment == "Кнопка"
@@ -190,6 +264,15 @@ def test_what_is_converted_reads_back_to_the_same(tmp_path: Path) -> None:
     assert rows[0] == rows[1]
 
 
+@pytest.mark.parametrize("name", ["-K1", "=A1+S1-K1", "+B2;-K1", "@x", "'quoted'", "#1", 'plain, "x"; y'])
+def test_a_name_reads_back_whatever_a_spreadsheet_would_take_it_for(name: str, tmp_path: Path) -> None:
+    # Devices are called so (IEC 81346); in the table a formula is made harmless.
+    tag = Tag(name, 0x84, 1, 0, "INT", "INT", 16)
+    tag.comment, tag.factor, tag.shift = name, 0.5, -1e-05
+    again = load_tags([tank_file(tmp_path, "\n".join(table_lines([tag])), "again.csv")]).tags[0]
+    assert (again.name, again.comment, again.factor, again.shift) == (name, name, 0.5, -1e-05)
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=300))
 def test_content_of_any_kind_gives_problems_and_no_errors(tmp_path: Path, octets: bytes) -> None:
@@ -238,6 +321,7 @@ def test_tokens_of_a_source_in_any_order_give_problems_and_no_errors(tmp_path: P
         ("0.1-40", (0.1, -40)),
         ("1e-3", (0.001, 0)),
         ("2+1e2", (2, 100)),
+        ("-2e-3-1e-5", (-0.002, -1e-5)),
         ("0..10 = 0..5", (0.5, 0)),
     ],
 )
@@ -245,7 +329,9 @@ def test_a_scale_is_a_factor_and_a_shift(written: str, scale: tuple[float, float
     assert parse_scale(written) == scale
 
 
-@pytest.mark.parametrize("written", ["x", "0", "1..1=0..5", "0..1=2", "--1"])
+@pytest.mark.parametrize(
+    "written", ["x", "0", "nan", "inf", "1e999", "0.1+nan", "0..1=0..inf", "1..1=0..5", "0..1=2", "--1"]
+)
 def test_a_scale_that_is_none_is_refused(written: str) -> None:
     with pytest.raises(ValueError, match="expected a factor"):
         parse_scale(written)

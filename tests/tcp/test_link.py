@@ -13,7 +13,6 @@ V4 = b"\x45\x00\x00\x14" + bytes(16)
 V6 = b"\x60" + bytes(39)
 
 IPV4, IPV6, ARP = 0x0800, 0x86DD, 0x0806
-TPIDS = [0x8100, 0x88A8, 0x9100]
 
 
 def tagged(ethertype: int, tags: list[tuple[int, int]]) -> tuple[int, bytes]:

@@ -4,7 +4,7 @@ import struct
 from itertools import pairwise, permutations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.tcp import link
@@ -380,9 +380,15 @@ def test_damaged_frames_where_udp_is_wanted(made: list[tuple[tuple[bytes, int], 
     assert store.waiting + store.used + store.dropped + here == len(made)
 
 
-@given(st.binary(max_size=60), st.booleans(), st.integers(0, 40), st.binary(max_size=20))
-def test_any_octets_as_udp(content: bytes, six: bool, lacking: int, trailer: bytes) -> None:
+@given(
+    st.binary(max_size=60), st.none() | st.integers(0, 110), st.booleans(), st.integers(0, 40), st.binary(max_size=20)
+)
+@example(bytes(30), 25, False, 0, b"")
+@example(bytes(30), 40, True, 20, b"")
+def test_any_octets_as_udp(content: bytes, stated: int | None, six: bool, lacking: int, trailer: bytes) -> None:
     """The rule of lengths, told once more."""
+    if stated is not None and len(content) >= 6:
+        content = content[:4] + stated.to_bytes(2, "big") + content[6:]
     claimed = len(content) + lacking
     packet = v6(content, next_header=UDP, length=claimed) if six else v4(content, protocol=UDP, total=20 + claimed)
     got = found_udp(ethernet(packet) + (b"" if lacking else trailer))

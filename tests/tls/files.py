@@ -10,8 +10,6 @@ from tests.s7plus.pdus import INIT_SSL, asked, framed, told
 from tests.tls.talks import Wire
 from tests.transactions.talk import Talk, dt
 
-ETHERNET = 1
-
 
 class Film:
     """Takes the packets of a talk in the place of a pipeline, and writes them to a file."""

@@ -9,8 +9,6 @@ from dissect.transactions.operations import ENDLESS
 from tests.findings import events
 from tests.transactions.talk import ACK, CLIENT, FIN, MS, RST, SERVER, SYN, Talk, ack, granted, setup, tpkt
 
-REFUSAL = tpkt(bytes.fromhex("0680000100000001"[:14]))
-
 
 @pytest.fixture
 def talk() -> Talk:

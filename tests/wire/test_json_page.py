@@ -8,7 +8,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.wire.json_page import JsonPage, json_page
+from dissect.wire.json_page import JsonPage
 
 
 class Code(enum.IntEnum):
@@ -39,7 +39,7 @@ VALUES = st.recursive(
 @given(VALUES, st.integers(0, 4), st.sampled_from(["", "   "]))
 def test_it_is_what_the_standard_library_writes(value: object, indent: int, before: str) -> None:
     told = json.dumps(value, indent=indent).replace("\x7f", "\\u007f")
-    assert json_page(value, indent, before) == told.replace("\n", f"\n{before}")
+    assert JsonPage(indent).text(value, before) == told.replace("\n", f"\n{before}")
 
 
 @given(st.lists(VALUES, max_size=5))
@@ -47,4 +47,4 @@ def test_what_came_before_leaves_no_trace(values: list[object]) -> None:
     page = JsonPage(1)
     sentence = "A sentence that is long enough to be kept, é."
     for value in [sentence, *values, [sentence], {sentence: sentence}, *values]:
-        assert page.text(value, "  ") == json_page(value, 1, "  ")
+        assert page.text(value, "  ") == JsonPage(1).text(value, "  ")

@@ -93,13 +93,13 @@ class Chosen:
         if len(files) > 1:
             self.context.number = places_of(run, files).number
 
-    def sieve(self, observer: Observer, at_once: bool = False) -> Observer:
-        """Return what tells ``observer`` of what is selected only, or itself where all is; ``at_once`` as `Sieve` has it."""
+    def sieve(self, observer: Observer) -> Observer:
+        """Return what tells ``observer`` of what is selected only, or itself where all is."""
         if self.where is None:
             return observer
         from dissect.select.sieve import Sieve
 
-        self._sieve = Sieve(observer, self.where, at_once)
+        self._sieve = Sieve(observer, self.where)
         return self._sieve
 
     @property
@@ -269,7 +269,8 @@ def select_options(
             if numbers_of:
                 also.append(f"connection in {{{', '.join([str(number) for number in numbers_of])}}}")
             if window is not None:
-                also.append(f"time in {{{window}}}")
+                stretch = f'"{window}"' if " " in window else window  # a date and a time may have a blank between
+                also.append(f"time in {{{stretch}}}")
             return command(
                 *arguments,
                 chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns, numbers_of, window),

@@ -96,18 +96,25 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
     for path in paths:
         host, name = split_host(path)
         by_host.setdefault(host, []).append(name)
-    found = {host: load(names, encoding, numbers).naming(host) for host, names in by_host.items()}
+    several = len(by_host) > 1
+    sets = {host: load(names, encoding, numbers, several) for host, names in by_host.items()}
+    for name in [name for name in numbers if not any([tags.has_block(name) for tags in sets.values()])]:
+        raise click.ClickException(f"--tags-db {name}: no file of tags has a data block of that name")
+    found = {host: tags.naming(host) for host, tags in sets.items()}
     rest = found.pop("", None)
     return HostNaming(found, rest) if found else rest
 
 
-def load(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> TagSet:
-    """Return the tags of files; warnings go to stderr. Raises `click.ClickException` with everything that is wrong."""
+def load(paths: Sequence[str], encoding: str, numbers: dict[str, int], more: bool = False) -> TagSet:
+    """Return the tags of files; warnings go to stderr. ``more``: files of other PLCs may have some of the ``numbers``.
+
+    Raises `click.ClickException` with everything that is wrong.
+    """
     from dissect.tags import TagError
     from dissect.tags.loading import load_tags
     from dissect.tags.problems import ERROR, WARNING
 
-    found = guarded(lambda: load_tags(paths, encoding, numbers), TagError)
+    found = guarded(lambda: load_tags(paths, encoding, numbers, more), TagError)
     if isinstance(found, TagError):
         errors = [problem for problem in found.problems if problem.severity == ERROR]
         listed = listing(errors)
@@ -133,7 +140,10 @@ def guarded(read: Callable[[], Any], error: type[Exception]) -> Any:
     except error as refused:
         return refused
     except OSError as refused:
-        raise click.ClickException(f"{printable(str(refused.filename))}: {refused.strerror}") from None
+        name = str(refused.filename)
+        odd = isinstance(refused, FileNotFoundError) and "=" in name
+        hint = "; what stands before '=' has to be the IP address of a PLC" if odd else ""
+        raise click.ClickException(f"{printable(name)}: {refused.strerror}{hint}") from None
     except ImportError as refused:
         raise click.ClickException(printable(str(refused))) from None
 

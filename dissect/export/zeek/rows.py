@@ -20,20 +20,23 @@ from dissect.export.zeek.word_tables import (
     SUBFUNCTIONS,
     SZL_IDS,
 )
+from dissect.s7.tables import (
+    ACK,
+    ACK_DATA,
+    DOWNLOAD_BLOCK,
+    END_UPLOAD,
+    GROUP_CPU,
+    JOB,
+    PI_SERVICE,
+    READ_SZL,
+    REQUEST_DOWNLOAD,
+    START_UPLOAD,
+    UPLOAD,
+    USERDATA,
+)
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.tables import REQUEST, RESPONSE
 
-_ACK: Final = 2
-_ACK_DATA: Final = 3
-_USERDATA: Final = 7
-_PLC_CONTROL: Final = 0x28
-_REQUEST_DOWNLOAD: Final = 0x1A
-_DOWNLOAD_BLOCK: Final = 0x1B
-_START_UPLOAD: Final = 0x1D
-_UPLOAD: Final = 0x1E
-_END_UPLOAD: Final = 0x1F
-_CPU_FUNCTIONS: Final = 4
-_READ_SZL: Final = 1
 _NONE: Final = 0xFF
 _LONG_NONE: Final = 0xFFFFFFFF
 #: Groups whose subfunctions have no names.
@@ -65,11 +68,11 @@ class S7:
     def __init__(self, octets: bytes) -> None:
         self.octets = octets
         self.rosctr = octets[1] if len(octets) > 1 else -1
-        head = 12 if self.rosctr in {_ACK, _ACK_DATA} else 10
+        head = 12 if self.rosctr in {ACK, ACK_DATA} else 10
         size = int.from_bytes(octets[6:8], "big") if len(octets) >= 8 else 0
         self.parameters = octets[head : head + size]
         self.data = octets[head + size :]
-        self.userdata = self.rosctr == _USERDATA and len(self.parameters) >= 7
+        self.userdata = self.rosctr == USERDATA and len(self.parameters) >= 7
         self.group = self.parameters[5] & 0x0F if self.userdata else -1
         self.kind = self.parameters[5] >> 4 if self.userdata else -1
         self.subfunction = self.parameters[6] if self.userdata else -1
@@ -77,7 +80,7 @@ class S7:
     @property
     def is_szl(self) -> bool:
         """True for a request or response of Read SZL."""
-        return self.group == _CPU_FUNCTIONS and self.subfunction == _READ_SZL
+        return self.group == GROUP_CPU and self.subfunction == READ_SZL
 
     def row(self) -> tuple[Any, ...]:
         """Return the columns of s7comm.log."""
@@ -116,13 +119,13 @@ class S7:
     def service(self) -> str | None:
         """Return the PI service of a PLC Control job, as the octets are."""
         octets = self.octets
-        if self.rosctr != 1 or self.parameters[:1] != bytes((_PLC_CONTROL,)) or len(octets) < 21:
+        if self.rosctr != JOB or self.parameters[:1] != bytes((PI_SERVICE,)) or len(octets) < 21:
             return None
         at = 20 + int.from_bytes(octets[18:20], "big")
         return text(octets[at + 1 : at + 1 + octets[at]]) if at < len(octets) else None
 
     def _error(self) -> tuple[str | None, str | None]:
-        if self.rosctr in {_ACK, _ACK_DATA} and len(self.octets) >= 12:
+        if self.rosctr in {ACK, ACK_DATA} and len(self.octets) >= 12:
             class_, code = self.octets[10], self.octets[11]
             if code == _NONE:
                 return None, None
@@ -171,12 +174,12 @@ class S7:
     def is_transfer(self) -> bool:
         """True for the functions of upload and download, asked or answered."""
         function = self.parameters[:1]
-        return self.rosctr in {1, _ACK_DATA} and bool(function) and _REQUEST_DOWNLOAD <= function[0] <= _END_UPLOAD
+        return self.rosctr in {JOB, ACK_DATA} and bool(function) and REQUEST_DOWNLOAD <= function[0] <= END_UPLOAD
 
     def transfer_row(self) -> tuple[Any, ...]:
         """Return the columns of s7comm_upload_download.log."""
         function = self.parameters[0]
-        asked = self.rosctr == 1
+        asked = self.rosctr == JOB
         values = self._asked(function) if asked else self._answered(function)
         return (
             ROSCTRS[self.rosctr],
@@ -189,7 +192,7 @@ class S7:
         octets = self.octets
         status = f"0x{octets[11]:02x}" if len(octets) > 11 else None
         session = int.from_bytes(octets[14:18], "big") if len(octets) >= 18 else None
-        if function in {_UPLOAD, _END_UPLOAD} or len(octets) < 19:
+        if function in {UPLOAD, END_UPLOAD} or len(octets) < 19:
             return status, session, None, None, None, None, None
         name = text(octets[19 : 19 + octets[18]])
         return (
@@ -205,13 +208,13 @@ class S7:
     def _answered(self, function: int) -> tuple[Any, ...]:
         octets = self.octets
         status = session = length = None
-        if function in {_START_UPLOAD, _UPLOAD} and len(octets) > 13:
+        if function in {START_UPLOAD, UPLOAD} and len(octets) > 13:
             status = f"0x{octets[13]:02x}"
-        if function == _START_UPLOAD and len(octets) >= 21:
+        if function == START_UPLOAD and len(octets) >= 21:
             session = int.from_bytes(octets[16:20], "big")
             digits = octets[21 : 21 + octets[20]]
             length = int(digits) if digits.isdigit() else None
-        elif function in {_UPLOAD, _DOWNLOAD_BLOCK} and len(octets) >= 16:
+        elif function in {UPLOAD, DOWNLOAD_BLOCK} and len(octets) >= 16:
             length = int.from_bytes(octets[14:16], "big")
         if length == 0xFFFF:
             length = None

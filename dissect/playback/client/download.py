@@ -83,9 +83,8 @@ class Downloads:
     def __init__(self, recorded: Sequence[Download]) -> None:
         self._recorded = {id(download.request): download for download in recorded}
         self._open: dict[bytes, Download] = {}  # by block: what began last
-        self._left: dict[
-            bytes, dict[bytes, deque[Transaction]]
-        ] = {}  # of each: the jobs not asked yet, equal ones together
+        # Of each: the jobs that were not asked yet, equal ones together.
+        self._left: dict[bytes, dict[bytes, deque[Transaction]]] = {}
         self._asked: set[int] = set()
 
     def answered(self, transaction: Transaction, answer: bytes) -> None:

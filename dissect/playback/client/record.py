@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Link, Session
 from dissect.golden.reading import SessionReader
-from dissect.proxy.packets import ETHERNET, Conversation, endpoint_of
+from dissect.proxy.packets import Conversation, endpoint_of
+from dissect.tcp.link import ETHERNET
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder

@@ -18,7 +18,7 @@ class ReplayError(CaptureError):
 
 
 def load_recorded(path: str | os.PathLike[str], decoder: PayloadDecoder | None = None) -> Session:
-    """Read a capture or a golden. Raises `CaptureError` for what is neither, or a golden that is wrong."""
+    """Read a capture or a golden. Raises `CaptureError` for what is neither, `ReplayError` for a golden that is wrong."""
     try:
         return read_session(path, decoder=decoder)
     except GoldenError as error:

@@ -3,3 +3,12 @@
 `opening.open_live` chooses between them. Each gives a `reader.LiveReader`: a `Reader` that never waits long, reports what was
 lost, and can be stopped. None of them sends anything.
 """
+
+from __future__ import annotations
+
+from typing import Final
+
+#: The size of the kernel's buffer in MiB, unless another one is asked for, and at most. They stand here because commands say
+#: them in their help, before anything is imported that captures.
+BUFFER_MIB: Final = 32
+MAX_BUFFER_MIB: Final = 1024

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from dissect.source.live import program as bpf
+from dissect.source.live.interfaces import RAW_IP
 from dissect.source.live.program import Assembler, Instruction, TooLongError
 from dissect.source.live.reader import LiveError
 
@@ -36,7 +37,6 @@ _NETWORK, _ETHERTYPE, _PROTOCOL, _PORTS = 0, 1, 2, 3
 #: Ancillary data of the kernel: the VLAN tag that it took out of the frame, and whether it took one.
 _VLAN_TAG: Final = 0xFFFFF000 + 44
 _VLAN_PRESENT: Final = 0xFFFFF000 + 48
-_RAW: Final = 101
 
 
 class NotBuiltInError(Exception):
@@ -247,7 +247,7 @@ def _prepare(code: Assembler, link_type: int) -> None:
 def _find_network(code: Assembler, link_type: int) -> None:
     """Generate code that stores where the network layer begins, and its EtherType."""
     typed = code.label()
-    if link_type == _RAW:
+    if link_type == RAW_IP:
         v6 = code.label()
         code.do(bpf.LOAD_NUMBER, 0)
         code.do(bpf.STORE, _NETWORK)

@@ -13,6 +13,8 @@ import sys
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from dissect.source.pcap import LINKTYPE_ETHERNET
+
 _GET_LINK: Final = 18
 _NEW_LINK: Final = 16
 _GET_ADDRESS: Final = 22
@@ -43,11 +45,10 @@ _STATE_UP: Final = 6
 _FIFO_ERRORS: Final = 14
 _MISSED_ERRORS: Final = 15
 
-_ETHERNET: Final = 1
-_RAW: Final = 101
+RAW_IP: Final = 101
 #: ARPHRD number -> LINKTYPE number and name; what is not here is captured by dumpcap only.
-LINK_TYPES: Final = {1: (_ETHERNET, "Ethernet"), 772: (_ETHERNET, "Ethernet")} | dict.fromkeys(
-    (519, 768, 776, 0xFFFE), (_RAW, "raw IP")
+LINK_TYPES: Final = {1: (LINKTYPE_ETHERNET, "Ethernet"), 772: (LINKTYPE_ETHERNET, "Ethernet")} | dict.fromkeys(
+    (519, 768, 776, 0xFFFE), (RAW_IP, "raw IP")
 )
 #: Other ARPHRD numbers a plant laptop may show.
 _OTHER_KINDS: Final = {280: "CAN", 512: "PPP", 778: "GRE", 801: "802.11", 802: "802.11", 803: "802.11", 824: "netlink"}

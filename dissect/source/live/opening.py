@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from dissect.source.live import advice, dumpcap, ring
+from dissect.source.live import BUFFER_MIB, MAX_BUFFER_MIB, advice, dumpcap, ring
 from dissect.source.live.interfaces import NetworkInterface, ask, list_interfaces
 from dissect.source.live.pipe import open_stdin
 from dissect.source.live.reader import WAIT_MS, LiveError, LiveReader, UnavailableError
 
 #: Ways to capture, the preferred one first.
 ENGINES: Final = ("dumpcap", "ring")
-#: What may be given as a snap length and as the size of the kernel's buffer, in octets and MiB.
+#: The longest snap length that may be given, in octets.
 MAX_SNAPLEN: Final = 262_144
-MAX_BUFFER_MIB: Final = 1024
-#: What the kernel holds unless told otherwise.
-BUFFER_MIB: Final = 32
 
 
 class EngineState(NamedTuple):

@@ -156,7 +156,10 @@ class PipeReader(LiveReader):
 
 
 def open_stdin(wait_ms: int) -> PipeReader:
-    """Return a reader of the capture on standard input, such as ``ssh gateway tcpdump -U -w -`` writes."""
+    """Return a reader of the capture on standard input, such as ``ssh gateway tcpdump -U -w -`` writes.
+
+    Raises `LiveError` when that is closed or a terminal.
+    """
     if sys.stdin is None:
         raise LiveError("standard input: closed")
     if sys.stdin.isatty():

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from dissect.source.live.advice import shown
 from dissect.source.live.reader import LiveError
+from dissect.source.pcap import LINKTYPE_ETHERNET
 
 #: The most instructions that the kernel accepts.
 MAX_INSTRUCTIONS: Final = 4096
@@ -17,7 +18,7 @@ WHOLE: Final = 0x40000
 LOAD_WORD, LOAD_HALF, LOAD_OCTET = 0x20, 0x28, 0x30  # at an absolute offset
 LOAD_WORD_X, LOAD_HALF_X, LOAD_OCTET_X = 0x40, 0x48, 0x50  # at X plus an offset
 LOAD_NUMBER, LOAD_MEMORY, LOAD_X_MEMORY, STORE = 0x00, 0x60, 0x61, 0x02
-AND, ADD, ADD_X, SHIFT_LEFT, A_TO_X, X_TO_A = 0x54, 0x04, 0x0C, 0x64, 0x07, 0x87
+AND, ADD, ADD_X, SHIFT_LEFT, X_TO_A = 0x54, 0x04, 0x0C, 0x64, 0x87
 JUMP, EQUAL, GREATER, AT_LEAST, ANY_BIT, RETURN = 0x05, 0x15, 0x25, 0x35, 0x45, 0x06
 
 
@@ -38,9 +39,8 @@ class Assembler:
     """Assembles instructions whose jumps go to labels. Labels are numbers from `label`; jumps only go forward."""
 
     def __init__(self) -> None:
-        self._items: list[
-            tuple[int, int, int, int]
-        ] = []  # code, k, label if yes, label if no (-1: the next instruction)
+        # Code, k, label if yes, label if no (-1: the next instruction).
+        self._items: list[tuple[int, int, int, int]] = []
         self._places: dict[int, int] = {}
         self._labels = 0
 
@@ -173,12 +173,12 @@ def compile_with_libpcap(expression: str, interface: str) -> list[Instruction]:
     return made
 
 
-def complaint_of_libpcap(expression: str, link_type: int = 1) -> str:
-    """Return what libpcap has against ``expression``, empty when it is valid. `LookupError` without libpcap."""
+def complaint_of_libpcap(expression: str) -> str:
+    """Return what libpcap has against ``expression`` on Ethernet, empty when it is valid. `LookupError` without libpcap."""
     library = _load()
     if library is None:
         raise LookupError
-    handle = library.pcap_open_dead(link_type, 0xFFFF)
+    handle = library.pcap_open_dead(LINKTYPE_ETHERNET, 0xFFFF)
     program = _Program()
     try:
         octets = expression.encode("utf-8", "surrogateescape")

@@ -39,8 +39,6 @@ NAMES: Final = sorted(
     ]
 )
 ALL: Final = Permissions(write=True, control=True)
-#: Soon enough for a server on this machine, and never waited for by a test that goes well.
-TIMEOUT_S: Final = 5.0
 #: For recordings that lost answers: the fake PLC does not have them either.
 HASTY: Final = Settings(lost_s=0.001)
 

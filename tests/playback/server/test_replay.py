@@ -16,7 +16,6 @@ from tests.playback.server.support import Tpkts, messages, play
 
 FOLDER: Final = Path(__file__).resolve().parent.parent.parent.parent / "captures"
 PATHS: Final = sorted(FOLDER.rglob("*.pcap*"))
-IDS: Final = [str(path.relative_to(FOLDER)) for path in PATHS]
 
 #: Nobody spoke S7comm over TCP there, so there is nothing to serve.
 NOTHING: Final = {
