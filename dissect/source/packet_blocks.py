@@ -16,7 +16,7 @@ _PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
 
 
 def plain_block(interface: int, time_ns: int, octets: bytes, wire_length: int, options: bytes = b"") -> bytes:
-    """Return an Enhanced Packet Block with ``options``; the rest as `dissect.source.pcapng_writer.packet_block` has it.
+    """Return an Enhanced Packet Block with these packed ``options``; see `dissect.source.pcapng_writer.packet_block`.
 
     Raises ValueError as that does.
     """

@@ -98,8 +98,8 @@ def packet_block(
 ) -> bytes:
     """Return an Enhanced Packet Block. ``time_ns`` is nanoseconds since 1970, clamped to 0 … 2**64 - 1.
 
-    ``wire_length`` is raised to the size of ``octets`` where it is less. ``room`` is how many octets the comments may take.
-    ValueError when the block would be larger than readers accept (16 MiB).
+    ``wire_length`` is raised to the size of ``octets`` where it is less. ValueError when the block would be larger than readers
+    accept (16 MiB).
     """
     options = _options([(OPT_COMMENT, text) for text in _comments(comments)]) if comments else b""
     return plain_block(interface, time_ns, octets, wire_length, options)
@@ -141,7 +141,7 @@ def _cut(octets: bytes) -> bytes:
 
 
 def _comments(comments: Sequence[str]) -> list[bytes]:
-    """Return comments as octets, as many as `MAX_COMMENTS` has room for; a last one counts the others."""
+    """Return as many comments as fit into `MAX_COMMENTS` octets; a last one says how many did not."""
     room = MAX_COMMENTS
     told: list[bytes] = []
     for index, comment in enumerate(comments):

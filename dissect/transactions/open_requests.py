@@ -79,7 +79,7 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
 
 
 def no_answer(request: Transaction, before: Transaction) -> bool:
-    """Return whether a client gave the request ``before`` up, because it had got nothing since when it sent ``request``."""
+    """Return whether the client, when it sent ``request``, had got nothing since ``before`` for so long that it gave up."""
     return request.request_ns - before.request_ns > BESIDE_NS and request.request_ack == before.request_ack
 
 

@@ -91,10 +91,10 @@ _PASSIVE: Final = f", {FILE_SYSTEMS['P']}"
 #: How many transaction numbers and oddities of an operation are kept.
 _KEPT: Final = 1000
 _MAX_ODDITIES: Final = 8
-#: Characters of what an operation is about.
+#: The most characters of the subject of an operation.
 MAX_SUBJECT: Final = 200
-#: Octets that are kept of one block or file while it is transferred, and of all of them together. Blocks of an S7-300/400
-#: have up to 64 KiB, files of an NC a few MiB.
+#: The most octets that are kept of one block or file while it is transferred, and of all of them together. Blocks of an
+#: S7-300/400 have up to 64 KiB, files of an NC a few MiB.
 MAX_CONTENT: Final = 8 * 1024 * 1024
 MAX_CONTENTS: Final = 64 * 1024 * 1024
 

@@ -90,7 +90,7 @@ _TEST_STARTS: Final = frozenset((BLOCK_STATUS_JOB, VARIABLE_STATUS, MODIFY_VARIA
 
 #: Kinds that run until they are stopped.
 ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
-#: Where the header states the octets of the data block.
+#: Offset of the length of the data block in the header.
 _DATA_LENGTH_AT: Final = 8
 #: Protocols of connections where Setup communication is expected: S7comm, and connections without any message.
 _OURS: Final = frozenset(("", "s7comm"))

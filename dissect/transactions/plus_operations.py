@@ -62,7 +62,7 @@ _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
 _PANELS: Final = "6AV"
 _DELETE: Final = "delete "
 _LOAD: Final = "load "
-#: Reads of the same variables that make it polling, and different ones that are remembered.
+#: How many reads of the same variables are polling, and how many different reads are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
 #: At so many open operations, those that the book has closed are removed.

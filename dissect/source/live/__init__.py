@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-#: The size of the kernel's buffer in MiB, unless another one is asked for, and at most. They stand here because commands say
-#: them in their help, before anything is imported that captures.
+#: The default and the largest size of the kernel's buffer, in MiB. They are here because the help of commands shows them,
+#: before anything is imported that captures.
 BUFFER_MIB: Final = 32
 MAX_BUFFER_MIB: Final = 1024

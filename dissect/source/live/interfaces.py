@@ -46,7 +46,7 @@ _FIFO_ERRORS: Final = 14
 _MISSED_ERRORS: Final = 15
 
 RAW_IP: Final = 101
-#: ARPHRD number -> LINKTYPE number and name; what is not here is captured by dumpcap only.
+#: ARPHRD number -> LINKTYPE number and name, of interfaces that the ring can capture on; dumpcap can on others as well.
 LINK_TYPES: Final = {1: (LINKTYPE_ETHERNET, "Ethernet"), 772: (LINKTYPE_ETHERNET, "Ethernet")} | dict.fromkeys(
     (519, 768, 776, 0xFFFE), (RAW_IP, "raw IP")
 )

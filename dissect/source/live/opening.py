@@ -11,7 +11,7 @@ from dissect.source.live.reader import WAIT_MS, LiveError, LiveReader, Unavailab
 
 #: Ways to capture, the preferred one first.
 ENGINES: Final = ("dumpcap", "ring")
-#: The longest snap length that may be given, in octets.
+#: The largest snap length, in octets.
 MAX_SNAPLEN: Final = 262_144
 
 

@@ -66,7 +66,7 @@ class Assembler:
         self._items.append((code, k, yes, no))
 
     def assemble(self) -> list[Instruction]:
-        """Return the program. A comparison reaches 255 instructions far: farther ones go by a jump of their own.
+        """Return the program. A comparison can only jump over 255 instructions; farther jumps get their own instructions.
 
         Raises `TooLongError`.
         """
@@ -174,7 +174,7 @@ def compile_with_libpcap(expression: str, interface: str) -> list[Instruction]:
 
 
 def complaint_of_libpcap(expression: str) -> str:
-    """Return what libpcap has against ``expression`` on Ethernet, empty when it is valid. `LookupError` without libpcap."""
+    """Return libpcap's error for ``expression`` on Ethernet, empty when it is valid. `LookupError` without libpcap."""
     library = _load()
     if library is None:
         raise LookupError
