@@ -1,8 +1,8 @@
-"""Connection attempts: a SYN alone, which the other side answers, refuses or leaves without an answer.
+"""Connection attempts: a SYN that the other side answers, refuses or leaves unanswered.
 
-That an answer is not in the capture proves nothing: it may show one direction only. But a client that sends its SYN again
-had no answer either. So an attempt is reported once its SYN was repeated and nothing followed: with the second repetition, or
-where there is only one, when another attempt takes its place or the capture ends. A single SYN is never reported.
+A missing answer proves nothing, because the capture may show one direction only. But a client that repeats its SYN has got no
+answer. So an attempt is reported if its SYN was repeated and nothing followed: at the second repetition, or after one
+repetition when another attempt takes its place or the capture ends. A single SYN is never reported.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dissect.wire.text import duration_text
 
 
 def note_syn(counters: Counters, table: ConnectionTable, key: bytes, seq: i64, link: bytes) -> None:
-    """Take the SYN that ``key`` sends; ``link`` as `TcpConnection.note_link`."""
+    """Take a SYN with ``key``; ``link`` is as in `TcpConnection.note_link`."""
     evicted: i64 = table.half_open_evicted
     given_up = table.note_syn(key, seq, counters.frames, counters.now_ns, link)
     if given_up is not None:
@@ -26,15 +26,15 @@ def note_syn(counters: Counters, table: ConnectionTable, key: bytes, seq: i64, l
 
 
 def note_reset(counters: Counters, table: ConnectionTable, key: bytes) -> None:
-    """Take a reset that ``key`` sends, which belongs to no connection: it may refuse an attempt."""
+    """Take a RST with ``key`` that belongs to no connection: it may refuse an attempt, which is reported on port 102."""
     if table.refused(key):
         server, client = endpoints(key)
-        if server.port == ISO_TSAP_PORT:  # on other ports that is not our business
+        if server.port == ISO_TSAP_PORT:
             counters.note("stream.refused", f"{server} refuses {client}")
 
 
 def finish(counters: Counters, table: ConnectionTable) -> None:
-    """The capture ends: report what was repeated and is still without an answer."""
+    """The capture ends: report attempts that were repeated and are still unanswered."""
     for key, attempt in table.unanswered():
         _note_unanswered(counters, key, attempt)
 

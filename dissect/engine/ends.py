@@ -1,9 +1,9 @@
-"""Ends of connections: RST and FIN, those of them that were none, and a SYN that would begin another one in the same place.
+"""Ends of connections: RST and FIN, also false ones, and a SYN that begins another connection with the same addresses.
 
-Whoever can send packets with the addresses of a connection can send any of these; the receiver checks their numbers, and goes
-on. So an end with a number that its receiver need not take is told as the end only while nobody goes on
-(`dissect.tcp.doubt`), and a SYN ends an open connection only once something confirms it: the SYN/ACK or the refusal that
-acknowledges it, or data with the numbers that follow it.
+Anybody who can send packets with the addresses of a connection can send any of these; the receiver checks their sequence
+numbers, and goes on if they are wrong. So a RST or FIN with a number that its receiver need not accept counts as the end only
+as long as the connection does not go on (`dissect.tcp.doubt`). And a SYN ends an open connection only once something confirms
+it: the SYN/ACK or the RST that acknowledges it, or data with the sequence numbers that follow it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dissect.transactions.side import Rival, Side
 from dissect.transactions.table import ConnectionTable
 from dissect.wire.text import count
 
-# What a SYN or RST means to the connection that it comes on (`judge`).
+# What `judge` returns for a SYN or RST: of this connection, of another one in its place, or a SYN to be confirmed first.
 SAME: Final = 0
 ANOTHER: Final = 1
 HELD_BACK: Final = 2
@@ -33,9 +33,9 @@ _NAMES: Final[dict[str, str]] = {"fin": "FIN", "reset": "reset"}
 
 
 def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: bytes) -> bool:
-    """Take a RST, else a FIN, with ``size`` octets from ``seq``; False for a RST that is ignored.
+    """Take a RST, else a FIN, with ``size`` octets from ``seq``; return False for a RST that is ignored.
 
-    ``link`` are the Ethernet addresses of its packet, that of the receiver in front, empty for none.
+    ``link`` are the Ethernet addresses of its packet, destination first, empty for none.
     """
     tcp = side.tcp
     state = side.connection.state
@@ -43,7 +43,7 @@ def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: 
     in_doubt: bool = tcp.doubt is not None
     if flags & RST:
         if not read:
-            seq = side.stream.next_seq  # its octets are not followed, so that nothing says what to expect
+            seq = side.stream.next_seq  # its octets are not followed, so the expected number is not known
         if not tcp.note_reset(side.index, seq, counters.frames, counters.now_ns):
             counters.note_ignored(side, "reset")
             return False
@@ -55,7 +55,7 @@ def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: 
 
 
 def look(counters: Counters, side: Side) -> None:
-    """The end of a connection is in doubt: look whether both sides went on since."""
+    """If the end of the connection is in doubt, look whether both sides went on since; withdraw the end if they did."""
     tcp = side.tcp
     doubt = tcp.doubt
     peer = side.peer
@@ -79,7 +79,7 @@ def look(counters: Counters, side: Side) -> None:
 
 
 def finish(counters: Counters, table: ConnectionTable, side: Side, peer: Side) -> None:
-    """The connection is over, and all that came was taken."""
+    """The connection is over, and all its octets were passed on: decide about an end in doubt and unconfirmed SYNs."""
     if side.tcp.doubt is not None:
         look(counters, side)
         side.tcp.doubt = None
@@ -93,9 +93,9 @@ def finish(counters: Counters, table: ConnectionTable, side: Side, peer: Side) -
 def judge(
     counters: Counters, table: ConnectionTable, side: Side, seq: i64, ack: i64, flags: i64, data: bool, link: bytes
 ) -> i64:
-    """Say whether a SYN or RST that ``side`` sends is of its connection: SAME, ANOTHER or HELD_BACK.
+    """Return whether a SYN or RST that ``side`` sent is of its connection: SAME, ANOTHER or HELD_BACK.
 
-    ``data``: it comes with octets; ``link`` as `take`.
+    ``data``: it comes with octets; ``link`` is as in `take`.
     """
     if flags & SYN:
         if not side.tcp.is_new_connection(side.index, seq):
@@ -106,14 +106,14 @@ def judge(
     peer = side.peer
     rival = peer.rival if peer is not None else None
     if rival is not None and flags & ACK and rival.seq == ack:
-        return ANOTHER  # it answers the SYN: who sends it knows nothing of the connection that was there
+        return ANOTHER  # it answers the SYN: its sender does not know the connection that was here
     return SAME
 
 
 def _hold_back(
     counters: Counters, table: ConnectionTable, side: Side, seq: i64, ack: i64, flags: i64, link: bytes
 ) -> i64:
-    """A SYN with new numbers on a connection that is open: it has to be confirmed."""
+    """Take a SYN with a new sequence number on an open connection: keep it as the `Rival` of ``side`` until confirmed."""
     peer = side.peer
     assert peer is not None
     rival = side.rival
@@ -132,7 +132,7 @@ def _hold_back(
 
 
 def follows(side: Side, peer: Side, seq: i64) -> bool:
-    """Return whether data of ``side`` from ``seq`` on belong to the connection that a SYN with new numbers begins."""
+    """Return whether data of ``side`` from ``seq`` on belong to the connection that an unconfirmed SYN begins."""
     far: bool = side.stream.next_seq < 0 or not -WINDOW <= side.stream.distance(seq) <= WINDOW
     rival = side.rival
     if rival is not None and (seq == rival.seq or (far and (seq - rival.seq) & MASK <= WINDOW)):
@@ -155,7 +155,7 @@ def give_way(counters: Counters, side: Side) -> None:
             time_ns = rival.time_ns
             end.rival = None
             if tcp.ended_frame < frame and _silent(end, rival):
-                tcp.last_frame = rival.last_frame  # what came since is of the other one
+                tcp.last_frame = rival.last_frame  # packets since then are of the new connection
                 tcp.last_ns = rival.last_ns
     look(counters, side)
     if not tcp.ended:
@@ -173,12 +173,12 @@ def _silent(side: Side, rival: Rival) -> bool:
 
 
 def _went_on(side: Side, peer: Side, rival: Rival) -> bool:
-    """Return whether both sides sent octets since the SYN; the other one alone may not know of it yet."""
+    """Return whether both sides sent octets since the SYN; the other side alone may have done so before it got the SYN."""
     return side.stream.octets != rival.octets and peer.stream.octets != rival.answered
 
 
 def _drop(counters: Counters, table: ConnectionTable, side: Side) -> None:
-    """The SYN with new numbers that ``side`` is said to have sent began nothing, if the connection went on."""
+    """Forget the unconfirmed SYN of ``side``; report that it was ignored if the connection went on."""
     rival = side.rival
     peer = side.peer
     if rival is None or peer is None:

@@ -1,8 +1,10 @@
-"""ISO-on-TCP: octets of a stream to TPKTs, TPDUs and TSDUs, which are handed to what speaks in them (RFC 1006, X.224).
+"""ISO-on-TCP (RFC 1006, X.224): turns the octets of a stream into TPKTs, TPDUs and TSDUs; hands TSDUs to their protocol.
 
-In the order in which a byte passes:
+The stages, in the order in which a byte passes them:
 
-    feed → _tpkt → _fragment → _tsdu → S7, S7Plus, or what is named and counted only
+    feed → _tpkt → _fragment → _tsdu → message → S7, S7Plus, Tls; other protocols are only named and counted
+
+`usual` is the fast path: it takes a TPKT with one DT and in it one whole S7 PDU, straight to `S7.take`.
 """
 
 from __future__ import annotations
@@ -51,22 +53,23 @@ from dissect.transactions.stray import Stray
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 
-#: TPKT, DT and the header of an S7 PDU, read at once when interpreted; a DT with EOT and the first octet of S7, all but its
-#: number, which class 0 does not have.
+#: TPKT, DT and the header of an S7 PDU: the interpreted code reads them with one call.
 _FUSED: Final = struct.Struct(">HHIB2xHHH")
+#: The first two octets of a TPKT: version and the reserved octet.
 _TPKT: Final = 0x0300
+#: A DT with EOT, and the first octet of S7comm. The mask leaves out the number of the DT, which class 0 does not use.
 _PLAIN: Final = 0x02F08000 | PROTOCOL_ID
 _ALL_BUT_NUMBER: Final = 0xFFFF80FF
-#: A DT without EOT and data, in its TPKT: the everyday acknowledgement of Siemens stacks (reference 2.5).
+#: A TPKT with a DT that has neither EOT nor data: the everyday acknowledgement of Siemens stacks (reference 2.5).
 _EMPTY: Final = bytes.fromhex("0300000702f000")
-#: TSDU counts that are described even when zero.
+#: Protocols whose TSDU counts are reported even when they are zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 
 
 class IsoOnTcp(Protocol):
     """Takes octets in order; counts TPDUs by type and TSDUs by the protocol in them.
 
-    ``s7``, ``plus`` and ``tls`` take the TSDUs that are theirs; a payload decoder may claim those of a connection before them.
+    ``s7``, ``plus`` and ``tls`` take the TSDUs of their protocols. The payload decoder, if there is one, is asked before them.
     """
 
     def __init__(self, exchange: Exchange, connections: Connections, s7: S7, plus: Protocol, tls: Tls) -> None:
@@ -76,12 +79,12 @@ class IsoOnTcp(Protocol):
         self._s7: S7 = s7
         self._plus: Protocol = plus
         self._tls: Tls = tls
-        self._plain: bool = False  # nobody wants to see TPDUs, and no decoder TSDUs; known once packets come
-        self.tpdus: Tally = Tally(17, DT, CR)  # by type, the last for TPDUs too short to have one
+        self._plain: bool = False  # no observer wants TPDUs and no decoder wants TSDUs; set when a connection begins
+        self.tpdus: Tally = Tally(17, DT, CR)  # by type; the last entry is for TPDUs too short to have one
         self.tsdus: Tally = Tally(len(UPPER_NAMES), S7COMM, S7COMM_PLUS)
 
     def begin(self, side: Side, at_start: bool) -> None:
-        """A connection speaks ISO-on-TCP; garbage before the first TPKT is reported only when nothing was missed."""
+        """A connection speaks ISO-on-TCP. Garbage before its first TPKT is reported only if the capture has its beginning."""
         side.connection.protocol = ""
         self._plain = not self._exchange.observer.wants_tpdus and self._exchange.decoder is None
         peer = side.peer
@@ -92,13 +95,13 @@ class IsoOnTcp(Protocol):
     # ---- octets → TPKT ----------------------------------------------------------------------------------------------
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take the next octets of a connection: whole TPKTs where they stand, the rest through the framer."""
+        """Take the next octets of a connection: whole TPKTs directly from ``buf``, the rest through the framer."""
         framer = side.framer
         start: i64 = at
         end: i64 = at + size
         if framer.synced and framer.pending is None and framer.skip == 0:
             length: i64
-            longest: i64 = -1  # not asked yet
+            longest: i64 = -1  # not known yet
             while end - at >= 7:
                 if end - at > 16 and buf[at + 7] == PROTOCOL_ID:
                     if longest < 0:
@@ -121,7 +124,7 @@ class IsoOnTcp(Protocol):
                         break
                     framer.framed += length
                 elif length > 7 and not is_sound(buf, at + 7, at + length):
-                    break  # not simply one S7 PDU: what else its length covers is for the framer to see
+                    break  # not exactly one S7 PDU: the framer checks what else the TPKT's length covers
                 else:
                     framer.framed += length
                 at += length
@@ -131,7 +134,7 @@ class IsoOnTcp(Protocol):
                     if self._exchange.strict:
                         raise
                     self._exchange.note_bug(bug, frame, time_ns)
-                longest = -1  # it may be another now
+                longest = -1  # the TPKT may have changed it
             if at == end:
                 return
         if side.connection.state == FOREIGN:
@@ -140,7 +143,7 @@ class IsoOnTcp(Protocol):
         self._frame(side, buf, at, at == start, frame, time_ns)
 
     def _frame(self, side: Side, buf: bytes, at: i64, at_segment_start: bool, frame: i64, time_ns: i64) -> None:
-        """Take octets through the framer."""
+        """Take ``buf[at:]`` through the framer."""
         framer = side.framer
         begun: i64 = framer.buffered
         given: i64 = framer.framed + framer.skipped + begun
@@ -156,7 +159,7 @@ class IsoOnTcp(Protocol):
                 place = side.begun_tpkt
                 try:
                     if begun and place is not None and framer.ends[0] <= given:
-                        # It was whole before these octets, which only show that its length is wrong.
+                        # This TPKT was whole before these octets came; they only show that its length field is wrong.
                         self._take_back(side, packet, len(packet), place, True)
                     else:
                         self._tpkt(side, packet, 0, len(packet), frame, time_ns)
@@ -169,10 +172,10 @@ class IsoOnTcp(Protocol):
             side.begun_tpkt = side.note_place(side.begun_tpkt, frame, time_ns)
 
     def longest(self, side: Side) -> i64:
-        """Return the octets of the longest TPKT of ``side`` that `usual` may take next, 0 for none.
+        """Return the size in octets of the longest TPKT of ``side`` that `usual` may take next, 0 for none.
 
-        That needs a stream which stands between TPKTs, nobody who watches TPDUs, no decoder that asks for TSDUs, and nothing
-        that is assembled or decrypted. What `usual` takes changes none of it.
+        `usual` may be called while the stream is between two TPKTs, no observer wants TPDUs, no decoder wants TSDUs, no TSDU
+        is being assembled and nothing is decrypted. A TPKT that `usual` takes changes none of these conditions.
         """
         framer = side.framer
         connection = side.connection
@@ -192,8 +195,8 @@ class IsoOnTcp(Protocol):
     def usual(self, side: Side, buf: bytes, at: i64, least: i64, most: i64, frame: i64, time_ns: i64) -> i64:
         """Take the TPKT at ``at`` if it is one like most: a DT with EOT, and in it one whole S7 PDU; return its size.
 
-        0 when it is not, or has fewer than ``least`` or more than ``most`` octets, and nothing was done. It goes past `_tpkt`,
-        `_tsdu` and `message`, which would do no more than count: `longest` says when. 17 octets have to be there.
+        Return 0, and do nothing, when it is not like that or has fewer than ``least`` or more than ``most`` octets. At least 17
+        octets must be there. This skips `_tpkt`, `_tsdu` and `message`; where `longest` allows it, they would only count.
         """
         length: i64
         number: i64
@@ -202,7 +205,7 @@ class IsoOnTcp(Protocol):
         param_length: i64
         stated: i64
         if COMPILED:
-            # Two reads: up to the protocol of the PDU, and from behind its ROSCTR to the end of the header that all have.
+            # Two reads: up to the protocol id of the PDU, then from after its ROSCTR to the end of the ten-octet header.
             head: i64 = read_i64_be(buf, at)
             if head & _ALL_BUT_NUMBER != _PLAIN or head >> 48 != _TPKT:
                 return 0
@@ -220,7 +223,7 @@ class IsoOnTcp(Protocol):
             number = tpdu >> 8 & 0x7F
             stated += param_length
         stated += 17
-        if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
+        if rosctr == ACK_DATA or rosctr == ACK:  # `header_size`, inlined
             stated += 2
         if (
             stated != length
@@ -243,9 +246,9 @@ class IsoOnTcp(Protocol):
         return length
 
     def empty(self, side: Side, octets: bytes) -> bool:
-        """Take a DT without EOT and data, where it comes in a TPKT and a segment of its own; False when it is not that.
+        """Count ``octets`` if they are just one TPKT with a DT that has neither EOT nor data; else return False.
 
-        It begins and ends nothing, so that it is only counted, where `usual` may be asked.
+        Such a DT begins and ends no TSDU. Call this only where `longest` allows `usual`.
         """
         if octets != _EMPTY:
             return False
@@ -265,7 +268,7 @@ class IsoOnTcp(Protocol):
                 reporter.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
             stray = side.stray
             if stray is None or stray.framed != fault.framed:
-                if stray is not None:  # it is over, and another one begins in the same packet
+                if stray is not None:  # these stray octets end, and others begin in the same packet
                     judge_stray(reporter, side, stray, fault.skipped, f"; decoding resumed in packet {frame}")
                 first: i64 = fault.value if fault.kind == BAD_VERSION else _TPKT >> 8
                 stray = side.stray = Stray(first, fault.skipped, fault.framed, frame, time_ns)
@@ -273,7 +276,10 @@ class IsoOnTcp(Protocol):
         side.framer.faults = []
 
     def _take_back(self, side: Side, buf: bytes, size: i64, place: Place, tpkt: bool) -> None:
-        """Take a TPKT, or else a TSDU, that came whole with an earlier packet, as if that one were at hand."""
+        """Take a TPKT (``tpkt``) or a TSDU that an earlier packet completed, with the numbers and time of that packet.
+
+        ``place`` is that packet. Only what came later showed where the TPKT or TSDU ends.
+        """
         end_seq: i64 = side.end_seq
         ack: i64 = side.last_ack
         side.end_seq = place.end_seq
@@ -324,7 +330,10 @@ class IsoOnTcp(Protocol):
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
 
     def end_of_parts(self, side: Side, tsdu: bytes | None, data: bytes, slug: str, frame: i64, time_ns: i64) -> None:
-        """The last part of a message is a sound PDU by itself: it counts alone, unless the whole is sound as well."""
+        """The last part of a message is a sound PDU by itself: take it as one, unless the whole message is sound as well.
+
+        ``tsdu`` is the whole message, None if it was dropped; ``data`` its last part. ``slug`` is the finding to report.
+        """
         if tsdu is not None and is_sound(tsdu, 0, len(tsdu)):
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
             return
@@ -334,7 +343,7 @@ class IsoOnTcp(Protocol):
         detail = f"from {side.tcp.ends[side.index]}: a complete PDU follows it"
         self._exchange.reporter.note(slug, side.connection.number, [frame], time_ns, detail)
         if tsdu is not None and is_sound(tsdu, 0, before):
-            # Only its end mark was missing.
+            # The parts before it are a sound PDU too: only the end mark (EOT) of that one was missing.
             place = side.begun_tsdu
             if place is not None:
                 self._take_back(side, tsdu[:before], before, place, False)
@@ -345,9 +354,9 @@ class IsoOnTcp(Protocol):
         self._tsdu(side, data, 0, len(data), frame, time_ns)
 
     def _odd_data(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """A DT with a length indicator that its class does not have: it begins and ends nothing.
+        """Report a DT that is malformed, or whose length indicator is not that of class 0; it begins and ends no TSDU.
 
-        A PDU counts that is sound where class 0 has it, or else where the length indicator says.
+        Its data count only if they are a sound PDU, looked for first where class 0 has data, then where the indicator says.
         """
         size: i64 = len(octets)
         what = str(tpdu.malformed[0]) if tpdu.malformed else f"length indicator {octets[0]}, class 0 has 2"
@@ -360,7 +369,7 @@ class IsoOnTcp(Protocol):
             side.assembler.dropped += len(tpdu.data)
 
     def _other_tpdu(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Any TPDU but the plain DT; ``octets`` are all of it."""
+        """Take any TPDU but the plain DT; ``octets`` are the whole TPDU."""
         reporter = self._exchange.reporter
         connection = side.connection
         type_: i64 = tpdu.type
@@ -398,10 +407,10 @@ class IsoOnTcp(Protocol):
     def _connect_request(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
         connection = side.connection
         if tpdu.malformed and connection.established:
-            return  # reported already; what is damaged begins nothing anew
+            return  # reported already; a damaged CR does not begin another connection
         if connection.established and (connection.cr_seen or connection.tpdu_size == 0):
-            # The TCP close and open in between were not captured: what follows is another transport connection.
-            # (With a CC seen before its CR it is the same one: packets out of order.)
+            # Another transport connection begins; the TCP close and open in between were not captured.
+            # (A CC that came before this CR, with no CR so far, is of the same connection: packets out of order.)
             self._connections.replace(side, frame, time_ns)
             connection = side.connection
         elif connection.cr_seen:
@@ -418,7 +427,7 @@ class IsoOnTcp(Protocol):
         self.message(side, buf, at, size, frame, time_ns)
 
     def message(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take a whole message, a TSDU or what stands for one (IBH-NetLink): hand it to what speaks in it."""
+        """Take a whole message, which is a TSDU or comes from an IBH-NetLink packet: hand it to its protocol."""
         session = side.connection.tls
         if session is not None and self._tls.wants(side, session, buf, at, size):
             self.tsdus.add(TLS)
@@ -439,10 +448,10 @@ class IsoOnTcp(Protocol):
         else:
             self._connections.foreign.tsdu(side, upper, buf, at, size, frame, time_ns)
 
-    # ---- what is irregular ------------------------------------------------------------------------------------------
+    # ---- gaps and cut packets ---------------------------------------------------------------------------------------
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
-        """Take note of ``size`` octets missing here; ``cut``: the capture cut them off a packet."""
+        """Take note that ``size`` octets are missing here; ``cut``: the capture cut them off a packet (snaplen)."""
         reporter = self._exchange.reporter
         inside = side.framer.hole(size, cut)
         if cut and len(side.framer.cut_packet) > 7:
@@ -461,7 +470,7 @@ class IsoOnTcp(Protocol):
         self._plus.gap(side, size, cut, frame, time_ns)
 
     def _cut_tpkt(self, side: Side, packet: bytes, frame: i64, time_ns: i64) -> None:
-        """A TPKT the capture cut: a header of S7 that is there still tells what was asked or answered."""
+        """Take a TPKT that the capture cut off: a header of S7 that is there still shows the request or response."""
         if packet[4] != 2 or packet[5] != 0xF0 or packet[6] < 0x80 or side.assembler.parts is not None:
             return
         pdu = packet[7:]
@@ -471,7 +480,7 @@ class IsoOnTcp(Protocol):
         self.cut(side, pdu, frame, time_ns)
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take the beginning of a message that begins as one of S7comm or S7comm-plus."""
+        """Take the beginning of a message whose rest the capture cut off; it is one of S7comm or S7comm-plus."""
         plus: bool = octets[0] == 0x72
         self.tsdus.add(S7COMM_PLUS if plus else S7COMM)
         (self._plus if plus else self._s7).cut(side, octets, frame, time_ns)
@@ -484,12 +493,12 @@ class IsoOnTcp(Protocol):
     # ---- the end ----------------------------------------------------------------------------------------------------
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """No more octets come: what speaks in the TSDUs takes what it has."""
+        """Nothing more comes from ``side``: let `Tls` and `S7Plus` take what they have of unfinished messages."""
         self._tls.finish(side, frame, time_ns)
         self._plus.finish(side, frame, time_ns)
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Report a TSDU and a TPKT of ``side`` that are unfinished, and what of TLS stayed closed."""
+        """Report an unfinished TSDU and TPKT of ``side``, and TLS that was not decrypted."""
         who = side.tcp.ends[side.index]
         reporter = self._exchange.reporter
         if side.assembler.parts is not None:
@@ -502,7 +511,7 @@ class IsoOnTcp(Protocol):
             reporter.note("tpkt.unfinished", side.connection.number, [frame], time_ns, detail)
 
     def held(self, side: Side) -> i64:
-        """Return the octets of an unfinished TPKT, TSDU and PDU."""
+        """Return how many octets of ``side`` are kept for an unfinished TPKT, TSDU, TLS record and PDU."""
         parts = side.assembler.parts
         return (
             super().held(side) + (len(parts) if parts is not None else 0) + self._plus.held(side) + self._tls.held(side)
@@ -524,7 +533,7 @@ class IsoOnTcp(Protocol):
 
 
 def _is_class_0(connection: Connection, octets: bytes) -> bool:
-    """Return whether a DT is one of class 0: by the connect confirm, and where that is missing, by what it holds."""
+    """Return whether a DT is of class 0: the connect confirm tells; where that was not captured, the DT's content does."""
     if connection.class_ >= 0:
         return connection.class_ == 0
     return len(octets) > 3 and octets[2] >= 0x80 and is_sound(octets, 3, len(octets))

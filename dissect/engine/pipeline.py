@@ -1,17 +1,17 @@
-"""The whole path of a byte: packet, segment, octets in order, and from there to the protocol that its connection speaks.
+"""The whole path of a byte: from packet to TCP segment, to octets in order, to the protocol that its connection speaks.
 
-Read this file first. `Pipeline.frame` takes one packet, and everything it makes complete happens before it returns; there is
-no clock, file or thread in here, time comes in with each packet. In the order in which a byte passes:
+Read this file first. `Pipeline.frame` takes one packet; whatever that packet completes is reported before it returns. There is
+no clock, file or thread in here: time comes in with each packet. The stages, in the order in which a byte passes them:
 
     Pipeline     frame → _packet → _segment           packets to octets in order, gaps reported as gaps
     IsoOnTcp     feed → _tpkt → _tsdu, or usual       octets to messages (`dissect.engine.iso`)
     S7           take                                  messages to requests and responses (`dissect.engine.s7`)
     Exchange     completed                             transactions and findings, to the `Observer` (`dissect.engine.exchange`)
 
-The common case goes straight down, from `_packet` to `IsoOnTcp.usual`: the next segment, one TPKT, a DT with a whole S7 PDU.
-Whatever is irregular leaves that road for `_slow_frame`, `_lifecycle` and `_irregular`, and meets it again as soon as it
-can, in `Timers.chunks`, where all that needs time to pass is. A connection that does not speak ISO-on-TCP is fed to what it
-does speak (`Protocol`): every connection begins with `Recognition`, and another protocol is another row of ``streams``.
+The fast path goes from `_packet` straight to `IsoOnTcp.usual`. It takes a segment that is next in order and holds one TPKT with
+one DT, and in that a whole S7 PDU. Everything else takes a slower path, through `_slow_frame`, `_lifecycle` or `_irregular`.
+Sides with something that has to wait are in `Timers`; `Timers.chunks` passes on what is in order again. Every connection begins
+with the protocol `Recognition`, which gives it to the one that it speaks; a new protocol is one more entry of ``streams``.
 """
 
 from __future__ import annotations
@@ -57,25 +57,25 @@ from dissect.wire.build import COMPILED
 
 __all__ = ["Observer", "Options", "Pipeline"]
 
-#: Ethernet, IPv4 without options, TCP, read at once when interpreted: as few and as wide fields as there can be.
+#: Headers of Ethernet, IPv4 without options, and TCP: the interpreted code reads them with one call, in few wide fields.
 _FUSED: Final = struct.Struct(">12xIH2xI2x12sIIH")
 _FUSED_SIZE: Final = 54
 
-#: A TPKT with a DT and the header of an S7 PDU.
+#: The size of a TPKT with a DT and just the header of an S7 PDU, in octets.
 _LEAST: Final = 17
-#: After a reset a segment this far ahead may have been captured out of order; anything else comes too late.
+#: After a reset, a segment at most this far ahead may have been captured out of order; any other comes too late.
 _AFTER_RESET: Final = 65536
-#: A segment with one of these is no probe.
+#: A segment with one of these flags is not a keep-alive probe.
 _NO_PROBE: Final = SYN | FIN | RST
-#: What is kept is added up whenever so many octets were captured; it cannot have grown by more in between.
+#: After each so many captured octets, what all buffers hold is added up; it cannot have grown by more in between.
 LOOK_OCTETS: Final = 32 * 1024 * 1024
 
 
 class Pipeline(PacketSink):
-    """Packets in, transactions and findings out. See the module for the way through.
+    """Takes packets; reports transactions and findings to ``observer``. The module's docstring describes the path between.
 
-    The parts may be looked at: ``exchange`` (pairing, findings), ``counters``, ``table`` (TCP connections), ``connections``,
-    and ``protocols``, whose ``iso``, ``s7``, ``plus`` and ``ibh`` have names of their own.
+    Callers may read its parts: ``exchange`` (pairing, findings), ``counters``, ``table`` (TCP connections), ``connections``
+    and ``protocols``, of which ``iso``, ``s7``, ``plus`` and ``ibh`` are attributes as well.
     """
 
     def __init__(self, observer: Observer, options: Options | None = None) -> None:
@@ -93,9 +93,9 @@ class Pipeline(PacketSink):
         self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus, self.tls)
         self.connections.iso = self.iso
         self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
-        #: What else may frame a stream, asked in this order whether a connection is theirs: a new protocol is a row here.
+        #: The protocols besides ISO-on-TCP that frame a stream; `Recognition` asks them in this order. Add a new one here.
         streams: list[Protocol] = [self.ibh]
-        #: What is described in reports, in the order of their sections.
+        #: The protocols that have sections in reports, in the order of those.
         self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus, self.tls]
         self.datagrams: Datagrams | None = None
         if chosen.decoder is not None:
@@ -110,15 +110,15 @@ class Pipeline(PacketSink):
         self._strict: bool = chosen.strict
         self._checksums: bool = chosen.checksums
         self._room: Room = Room(chosen.memory)
-        self._taken: i64 = 0  # octets captured since it was last looked what is kept of them
-        self._look_at: i64 = LOOK_OCTETS  # how many of them there are to be; 0 while room is made
+        self._taken: i64 = 0  # octets captured since the buffers were last added up
+        self._look_at: i64 = LOOK_OCTETS  # `_make_room` is called when `_taken` reaches this; 0 while it has work left
         self._link: bytes = b""  # the Ethernet addresses of a packet that may open a connection
 
-    # ---- where it stands --------------------------------------------------------------------------------------------
+    # ---- progress ---------------------------------------------------------------------------------------------------
 
     @property
     def frames(self) -> int:
-        """Packets taken so far; the number of the latest one."""
+        """How many packets were taken so far, which is the number of the latest one."""
         return self.counters.frames
 
     @property
@@ -133,13 +133,13 @@ class Pipeline(PacketSink):
 
     @property
     def finding_counts(self) -> dict[str, int]:
-        """How often each finding was made, by slug; exact, however many are detailed."""
+        """How often each finding was made, by slug; findings whose details were not kept count as well."""
         return self.exchange.reporter.counts
 
     # ---- from the source --------------------------------------------------------------------------------------------
 
     def comment(self, text: str) -> None:
-        """Take a comment the capture holds about the packet that comes next."""
+        """Take a comment that the capture holds about the next packet."""
         self.observer.comment(self.counters.frames + 1, text)
 
     def secrets(self, text: bytes) -> None:
@@ -147,17 +147,17 @@ class Pipeline(PacketSink):
         self.tls.secrets(text)
 
     def note_damage(self, detail: str) -> None:
-        """The source found its capture damaged."""
+        """Report that the source found its capture damaged."""
         self.counters.note("capture.damaged", detail)
 
     def note_dropped(self, detail: str) -> None:
-        """The source lost packets since it was last asked."""
+        """Report that the source lost packets since it was last asked."""
         self.counters.note("capture.dropped", detail)
 
     def restart_clock(self, time_ns: i64) -> None:
-        """Another capture begins, at any time; it may well be older than the one before, and knows nothing of it.
+        """Another capture begins at ``time_ns``; it may be older than the one before, and nothing in it depends on that one.
 
-        Every connection must have been closed. Attempts and fragments that wait are forgotten, but stay counted.
+        The caller has closed every connection. Connection attempts and IP fragments that wait are forgotten, but stay counted.
         """
         self.counters.restart(time_ns)
         self.table = self.table.anew()
@@ -203,7 +203,7 @@ class Pipeline(PacketSink):
             self.exchange.report_findings()
 
     def _make_room(self) -> None:
-        """Connections that keep too much in sum have to leave, those that hold most first: a few with each packet."""
+        """Evict the connections that hold most while all together hold too much; do a bounded part of that with each packet."""
         if self._taken >= LOOK_OCTETS:
             self._taken = 0
             self._room.begin(self.table.all_open())
@@ -213,7 +213,7 @@ class Pipeline(PacketSink):
         self._look_at = 0 if self._room.busy else LOOK_OCTETS
 
     def _turn(self, time_ns: i64) -> None:
-        """Set the clock to a packet that is the first, is older than the one before it, or finds something due."""
+        """Set the clock by the first packet, by one older than the packet before it, or by one at which something is due."""
         counters = self.counters
         if time_ns < counters.now_ns:
             self._step_back(time_ns)
@@ -230,7 +230,7 @@ class Pipeline(PacketSink):
         self._finish(side, CONNECTION_EVICTED)
 
     def _step_back(self, time_ns: i64) -> None:
-        """The clock of the capture runs backwards: what waits must not wait until it has caught up."""
+        """The clock of the capture went back: move the deadline back as well, or whatever waits would wait too long."""
         counters, timers = self.counters, self.timers
         counters.note_step_back(time_ns)
         if timers.deadline_ns != FAR_FUTURE:
@@ -245,7 +245,7 @@ class Pipeline(PacketSink):
         word: i64
         total: i64
         if COMPILED:
-            # As few and as wide reads as there can be: EtherType to identification, fragment to protocol, the two numbers.
+            # Few and wide reads: EtherType to IP identification, fragment offset to IP protocol, TCP sequence and ACK numbers.
             head: i64 = read_i64_be(buf, start + 12)
             if head >> 40 != 0x080045 or i64(read_i32_be(buf, start + 20)) & 0x3FFF00FF != 6:
                 return self._slow_frame(buf, start, end, link_type)
@@ -271,7 +271,7 @@ class Pipeline(PacketSink):
             size: i64 = stop - data
             half = side.stream
             if size == 0 or (seq == half.next_seq and size <= side.longest):
-                # `_segment` and `IsoOnTcp.feed` would do no more.
+                # `_segment`, inlined: while `longest` is not 0, none of its checks would find anything.
                 counters = self.counters
                 tcp = side.tcp
                 tcp.packets += 1
@@ -291,7 +291,7 @@ class Pipeline(PacketSink):
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
 
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
-        """Any link, any IP: find the TCP segment, or say why there is none."""
+        """Take a packet of any link type and IP version: find its TCP segment, or return why there is none."""
         datagrams = self.datagrams
         found = self.counters.find_segment(buf, start, end, link_type, datagrams is not None, self._checksums)
         if found.problem:
@@ -313,7 +313,7 @@ class Pipeline(PacketSink):
     def _lifecycle(
         self, side: Side | None, key: bytes, vlan: i64, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64
     ) -> i64:
-        """The first packet of a connection, and packets with SYN, FIN or RST."""
+        """Take the first packet of a connection, or a packet with SYN, FIN or RST."""
         if side is not None and flags & (SYN | RST):
             what = ends.judge(self.counters, self.table, side, seq, ack, flags, bool(octets), self._link)
             if what == ends.HELD_BACK:
@@ -331,7 +331,7 @@ class Pipeline(PacketSink):
                 return NO_PAYLOAD
             if flags & RST:
                 attempts.note_reset(self.counters, self.table, key)
-            # Only octets, or a handshake, make a connection worth remembering.
+            # A connection enters the table only with data or a handshake.
             if not (octets or missing or flags & SYN):
                 if flags & (FIN | RST):
                     self.silent.end(key)
@@ -339,7 +339,7 @@ class Pipeline(PacketSink):
                     self.silent.take(key, seq, ack)
                 return NO_PAYLOAD
             if key != own and (before := self.table.sides.get(key)) is not None:
-                self._give_way(before)  # as `judge` would have found if it had the VLAN of the SYN
+                self._give_way(before)  # `judge` would have said so if `side` had been looked up in the VLAN of the SYN
             side = self._open(key, vlan)
             if key != own:
                 self.table.add(side, own)
@@ -359,17 +359,17 @@ class Pipeline(PacketSink):
             self.timers.doubt(side)
         if side.tcp.closed and not was_closed:
             self.table.linger(side)
-            self._forget_closed()  # not only when time passes: in some captures it stands still
+            self._forget_closed()  # here too, not only in `_tick`: in some captures time never passes
         self.timers.wake()
         return category
 
     def _give_way(self, side: Side) -> None:
-        """The addresses of a connection are taken by another one, so it is over."""
+        """Another connection takes the addresses of this one, which is over."""
         ends.give_way(self.counters, side)
         self._finish(side, CONNECTION_CLOSED)
 
     def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-        """A connect request far from where the stream is, or S7 after something else: another connection."""
+        """Open another connection in the place of this one, and take a segment of ``side`` that showed that it began."""
         ack: i64 = side.last_ack
         self._give_way(side)
         macs: bytes = side.tcp.macs
@@ -401,7 +401,7 @@ class Pipeline(PacketSink):
         if flags & ACK:
             side.last_ack = ack
         else:
-            side.last_ack = -1  # as an expression it would make int objects (mypyc), with each packet
+            side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
@@ -416,7 +416,7 @@ class Pipeline(PacketSink):
         return self._irregular(side, seq, octets, missing)
 
     def _feed(self, side: Side, octets: bytes, size: i64) -> None:
-        """Hand the next octets of a connection to ISO-on-TCP, and find out whether those after them may come straight."""
+        """Hand the next octets of ``side`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
         if side.longest and size < _LEAST and self.iso.empty(side, octets):
             return
         self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
@@ -428,7 +428,7 @@ class Pipeline(PacketSink):
             peer.longest = self.iso.longest(peer)
 
     def _irregular(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-        """A segment that is not simply the next one, or of a connection that is not known to be ISO-on-TCP yet."""
+        """Take a segment that is not the next one in order, or whose connection was not recognised as ISO-on-TCP."""
         connection = side.connection
         half = side.stream
         peer = side.peer
@@ -437,7 +437,7 @@ class Pipeline(PacketSink):
             return self._reopen(side, seq, octets, missing)
         if connection.state == FOREIGN:
             if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
-                return self._reopen(side, seq, octets, missing)  # what was there before hides no S7 now
+                return self._reopen(side, seq, octets, missing)  # a TPKT: what passed before must not hide S7
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK
@@ -450,14 +450,14 @@ class Pipeline(PacketSink):
             size: i64 = len(octets)
             end_seq: i64 = (seq + size + missing) & stream.MASK
             if half.next_seq < 0 or 0 < (end_seq - half.next_seq) & stream.MASK < stream.HALF_SPACE:
-                half.next_seq = end_seq  # so that its FIN and RST are known for its own
+                half.next_seq = end_seq  # so that the sequence numbers of its FIN and RST can be checked
                 side.end_seq = end_seq
                 side.protocol.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
             if side.connection.state == LEFT_OUT:
                 return accounts.LEFT_OUT
             return PAYLOAD
         if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
-            # The probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6), and begins no TPKT.
+            # The keep-alive probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6).
             half.start(seq + 1)
             side.note_probe(self.counters.frames, self.counters.now_ns, True)
             return accounts.KEEP_ALIVE
@@ -467,7 +467,7 @@ class Pipeline(PacketSink):
             if peer.stream.octets:
                 half.heard = True
             if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
-                half.passed(octets, len(octets))  # as `accept` and `chunks` would, with a chunk between them
+                half.passed(octets, len(octets))  # what `accept` and `chunks` would do, without a `Chunk`
                 side.end_seq = half.next_seq
                 side.protocol.feed(side, octets, 0, len(octets), self.counters.frames, self.counters.now_ns)
             else:
@@ -494,7 +494,7 @@ class Pipeline(PacketSink):
         if connection.state == LEFT_OUT:
             return accounts.LEFT_OUT
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
-            return accounts.OTHER_PROTOCOL  # told by now, or still to be told: nothing of it was used
+            return accounts.OTHER_PROTOCOL  # nothing of it was used, even if it is not yet reported as another protocol
         if what == stream.NEW or what == stream.OLD:
             return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
@@ -502,10 +502,10 @@ class Pipeline(PacketSink):
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 
     def tick(self, now_ns: i64) -> None:
-        """Time passes on a silent line: it is ``now_ns`` by the clock of the capture, and no packet came since the last one.
+        """Time passed without a packet: it is ``now_ns`` by the clock of the capture.
 
-        What waited too long is given up, as the next packet would do it. That packet may be a little older than ``now_ns``:
-        it was on its way. A clock that is behind the last packet does nothing.
+        Whatever has waited too long is given up, as if a packet had come. The next packet may be a little older than
+        ``now_ns``: it was under way. Nothing happens when ``now_ns`` is not after the last packet.
         """
         counters = self.counters
         packet_ns: i64 = counters.now_ns
@@ -520,7 +520,7 @@ class Pipeline(PacketSink):
             self.exchange.report_findings()
 
     def _tick(self) -> None:
-        """Time has passed: give up what waited too long, forget connections that are over."""
+        """Time has passed: give up what waited too long, and finish connections that are over."""
         timers = self.timers
         timers.deadline_ns = next_tick(self.counters.now_ns)
         try:
@@ -540,7 +540,7 @@ class Pipeline(PacketSink):
     # ---- the end ----------------------------------------------------------------------------------------------------
 
     def _finish(self, side: Side, reason: str) -> None:
-        """A connection is over: pass on what is held, close what is open, add up its octets."""
+        """A connection is over: pass on the octets held back, close its open requests, add up its octets, forget it."""
         peer = side.peer
         if peer is None:
             return  # finished before
@@ -550,7 +550,7 @@ class Pipeline(PacketSink):
             if self._strict:
                 raise
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
-        # What never was ISO-on-TCP, nor ought to have been, is not our loss.
+        # A connection that was never recognised counts only on port 102, where it ought to be ISO-on-TCP.
         if side.connection.state != LEFT_OUT and (side.connection.number or on_102(side)):
             self.counters.add_up(side)
             self.counters.add_up(peer)
@@ -577,13 +577,13 @@ class Pipeline(PacketSink):
             judge_silent(self.counters, side, peer)
 
     def forget(self) -> None:
-        """No packet comes any more: what only the next ones would have asked for makes room for the report."""
+        """No more packets come: free what only further packets would need, to have memory for the report."""
         self.s7.forget()
         self.exchange.watch.forget()
         self.exchange.reporter.forget()
 
     def finish(self) -> None:
-        """The capture ends: every connection still open is closed, everything held is reported."""
+        """The capture ends: close every connection that is still open, and report everything that was held back."""
         self.timers.look_at_ends()
         for side in self.table.closed(self.counters.now_ns, True):
             self._finish(side, CONNECTION_CLOSED)

@@ -1,4 +1,4 @@
-"""S7comm: from PDUs to requests, responses and indications for the shared pairing (reference section 2 and 5)."""
+"""S7comm: turns PDUs into requests, responses and indications, which `Exchange` pairs (reference section 2 and 5)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from dissect.wire.octets import Tally, u16
 
 
 class S7(Protocol):
-    """Takes S7 PDUs, from whatever framed them. Counts them by ROSCTR and function."""
+    """Takes whole S7 PDUs, whatever carried them; counts them by ROSCTR and function."""
 
     def __init__(self, exchange: Exchange) -> None:
         super().__init__()
@@ -41,7 +41,7 @@ class S7(Protocol):
         self.functions: Tally = Tally(256, READ_VAR, WRITE_VAR)
         self.pdus: i64 = 0
         self.cut_pdus: i64 = 0
-        self.unpaired: i64 = 0  # PDUs of a kind that cannot be paired, or too damaged for it
+        self.unpaired: i64 = 0  # PDUs that cannot be paired: of an unknown kind, or too damaged
         self._parameters: ParameterCache = ParameterCache()
 
     def forget(self) -> None:
@@ -49,7 +49,7 @@ class S7(Protocol):
         self._parameters.clear()
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take a whole PDU, whose first two octets were looked at: protocol id and a ROSCTR from 1 to 7."""
+        """Take a whole PDU. The caller has checked its protocol id, and that its ROSCTR is from 1 to 7."""
         rosctr: i64 = buf[at + 1]
         pdu_ref: i64 = 0
         param_length: i64 = -1
@@ -71,7 +71,7 @@ class S7(Protocol):
         frame: i64,
         time_ns: i64,
     ) -> None:
-        """Take a whole PDU of a known ROSCTR whose lengths add up; ``param_length`` is -1 for one that is not like that."""
+        """Take a whole PDU; ``param_length`` is -1 when its ROSCTR is unknown or its lengths do not add up to ``size``."""
         exchange = self._exchange
         connection = side.connection
         self.pdus += 1
@@ -94,7 +94,7 @@ class S7(Protocol):
             self._damaged(side, buf[at : at + size], frame, time_ns)
             return
         head: i64 = HEADER_SIZE
-        if rosctr == ACK_DATA or rosctr == ACK:  # `header_size` in place
+        if rosctr == ACK_DATA or rosctr == ACK:  # `header_size`, inlined
             head = ACK_HEADER_SIZE
         data_at: i64 = at + head + param_length
         parameters = self._parameters.get(buf, at + head, data_at, rosctr)
@@ -114,7 +114,7 @@ class S7(Protocol):
             judge_header(exchange.reporter, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
         dialogue = exchange.dialogue
         if rosctr == JOB:
-            done = dialogue.ask(side, JOB, pdu_ref, parameters, buf, at, size, frame, time_ns)  # `_request` in place
+            done = dialogue.ask(side, JOB, pdu_ref, parameters, buf, at, size, frame, time_ns)  # `_request`, inlined
             if connection.granted is None or function == SETUP_COMMUNICATION or dialogue.several:
                 self._judge(side, parameters, frame, time_ns)
             if done is not None or dialogue.also:
@@ -148,17 +148,17 @@ class S7(Protocol):
         frame: i64,
         time_ns: i64,
     ) -> None:
-        """Take userdata of type push: an indication, or the request of a client that mistakes its type."""
+        """Take userdata of type push: an indication, or the request of a client that gives it the wrong type."""
         exchange = self._exchange
         if self._pushed_by_client(side, parameters, frame, time_ns):
-            # It waits for an answer, whatever it calls itself.
+            # The client waits for an answer all the same.
             self._request(side, USERDATA, pdu_ref, parameters, buf, at, size, frame, time_ns)
         else:
             pushed = exchange.dialogue.push(side, pdu_ref, parameters, buf, at, size, frame, time_ns)
             exchange.completed(pushed, frame, time_ns)
 
     def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
-        """Return whether the client sent what only PLCs send, and note it: it mistakes the type of its request."""
+        """Return whether the client sent a push that only PLCs send, and report that it gave its request the wrong type."""
         connection = side.connection
         if not connection.client_known or side.index != connection.client_side or not is_plc_push(parameters):
             return False
@@ -166,7 +166,7 @@ class S7(Protocol):
         return True
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
-        if connection.state == ISO:  # a gateway stays what it is, whatever passes it
+        if connection.state == ISO:  # an IBH-NetLink gateway keeps its name, whatever it carries
             connection.protocol = UPPER_NAMES[S7COMM]
         judge_port(self._exchange.reporter, connection, frame, time_ns)
 
@@ -190,7 +190,7 @@ class S7(Protocol):
             exchange.completed(done, frame, time_ns)
 
     def _judge(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
-        """Judge a request that was just asked, as the rules of a session want it."""
+        """Apply the rules about sessions to a request that `Dialogue.ask` just took."""
         exchange = self._exchange
         connection = side.connection
         if connection.granted is None or parameters.function == SETUP_COMMUNICATION:
@@ -207,7 +207,7 @@ class S7(Protocol):
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a PDU of which the capture kept ten octets or more: its header still tells what was asked or answered."""
+        """Take a PDU of which the capture kept only the beginning, ten octets or more: its header can still be paired."""
         self.pdus += 1
         self.cut_pdus += 1
         self.rosctrs.add(octets[1])
@@ -219,7 +219,7 @@ class S7(Protocol):
         self._pair_damaged(side, octets, frame, time_ns)
 
     def _damaged(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """A PDU whose lengths lie or whose kind is unknown: reported, and paired as far as its header can be read."""
+        """Report a PDU of an unknown ROSCTR or with wrong lengths; pair it as far as its header can be read."""
         if len(octets) >= 10 and octets[1] not in ROSCTR:
             number = side.connection.number
             self._exchange.reporter.note("s7.unknown_rosctr", number, [frame], time_ns, f"ROSCTR {octets[1]}")
@@ -248,7 +248,7 @@ class S7(Protocol):
         elif rosctr != USERDATA or kind == RESPONSE:
             done = exchange.dialogue.answer(side, rosctr, pdu_ref, parameters, octets, 0, size, data_at, frame, time_ns)
             if done is not None:
-                done.flags &= ~BAD_DATA  # that the PDU is damaged was reported already
+                done.flags &= ~BAD_DATA  # the damage was reported already
             exchange.completed(done, frame, time_ns)
         elif kind == PUSH:
             self._pushed(side, pdu_ref, parameters, octets, 0, size, frame, time_ns)
@@ -278,17 +278,17 @@ class S7(Protocol):
         }
 
     def counted(self) -> list[tuple[int, str]]:
-        """Return the number of PDUs, also when it is none."""
+        """Return the number of PDUs, even if it is zero."""
         return [(self.pdus, "S7 PDU")]
 
 
 def _surely_open(side: Side, answering: Side, open_now: i64) -> i64:
-    """Return how many requests of ``side`` are open, 0 while what may be answers is missing, out of order or unfinished.
+    """Return ``open_now``, or 0 while octets of ``answering`` that may be answers are missing, out of order or unfinished.
 
-    What a hole that was given up may have swallowed is left to `judge_request`, which looks at few requests only: walking
-    over thousands for each one that is asked would take seconds.
+    A gap that was given up may hold answers as well. `judge_request` allows for that; it looks at few requests only, because
+    looking at thousands of open ones for each new one would take seconds.
     """
     half = answering.stream
     if answering.unfinished or half.held is not None or 0 < (side.last_ack - half.next_seq) & MASK < HALF_SPACE:
-        return 0  # the asking side has octets that the capture did not show, or not yet
+        return 0  # `side` has acknowledged octets that the capture did not show, or not yet
     return open_now

@@ -1,9 +1,9 @@
-"""Connections on port 102 that are open but silent: nothing but empty keep-alive probes of them was captured.
+"""Silent connections: open on port 102, but nothing except keep-alive probes was captured of them.
 
-A probe (RFC 1122, 4.2.3.6) repeats the sequence number below the next one, with one octet or none, and the other side
-acknowledges what it had acknowledged before. An empty probe looks like any acknowledgement, until it is known what its
-receiver acknowledges: then it is the one whose sequence number is one below that. One such segment may be left of a FIN that
-was not captured; two with a pause between them are probes, as long as no number of the connection ever moves.
+A probe (RFC 1122, 4.2.3.6) has the sequence number before the next one, with one octet or none; the other side repeats its
+last acknowledgement. An empty probe looks like any acknowledgement until that of the other side is known: the sequence number
+of a probe is one below it. A single such segment may also belong to a FIN that was not captured. Two of them with a pause in
+between are probes, as long as no number of the connection ever changes.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from dissect.transactions.table import endpoints, reverse_key
 from dissect.wire.octets import u16
 from dissect.wire.text import count
 
-#: Connections watched at once; when there are more, the one not seen for longest has to leave.
+#: Connections watched at once; when there are more, the one not seen for longest is forgotten.
 MAX_SILENT: Final = 4096
-#: Probes of one side are at least a second apart (less what timers are off by); what comes earlier was captured twice.
+#: Probes of one side are at least a second apart, less some tolerance; one that comes earlier was captured twice.
 _PAUSE_NS: Final = 900_000_000
 
 
 class _Way:
-    """One direction: what it acknowledges, and its probes."""
+    """One direction of a silent connection: what it acknowledges, and its probes."""
 
     __slots__ = ("ack", "probes", "seq")
 
     def __init__(self) -> None:
-        self.seq: i64 = -1  # of its packets before the other direction was seen; -1 for none
+        self.seq: i64 = -1  # sequence number of its packets before the other direction was seen; -1 for none
         self.ack: i64 = -1
         self.probes: Probes = Probes()
 
 
 class Silent:
-    """What was seen of one connection that carried no octet so far; ``key`` is that of its first packet."""
+    """A connection that has carried no octet so far; ``key`` is that of its first packet."""
 
     __slots__ = ("_ways", "key", "moved")
 
     def __init__(self, key: bytes) -> None:
         self.key: bytes = key
         self._ways: list[_Way] = [_Way(), _Way()]
-        self.moved: bool = False  # something was sent that the capture does not hold, or that is no probe
+        self.moved: bool = False  # its numbers changed: something was sent that was not captured, or is not a probe
 
     def take(self, way: i64, seq: i64, ack: i64, frame: i64, now_ns: i64) -> None:
-        """Take an empty segment, packet ``frame``; ``way`` is 0 in the direction of the first packet."""
+        """Take an empty segment, packet ``frame``; ``way`` is 0 for the direction of the first packet, else 1."""
         mine, other = self._ways[way], self._ways[1 - way]
         if mine.ack < 0:
             mine.ack = ack
             if other.seq == ack:
-                other.probes = Probes()  # what was taken for probes are acknowledgements
+                other.probes = Probes()  # the packets counted as probes are acknowledgements
             elif other.seq >= 0 and (other.seq + 1) & MASK != ack:
                 self.moved = True
         elif mine.ack != ack:
@@ -82,20 +82,20 @@ class Silent:
 
     @property
     def probes(self) -> Probes:
-        """The probes of both sides; none when it is not certain that they are probes."""
+        """The probes of both sides; none while it is not certain that they are probes."""
         first, second = self._ways
         return self.likely if max(first.probes.count, second.probes.count) > 1 else Probes()
 
 
 class SilentConnections:
-    """Watches the connections to port 102 without octets, `MAX_SILENT` of them, and reports those that only sent probes."""
+    """Watches connections to port 102 without octets, at most `MAX_SILENT`, and reports those that only sent probes."""
 
     def __init__(self, counters: Counters) -> None:
         self._counters: Counters = counters
         self._known: OrderedDict[bytes, Silent] = OrderedDict()
 
     def take(self, key: bytes, seq: i64, ack: i64) -> None:
-        """Take an empty segment with ``key``, of a connection that is not in the table."""
+        """Take an empty segment with ``key`` of a connection that is not in the `ConnectionTable`."""
         ports: i64 = 8 if len(key) == 12 or len(key) == 20 else 32  # IPv4 or IPv6, each with a VLAN or without
         if u16(key, ports) != ISO_TSAP_PORT and u16(key, ports + 2) != ISO_TSAP_PORT:
             return
@@ -121,7 +121,7 @@ class SilentConnections:
                 self._counters.note_once("stream.evicted", "connections without data, first here")
 
     def begin(self, side: Side) -> None:
-        """The connection of ``side`` carries octets now; they may be those of a probe, so the probes before them count."""
+        """The connection of ``side`` carries octets now. They may be those of a probe, so the probes so far go to ``side``."""
         entry = self._leave(side.key)
         if entry is not None:
             likely = entry.likely
@@ -135,7 +135,7 @@ class SilentConnections:
             self._report(entry)
 
     def finish(self) -> None:
-        """The capture ends."""
+        """The capture ends: report the silent connections."""
         known = self._known
         self._known = OrderedDict()
         for entry in known.values():
@@ -155,7 +155,7 @@ class SilentConnections:
 
 
 def judge_silent(counters: Counters, side: Side, peer: Side) -> None:
-    """The connection of ``side`` is over, and no octet of it was looked at: it was idle, or it was opened for nothing."""
+    """Report a connection that is over, and no octet of which was looked at: it was idle, or opened and never used."""
     if not side.probes and not peer.probes:
         counters.bare.take(side, peer)
     elif on_102(side):
@@ -167,20 +167,20 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Pro
     """Report a connection of which only keep-alive probes were captured, by the first and the last of them."""
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
     detail = f"{client} and {server}: {count(int(probes.count), 'probe')}"
-    # As Completeness counts packets whose bytes came before; an empty probe has none.
+    # The report's section Completeness counts packets whose bytes came before; an empty probe has no byte.
     every = "all " if probes.count > 1 else ""
     filled = every if probes.filled == probes.count else f"{probes.filled} of them " if probes.filled else "none "
     counters.note_of("session.idle", probes.frames, probes.last_ns, f"{detail}, {filled}with a byte")
 
 
 def untold(side: Side) -> bool:
-    """Return whether ``side`` is of a connection to port 102 of which no octet was looked at yet."""
+    """Return whether ``side`` belongs to a connection to port 102 of which no octet was looked at yet."""
     return side.connection.state == PROBING and side.connection.probed == 0 and on_102(side)
 
 
 def may_be_probe(side: Side, octets: bytes) -> bool:
-    """Return whether ``octets``, the first that were captured of ``side``, may be that of a keep-alive probe.
+    """Return whether ``octets``, the first that were captured of ``side``, may be those of a keep-alive probe.
 
-    Its octet is arbitrary; but on a connection that carries something, one that is not zero is read.
+    The octet of a probe is arbitrary. But on a connection whose octets were looked at, only a zero counts as a probe.
     """
     return len(octets) == 1 and not side.tcp.known_start and (octets == b"\0" or untold(side))

@@ -1,13 +1,14 @@
-"""`Timers`: segments that wait for those before them, responses that wait for their requests, closed connections that linger.
+"""`Timers`: everything that waits for time to pass, and `OverdueWatch`, which reports requests that wait too long.
 
-The clock of the capture drives them: packets move it, and `Pipeline.tick` does while none arrive. The pipeline compares
-``deadline_ns`` with the time of each packet, one comparison; what is due then is looked at here.
+Segments wait for those before them, responses for their requests, and closed connections for late packets. Time is the clock of
+the capture: packets move it, and while none arrive `Pipeline.tick` does. The pipeline compares the time of each packet with
+``deadline_ns``, and calls these classes when it is reached.
 
-`OverdueWatch` reports requests that have waited too long while they are still waiting. A capture may hold thousands of
-connections, and most requests are answered at once, so nothing is stored for a request. A side that sends a request is looked
-at when that request is due, and again when the next of its open requests is due; a side with none is left alone until it
-sends one. So a polling side costs one look per `Options.overdue_ns`. What the capture does not show counts against nobody: a
-response lost in a gap, or a side of which nothing was captured.
+`OverdueWatch` reports a request that is overdue while it is still open. A capture may hold thousands of connections, and most
+requests are answered at once, so nothing is stored for a request. Instead, a side that sends a request is looked at when that
+request is due, and again when its next open request is; a side without open requests is not looked at until it sends one. So a
+polling side costs one look per `Options.overdue_ns`. A request is not reported if the capture may just not show its answer: the
+answering side has a gap, or nothing of it was captured.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from dissect.wire.text import duration_text
 #: Sides, and open requests, that are looked at in one go; the others have to wait for the next one.
 _SIDES_AT_ONCE: Final = 1024
 _REQUESTS_AT_ONCE: Final = 8192
-#: A side whose requests stay open is not looked at again before this.
+#: The shortest time between two looks at a side with open requests.
 _PAUSE_NS: Final = 50_000_000
 #: When there are this many sides, more than can be open, those whose connection is over are dropped.
 _MANY: Final = 8 * MAX_CONNECTIONS
@@ -53,7 +54,7 @@ class _Entry:
 
 
 class OverdueWatch:
-    """Looks at the sides that have asked, in the order in which their requests become overdue."""
+    """Looks at the sides that have sent requests, in the order in which these become overdue."""
 
     def __init__(self, reporter: Reporter, dialogue: Dialogue, limit_ns: i64) -> None:
         self._reporter: Reporter = reporter
@@ -96,7 +97,7 @@ class OverdueWatch:
         """Report the overdue requests of a side; return when to look at it again."""
         answering = side.peer
         if answering is None or answering.stream.held is not None:
-            return now_ns + _PAUSE_NS  # packets are missing, or out of order: the answer may be among them
+            return now_ns + _PAUSE_NS  # an answer may be in the segments that are held, or missing before them
         again_ns: i64 = now_ns + self._limit_ns
         for transaction in side.connection.open_requests[side.index].asked_after(side.told_overdue):
             due_ns: i64 = transaction.request_ns + self._limit_ns
@@ -128,7 +129,7 @@ FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
 
 def next_tick(now_ns: i64) -> i64:
-    """Return when to look next at what waits."""
+    """Return when to look at waiting sides next."""
     return (now_ns // TICK_NS + 1) * TICK_NS
 
 
@@ -150,14 +151,14 @@ class Timers:
     # ---- octets in order, and gaps ----------------------------------------------------------------------------------
 
     def chunks(self, side: Side, cut: bool = False) -> None:
-        """Pass on what a stream has ready: octets and gaps, in order. ``cut``: the capture cut the frame there."""
+        """Pass on what the stream of ``side`` has ready: octets and gaps, in order; ``cut``: the capture cut a frame there."""
         for chunk in self._take_ready(side):
             self._pass_on(side, chunk, cut)
 
     def both(self, side: Side) -> None:
-        """Pass on what both directions of a connection have ready, in the order of its packets.
+        """Pass on what both directions of the connection of ``side`` have ready, in the order of their packets.
 
-        So an answer comes after the request that it answers, where both waited behind a gap.
+        So an answer comes after its request where both waited behind gaps.
         """
         peer = side.peer
         if peer is None:
@@ -181,9 +182,9 @@ class Timers:
         return ready
 
     def _pass_on(self, side: Side, chunk: Chunk, cut: bool) -> None:
-        """Hand octets to the protocol of a connection, or tell it of a gap."""
+        """Hand octets of ``side`` to its protocol, or report a gap to it."""
         if not chunk.hole and side.at_rest:
-            # These octets begin with a whole message: what they complete was complete with their own packet.
+            # No message is unfinished, so messages in these octets were whole when their own packet came.
             chunk.frame = chunk.own_frame
             chunk.time_ns = chunk.own_ns
         side.end_seq = chunk.end_seq
@@ -205,10 +206,10 @@ class Timers:
             self._counters.note("stream.outside_window", detail, side.connection.number)
         side.stream.outside = 0
 
-    # ---- what waits -------------------------------------------------------------------------------------------------
+    # ---- waiting sides ----------------------------------------------------------------------------------------------
 
     def wait(self, side: Side) -> None:
-        """Look at ``side`` again when time passes or its connection shows another packet."""
+        """Look at ``side`` again when time passes, or with the next packet of its connection."""
         if not side.waiting:
             side.waiting = True
             side.longest = 0
@@ -234,12 +235,12 @@ class Timers:
         self.wake()
 
     def wake(self) -> None:
-        """Something waits from now on."""
+        """Something waits from now on: set the deadline if there is none."""
         if self.deadline_ns == FAR_FUTURE:
             self.deadline_ns = next_tick(self._counters.now_ns)
 
     def expire_answers(self, side: Side) -> None:
-        """Give up answers of ``side`` that were held for their request long enough."""
+        """Give up answers of ``side`` that were held for their request too long."""
         exchange = self._exchange
         exchange.dialogue.expire(side, self._counters.now_ns)
         if exchange.dialogue.also:
@@ -258,12 +259,12 @@ class Timers:
                 end.stream.passing(now_ns)
         if side.stream.ready or peer.stream.ready:
             self.both(peer)
-        # Only then the answers: the request one of them waits for may just have come out.
+        # The answers come last: their requests may just have been passed on.
         self.expire_answers(peer)
         self.expire_answers(side)
 
     def give_up_waiting(self) -> None:
-        """Time has passed: give up what waited too long."""
+        """Time has passed: give up whatever waited too long."""
         waiting = list(self._waiting)
         self.look_at_ends()
         for side in waiting:
@@ -271,7 +272,7 @@ class Timers:
         for side in waiting:
             if side.stream.ready:
                 self.both(side)
-        for side in waiting:  # only then the answers: the request one of them waits for may just have come out
+        for side in waiting:  # a loop of its own: the request of an answer may just have been passed on
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
             side.waiting = side.stream.time_bound or asked.orphans is not None
@@ -290,13 +291,13 @@ class Timers:
             doubt.due = False
             ends.look(self._counters, side)
             if side.stream.time_bound or peer.stream.time_bound:
-                held.append(side)  # that may tell, once it is passed on
+                held.append(side)  # look again once the held segments are passed on
         self._doubts = []
         for side in held:
             self.doubt(side)
 
     def look_overdue(self) -> None:
-        """Report the requests that have been open longer than the limit, where one was set."""
+        """Report the requests that have been open longer than the limit, if there is one."""
         if self._overdue is not None:
             self._overdue.look(self._counters.now_ns)
 
@@ -323,7 +324,7 @@ class Timers:
         return oldest
 
     def finish(self) -> None:
-        """The capture ends: nothing waits."""
+        """The capture ends: nothing waits any longer."""
         self._waiting = []
         self._doubts = []
         self.deadline_ns = self._rest_ns

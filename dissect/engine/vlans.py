@@ -1,9 +1,9 @@
-"""Packets of one connection that were captured in several VLANs (docs/decisions/0021).
+"""Finds the connection of a packet that was captured in another VLAN (docs/decisions/0021).
 
-A mirror port may show the two directions with different tags, or, where a router is between, every packet twice. It is asked
-only where a packet belongs to no connection of its own VLAN. Machines that are alike have the same addresses in VLANs of their
-own: what is taken for the same connection has sequence and acknowledgement numbers that fit, and of two separate ones those do
-not.
+A mirror port may show the two directions of a connection with different VLAN tags, or every packet twice where a router is
+between two VLANs. `elsewhere` is called only when a packet belongs to no connection of its own VLAN. But identical machines may
+use the same addresses in separate VLANs. So a packet counts as of the same connection only if its sequence and acknowledgement
+numbers fit, which those of a separate connection do not.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from dissect.tcp.stream import ACK, MASK, RST, SYN, WINDOW, HalfStream
 from dissect.transactions.side import Side
 from dissect.transactions.table import ConnectionTable, base_and_tag, reverse_key
 
-#: Octets of a copy that are compared; fewer may be alike by chance.
+#: The least octets for a copy to be recognised; fewer may be equal by chance.
 _COMPARED: Final = 8
 
 
 def elsewhere(
     table: ConnectionTable, key: bytes, vlan: i64, seq: i64, ack: i64, flags: i64, octets: bytes, missing: i64
 ) -> tuple[Side | None, bytes, i64]:
-    """Return the side that sent a packet with ``key`` if that is in another VLAN; and what opens its connection otherwise.
+    """Return the side that sent a packet, if its connection is in another VLAN, else None; then a key and a VLAN.
 
-    That is ``key`` and ``vlan``, or those of another VLAN, in which there is an attempt to connect that the packet answers.
+    With these the caller opens a new connection if there is no side. They are ``key`` and ``vlan`` of the packet itself, or
+    those of another VLAN where a connection attempt is that the packet answers.
     """
     base, tag = base_and_tag(key)
     table.note_tag(tag)
@@ -50,14 +51,14 @@ def elsewhere(
         attempt = None if other == tag else table.attempt(reverse + other)
         if attempt is None or not _near(ack, attempt.seq + 1, flags):
             continue
-        # Without a SYN nobody knows yet who goes on with a connection that is there.
+        # A packet without SYN may be of the connection that is already open there, if there is one.
         if flags & SYN or base + other not in table.sides:
             return None, base + other, int.from_bytes(other, "big")
     return None, key, vlan
 
 
 def _near(number: i64, place: i64, flags: i64) -> bool:
-    """Return whether a number of a segment is within a window of a place; what answers a SYN has to be there exactly."""
+    """Return whether ``number`` is within a window of ``place``; in the answer to a SYN it must be equal."""
     distance: i64 = (number - place) & MASK
     if flags & SYN:
         return distance == 0
@@ -65,7 +66,7 @@ def _near(number: i64, place: i64, flags: i64) -> bool:
 
 
 def _answers(peer: Side, seq: i64, ack: i64, flags: i64) -> bool:
-    """Return whether a segment is of the direction that was not captured yet, of which ``peer`` is the other one."""
+    """Return whether a segment fits the direction towards ``peer``, of which nothing was captured yet."""
     if not flags & ACK:  # a reset
         return seq == peer.last_ack
     place: i64 = peer.stream.start_seq if flags & SYN else peer.stream.next_seq
@@ -75,10 +76,10 @@ def _answers(peer: Side, seq: i64, ack: i64, flags: i64) -> bool:
 
 
 def _repeats(side: Side, peer: Side, seq: i64, ack: i64, flags: i64, octets: bytes, size: i64) -> bool:
-    """Return whether a segment was captured before, of ``side``, or is exactly what comes next of it."""
+    """Return whether a segment is a copy of one that ``side`` sent before, or exactly what comes next from it."""
     mine, theirs = side.stream, peer.stream
     if flags & SYN:
-        # Both copies are on their way before it is answered; what comes later is of a machine that counts alike.
+        # Both copies pass before the SYN/ACK is answered; a later one is of another machine with equal numbers.
         begins: bool = mine.start_seq == (seq + 1) & MASK and theirs.start_seq == ack
         return begins and mine.next_seq == mine.start_seq and theirs.next_seq == ack
     place: i64 = mine.next_seq if mine.next_seq >= 0 else peer.last_ack
@@ -94,7 +95,7 @@ def _repeats(side: Side, peer: Side, seq: i64, ack: i64, flags: i64, octets: byt
 
 
 def _kept(stream: HalfStream, seq: i64, octets: bytes) -> bool:
-    """Return whether ``octets`` are one of the latest stretches of a stream, at the same sequence number."""
+    """Return whether ``octets`` are one of the two latest segments of a stream, at the same sequence number."""
     behind: i64 = (stream.next_seq - seq) & MASK
     at: i64 = stream.position - behind
     size: i64 = len(octets)

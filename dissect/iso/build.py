@@ -1,4 +1,4 @@
-"""Octets of TPKTs and TPDUs, as `dissect.iso.tpkt` and `dissect.iso.cotp` read them (RFC 1006 section 6, X.224 section 13)."""
+"""Builds TPKTs and TPDUs, which `dissect.iso.tpkt` and `dissect.iso.cotp` read (RFC 1006 section 6, X.224 section 13)."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from dissect.iso.cotp import PREFERRED_SIZE, TPDU_SIZE
 from dissect.iso.tables import DC, DR, DT, ER
 from dissect.iso.tpkt import HEADER
 
-#: The largest TPDU of RFC 1006, which no power of two says.
+#: The largest TPDU of RFC 1006; it is not a power of two, as coded sizes are.
 LARGEST_TPDU: Final = 65_531
-#: The most that class 0 may ask for by code (X.224 section 13.3.4): 2 to the power of 13, 8192 octets.
+#: The largest code of the parameter TPDU size (X.224 section 13.3.4): 2 to the power of 13 is 8192 octets.
 MAX_CODED_SIZE: Final = 13
 #: Code that some stacks write for `LARGEST_TPDU`.
 _CODED_LARGEST: Final = 16
-#: Octets of a TPDU header behind its length indicator, at most (X.224 section 13.2.1).
+#: The most octets of a TPDU header after its length indicator (X.224 section 13.2.1).
 MAX_HEADER: Final = 254
 _VERSION: Final = 3
 _EOT: Final = 0x80
 _DT_HEADER: Final = 3
-#: The fixed part of a CR or CC behind its length indicator.
+#: The size of the fixed part of a CR or CC after its length indicator.
 _CONNECT: Final = 6
 
 
@@ -36,7 +36,7 @@ def build_parameters(parameters: Iterable[tuple[int, bytes]]) -> bytes:
 
 
 def connect_size(parameters: Iterable[tuple[int, bytes]]) -> int:
-    """Return the octets of a CR or CC with these parameters, without its length indicator."""
+    """Return the size in octets of a CR or CC with these parameters, without its length indicator."""
     return _CONNECT + sum([2 + len(value) for _, value in parameters])
 
 
@@ -72,7 +72,7 @@ def build_dt(data: bytes, eot: bool = True) -> bytes:
 
 
 def build_tsdu(tsdu: bytes, tpdu_size: int) -> bytes:
-    """Return a TSDU as DTs in TPKTs, none of them with a TPDU larger than ``tpdu_size``."""
+    """Return a TSDU as TPKTs with DTs, each TPDU no larger than ``tpdu_size``."""
     room = max(tpdu_size - _DT_HEADER, 1)
     return b"".join(
         [build_tpkt(build_dt(tsdu[at : at + room], at + room >= len(tsdu))) for at in range(0, len(tsdu), room)]
@@ -80,12 +80,12 @@ def build_tsdu(tsdu: bytes, tpdu_size: int) -> bytes:
 
 
 def coded_size(size: int) -> bytes:
-    """Return the value of the parameter TPDU size: the power of two that is not larger than ``size``, 128 at least."""
+    """Return the value of the parameter TPDU size: the largest power of two up to ``size``, at least 128."""
     return bytes((min(max(size.bit_length() - 1, 7), MAX_CODED_SIZE),))
 
 
 def size_parameter(size: int) -> tuple[int, bytes]:
-    """Return the parameter that asks for TPDUs of ``size`` octets: its code and value."""
+    """Return code and value of the parameter that requests TPDUs of ``size`` octets."""
     if 128 <= size <= 1 << MAX_CODED_SIZE and not size & (size - 1):
         return TPDU_SIZE, coded_size(size)
     if size == LARGEST_TPDU:
@@ -95,5 +95,5 @@ def size_parameter(size: int) -> tuple[int, bytes]:
 
 
 def with_dst_ref(tpdu: bytes, reference: int) -> bytes:
-    """Return a CC, DR or ER for another destination reference."""
+    """Return a CC, DR or ER with its destination reference replaced."""
     return tpdu[:2] + reference.to_bytes(2, "big") + tpdu[4:]

@@ -1,4 +1,4 @@
-"""COTP: the TPDUs of X.224 as they travel in TPKTs, and the assembly of TSDUs from DTs (reference section 2)."""
+"""COTP (X.224, reference section 2): `parse_tpdu` reads the TPDU in a TPKT, `Assembler` joins DTs to TSDUs."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ CALLING_TSAP: Final = 0xC1
 CALLED_TSAP: Final = 0xC2
 PREFERRED_SIZE: Final = 0xF0
 
-#: Octets of one TSDU held while its end is still to come.
+#: The most octets of a TSDU that are held while its end is still to come.
 MAX_TSDU: Final = 65536
 
 
 class Parameter:
-    """One parameter of the variable part; ``offset`` is that of its code octet within the TPDU."""
+    """One parameter of the variable part; ``offset`` is where its code octet is in the TPDU."""
 
     __slots__ = ("code", "offset", "value")
 
@@ -41,9 +41,9 @@ class Tpdu:
     """A parsed TPDU.
 
     ``fields`` are the fixed part in wire order (offsets within the TPDU), ``parameters`` the variable part, ``data`` the user
-    data. ``head`` is the octets of fixed and variable part; ``variable`` those of the latter, kept because RDP writes something
-    else there. ``calling`` and ``called`` are the octets of the TSAPs, None where there is none, and ``tpdu_size`` the size
-    offered or chosen in octets, 0 when none is stated (then RFC 1006 means 65531).
+    data. ``head`` has the octets of the fixed and variable part, ``variable`` only those of the variable part, kept because RDP
+    has something else than parameters there. ``calling`` and ``called`` are the octets of the TSAPs, None where there is none.
+    ``tpdu_size`` is the size offered or chosen in octets, 0 when none is stated (RFC 1006 then means 65531).
     """
 
     __slots__ = (
@@ -64,8 +64,8 @@ class Tpdu:
         self.type = type_
         self.layout = layout
         self.head = b""
-        self._fields: list[FieldValue] | None = None  # made when somebody first asks for all of them
-        self._parameters: list[Parameter] | None = None  # the same
+        self._fields: list[FieldValue] | None = None  # these two are made on demand
+        self._parameters: list[Parameter] | None = None
         self.variable = b""
         self.calling: bytes | None = None
         self.called: bytes | None = None
@@ -94,9 +94,9 @@ class Tpdu:
         return field.read(self.head, start) if start + field.size <= len(self.head) else -1
 
     def take_variable(self, variable: bytes) -> i64:
-        """Take the variable part and read what a connection is negotiated by; return where the last whole parameter ends.
+        """Take the variable part and read the TSAPs and the TPDU size; return where the last whole parameter ends.
 
-        As in `parameter`, the last one counts when a code stands twice.
+        As in `parameter`, the last one counts when a code comes twice.
         """
         self.variable = variable
         power: i64 = 0
@@ -138,7 +138,7 @@ class Tpdu:
         return found
 
     def parameter(self, code: int) -> bytes | None:
-        """Return the value of a parameter; the last one counts when a code stands twice (X.224 13.2.3)."""
+        """Return the value of a parameter, None when it is not there; of several the last one counts (X.224 13.2.3)."""
         found: bytes | None = None
         for parameter in self.parameters:
             if parameter.code == code:
@@ -156,7 +156,7 @@ class Tpdu:
 
 
 def _behind(variable: bytes, at: i64) -> i64:
-    """Return where the parameter ends that begins at ``at`` of a variable part, 0 when none lies whole there."""
+    """Return where the parameter at ``at`` of a variable part ends, 0 when no whole one is there."""
     size: i64 = len(variable)
     if at + 2 > size:
         return 0
@@ -167,8 +167,8 @@ def _behind(variable: bytes, at: i64) -> i64:
 def _by_size(type_: int, li: int) -> Layout:
     """Choose the layout of a type that has several forms by its length indicator (reference 2.2).
 
-    One octet more than the extended form needs cannot be a parameter, so it is the normal form with a longer variable part:
-    LI 8 is what the normal form with a checksum has.
+    No parameter has only one octet. So a length of one octet more than the extended form needs means the normal form with
+    parameters: LI 8 is that of a normal form with a checksum.
     """
     normal = li < 9 or li == 10
     if type_ == AK:
@@ -195,7 +195,7 @@ _UNKNOWN: Final[Layout] = layouts.UNKNOWN
 
 
 def parse_tpdu(octets: bytes) -> Tpdu:
-    """Read one TPDU (the content of a TPKT after its four octets). Never raises; what does not fit is in ``malformed``."""
+    """Read one TPDU, the content of a TPKT after its header. Never raises; what does not fit is in ``malformed``."""
     if len(octets) < 2:
         tpdu = Tpdu(-1, _UNKNOWN)
         tpdu.malformed.append(Malformed("cotp", "too_short", "type", 0, 2, len(octets), "tpkt"))
@@ -225,7 +225,7 @@ def parse_tpdu(octets: bytes) -> Tpdu:
 
 
 def _judge_rest(tpdu: Tpdu, at: i64) -> None:
-    """Tell of a parameter that does not lie whole in the variable part, at ``at``; those behind it cannot be found."""
+    """Report a parameter at ``at`` that is not whole in the variable part; parameters after it cannot be found."""
     variable = tpdu.variable
     size: i64 = len(variable)
     if at == size:
@@ -243,21 +243,21 @@ class Assembler:
     """Joins the DTs of one direction to TSDUs.
 
     ``parts`` is None between TSDUs. A TSDU that grows past `MAX_TSDU` is dropped up to its end and counted in ``overflows``.
-    An empty DT without EOT, the everyday acknowledgement of Siemens stacks, begins nothing (reference 2.5).
+    An empty DT without EOT, the everyday acknowledgement of Siemens stacks, does not begin a TSDU (reference 2.5).
     """
 
     __slots__ = ("_dropping", "begun", "clear", "dropped", "overflows", "parts")
 
     def __init__(self) -> None:
         self.parts: bytearray | None = None
-        self.begun: i64 = 0  # DTs in parts
+        self.begun: i64 = 0  # how many DTs are in `parts`
         self.clear: bool = True  # the next DT begins a TSDU
         self.overflows: i64 = 0
-        self.dropped: i64 = 0  # octets of TSDUs that were not passed on
+        self.dropped: i64 = 0  # how many octets of TSDUs were not passed on
         self._dropping: bool = False
 
     def push(self, data: bytes, eot: bool) -> bytes | None:
-        """Take the user data of one DT; return the TSDU when this was its end, else None."""
+        """Take the user data of one DT; return the TSDU when the DT ends it, else None."""
         if self._dropping:
             self.dropped += len(data)
             self._dropping = not eot
@@ -288,7 +288,7 @@ class Assembler:
         return bytes(parts)
 
     def abandon(self) -> int:
-        """Drop an unfinished TSDU (a gap took part of it, or the stream ended); return its octets."""
+        """Drop an unfinished TSDU (a gap took part of it, or the stream ended); return how many octets it had."""
         size = len(self.parts) if self.parts is not None else 0
         self.dropped += size
         self.parts = None

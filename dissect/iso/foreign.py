@@ -1,7 +1,7 @@
-"""What identifies a protocol that is not ours: the words that reports say about TLS, MMS and ICCP, and RDP.
+"""Describes messages of protocols other than S7 for reports: TLS, MMS and ICCP, RDP (reference section 1.4).
 
-Enough to know what it is and who it is for, no more: nothing is decoded beyond it. Every text is escaped, none is longer
-than `MAX_TEXT` characters, and whatever the octets are nothing raises (reference section 1.4).
+Only what identifies the message and its peers is decoded. Texts from the wire are escaped and cut to `MAX_TEXT` characters. No
+octets raise an error.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from dissect.iso.upper import (
 from dissect.tls.handshake import record_words
 from dissect.wire.text import shortened
 
-#: Characters of a text that are shown.
+#: How many characters of a text are shown.
 MAX_TEXT: Final = 200
-#: First octets that are shown of what nobody knows.
+#: How many of the first octets of an unknown message are shown.
 _FIRST: Final = 8
 
 #: ISO session SPDUs (X.225) by their first octet.
 _SPDUS: Final = {0x0D: "CONNECT", 0x0E: "ACCEPT", 0x0C: "REFUSE", 0x09: "FINISH", 0x0A: "DISCONNECT", 0x19: "ABORT"}
-#: MMS PDUs that stand in a TSDU without a session, by their tag.
+#: MMS PDUs in a TSDU without a session, by their tag.
 _PDUS: Final = {
     CONFIRMED_REQUEST: "confirmed request",
     CONFIRMED_RESPONSE: "confirmed response",
@@ -55,7 +55,7 @@ _COOKIE: Final = b"Cookie: "
 
 
 def identify(upper: i64, octets: bytes, start: i64, end: i64) -> str:
-    """Return what identifies the TSDU ``octets[start:end]`` of protocol ``upper``; empty when there is nothing to say."""
+    """Return what identifies the TSDU ``octets[start:end]`` of protocol ``upper``; empty for nothing."""
     tsdu = octets[start:end]
     if upper == TLS:
         return record_words(tsdu)
@@ -69,7 +69,7 @@ def identify(upper: i64, octets: bytes, start: i64, end: i64) -> str:
 
 
 def identify_connect(variable: bytes) -> str:
-    """Return what the variable part of an RDP CR or CC says: whom the cookie names, which security is asked or chosen."""
+    """Return what the variable part of an RDP CR or CC says: its cookie, and the security that it requests or chooses."""
     said: list[str] = []
     at: i64 = 0
     if variable.startswith(_COOKIE):
@@ -102,7 +102,7 @@ def _text(octets: bytes) -> str:
 
 
 def _mms(octets: bytes) -> str:
-    """Name the SPDU, and of a CONNECT what its association request says; MMS and ICCP differ in nothing else that is here."""
+    """Return the name of the SPDU; for a CONNECT also application context and AP titles, in which MMS and ICCP differ."""
     if octets[0] == 1:
         return "DATA TRANSFER"
     if octets[0] in _PDUS:
@@ -113,7 +113,7 @@ def _mms(octets: bytes) -> str:
 
 
 def _association(octets: bytes) -> str:
-    """Return application context and AP titles of the AARQ inside a CONNECT, empty when none is found."""
+    """Return application context and AP titles of the AARQ in a CONNECT, empty when there is no AARQ."""
     at: i64 = octets.find(bytes((_AARQ,)))
     while at >= 0:
         body = _value(octets, at)
@@ -135,7 +135,7 @@ def _titles(body: bytes) -> str:
         oid = _oid(_value(value, 0)) if value and value[0] == _OID else ""
         if tag == _CONTEXT:
             if not oid:
-                return ""  # no AARQ after all
+                return ""  # not an AARQ
             said.append(f"application context {oid}")
         elif (tag == _CALLED_TITLE or tag == _CALLING_TITLE) and value:
             who = "called" if tag == _CALLED_TITLE else "calling"
@@ -156,7 +156,7 @@ def _size(octets: bytes, at: i64) -> i64:
 
 
 def _value(octets: bytes, at: i64) -> bytes:
-    """Return the value of the BER element at ``at``, as much of it as is there."""
+    """Return the value of the BER element at ``at``, as far as it is there."""
     if at + 2 > len(octets):
         return b""
     first: i64 = octets[at + 1]
@@ -165,7 +165,7 @@ def _value(octets: bytes, at: i64) -> bytes:
 
 
 def _oid(octets: bytes) -> str:
-    """Return an object identifier in dots."""
+    """Return an object identifier in dotted notation."""
     numbers: list[int] = []
     value = 0
     for octet in octets[:32]:

@@ -40,7 +40,7 @@ _NEXT_EXTENDED: Final = Field("next_nr", 4, "Number of the next TPDU expected.",
 _CREDIT_EXTENDED: Final = Field("credit_extended", 2, "Credit of 16 bits.", "cotp.credit")
 
 _HEAD: Final = [_LI, _TYPE, _CREDIT]
-#: AK and RJ in their normal form: the credit means something.
+#: The beginning of AK and RJ in their normal form, where the credit has a meaning.
 _FLOW_HEAD: Final = [_LI, _TYPE, Field("credit", 1, "TPDUs the receiver takes.", "cotp.credit", None, (0x0F, 0), True)]
 _X224: Final = "X.224 section 13"
 
@@ -64,7 +64,7 @@ RJ: Final = Layout("RJ", _X224, [*_FLOW_HEAD, _DST_REF, _NEXT])
 RJ_EXTENDED: Final = Layout("RJ", _X224, [*_HEAD, _DST_REF, _NEXT_EXTENDED, _CREDIT_EXTENDED])
 ER: Final = Layout("ER", _X224, [*_HEAD, _DST_REF, Field("cause", 1, "Reject cause.", "cotp.reject_cause", ER_CAUSES)])
 UNKNOWN: Final = Layout("unknown TPDU", _X224, [*_HEAD])
-#: Head of a parameter of the variable part; its value follows.
+#: The head of a parameter in the variable part; its value follows.
 PARAMETER: Final = Layout(
     "parameter",
     "X.224 section 13.2.3",

@@ -1,4 +1,4 @@
-"""Is a TCP connection ISO-on-TCP? Told by content, on any port, with port 102 as a hint (reference sections 1.3 and 1.4)."""
+"""Recognises ISO-on-TCP by its content, on any port; port 102 is only a hint (reference sections 1.3 and 1.4)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from dissect.iso.tables import CR
 from dissect.iso.tpkt import YES, judge_beginning, plausible
 from dissect.iso.upper import TLS, UNKNOWN, classify
 
-# What `recognise` finds.
+# What `recognise` returns.
 UNDECIDED: Final = 0  # look at more
 HERE: Final = 1  # a TPKT begins with the octets
 WITHIN: Final = 2  # a TPKT begins somewhere in them
 OTHER: Final = 3  # another protocol
 
-#: Segments with octets that are looked at before a connection on an unknown port counts as another protocol.
+#: How many segments with octets are looked at before a connection counts as another protocol.
 PROBES: Final = 8
-#: The same when port 102 says that it ought to be ISO-on-TCP.
+#: The same for a connection on port 102, which ought to be ISO-on-TCP.
 _PROBES_102: Final = 64
 
 
@@ -26,7 +26,7 @@ def recognise(octets: bytes, at_start: bool, on_102: bool, probed: i64) -> i64:
     """Return whether ``octets`` are ISO-on-TCP: `UNDECIDED`, `HERE`, `WITHIN` or `OTHER`.
 
     ``at_start``: they are the first ones that their side sent. ``probed`` segments of the connection were looked at before.
-    Only on port 102 a TPKT is looked for behind the first octet.
+    Only on port 102 are TPKTs found that begin after the first octet.
     """
     if plausible(octets, 0, len(octets)) or (at_start and _may_begin_tpkt(octets)):
         return HERE
@@ -37,17 +37,17 @@ def recognise(octets: bytes, at_start: bool, on_102: bool, probed: i64) -> i64:
 
 
 def is_connect_request(octets: bytes) -> bool:
-    """Return whether ``octets`` begin with a CR in its TPKT."""
+    """Return whether ``octets`` begin with a TPKT that holds a CR."""
     return len(octets) > 6 and octets[5] >> 4 == CR and plausible(octets, 0, len(octets))
 
 
 def raw_protocol(octets: bytes) -> i64:
-    """Return the protocol of octets that are in no TPKT (a number of `iso.upper`), as far as TPKTs carry it as well."""
+    """Return the protocol of octets outside of TPKTs, as a number of `iso.upper`: TLS or UNKNOWN."""
     return TLS if classify(octets, 0, len(octets)) == TLS else UNKNOWN
 
 
 def _may_begin_tpkt(octets: bytes) -> bool:
-    """Return whether fewer octets than a header may be the beginning of a TPKT (the first octets of a connection)."""
+    """Return whether the first octets of a connection, too few for `plausible`, may be the beginning of a TPKT."""
     if len(octets) >= 6:
         return False
     pattern = (0x03, 0x00)

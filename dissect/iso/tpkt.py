@@ -1,17 +1,17 @@
-"""TPKT framing of one direction: octets in order become whole TPKTs, across any segmentation, holes and garbage.
+"""TPKT framing of one direction (RFC 1006 section 6, reference section 1): turns octets in order into whole TPKTs.
 
-RFC 1006 section 6; reference section 1. The pipeline takes TPKTs that lie whole in one segment itself and comes here with
-everything else, so the state here is what is left between segments:
+`dissect.engine.iso` takes TPKTs that lie whole in one segment itself; `Framer` handles everything else: TPKTs in several
+segments, gaps and garbage. Its state between segments:
 
 * ``pending``: the first octets of a TPKT whose rest is still to come;
-* ``skip``: octets of a TPKT that a hole damaged, still to be passed over (a hole of known size inside a TPKT does not cost
-  the synchronisation);
-* ``synced`` false: the next TPKT has to be searched for. What may be the beginning of one is kept until that is certain, so
-  that small segments, in which no TPKT lies whole, do not cost more than the octets that were lost.
+* ``skip``: how many octets of a TPKT that a gap damaged are still to be skipped. After a gap of known size that ends inside a
+  TPKT the framer knows where the next one begins, and stays in step;
+* ``synced`` false: out of step; the next TPKT has to be searched for. A possible beginning is kept until it is certain. So
+  where a TPKT never lies whole in a segment, no more is lost than what the gap took.
 
-A length field may lie, and what it covers then are sound TPKTs. So one that does not agree with what it holds never hides
-them: where a *sound* TPKT begins inside it (a class 0 DT with a PDU whose own lengths fill it exactly), it ends there. Where
-both readings agree with all lengths, both are told.
+A length field may be wrong, and cover other TPKTs. A TPKT is *sound* if it has a class 0 DT with a PDU whose own lengths fill
+it exactly. Where a sound TPKT begins inside one whose length does not agree with its content, that one ends there. Where both
+readings agree with all lengths, both TPKTs are reported.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ HEADER: Final = 4
 #: Smallest packet with a TPDU in it: an empty DT.
 MIN_LENGTH: Final = 7
 MAX_LENGTH: Final = 65535
-#: A TPKT that begins inside a segment and ends in a later one is found while searching when it is no longer than this.
+#: The largest TPKT that a search finds when it begins inside a segment and ends in a later one.
 MAX_SOUGHT: Final = 4096
-#: Places looked at for that at once; of more, the latest count.
+#: How many places where such a TPKT may begin are kept; of more, the latest.
 _MAX_CANDIDATES: Final = 32
 
-#: What a class 0 DT that ends its TSDU begins with.
+#: How a class 0 DT that ends its TSDU begins.
 _DT_EOT: Final = b"\x02\xf0\x80"
-#: With the header, the octets of a TPKT that tell whether its length agrees with the PDU in it.
+#: The first octets of a TPKT, header included, that show whether its length agrees with the PDU in it.
 _TELLING: Final = 19
 
 _TPDU_CODES: Final = frozenset((0x1, 0x2, 0x5, 0x6, 0x7, 0x8, 0xC, 0xD, 0xE, 0xF))
 _DT: Final = 0xF0
 
-# Answers of `judge_beginning`.
+# What `judge_beginning` returns.
 NO: Final = 0
 YES: Final = 1
 UNDECIDED: Final = 2
@@ -48,14 +48,14 @@ UNDECIDED: Final = 2
 #: Faults of a TPKT header (`Framer.faults`).
 BAD_VERSION: Final = "version"
 BAD_LENGTH: Final = "length"
-#: A TPKT that covers sound ones: its length lies, or its sender began anew.
+#: A TPKT that covers sound ones: its length is wrong, or its sender gave it up and began another one.
 HIDING: Final = "hiding"
 
 
 def plausible(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether a TPKT with a COTP TPDU may begin at ``at``: what is there of the first six octets fits.
+    """Return whether a TPKT with a COTP TPDU may begin at ``at``, by its first six octets.
 
-    Wants the version, a zero reserved octet and a legal length to be there (four octets).
+    The first four must be there: version, a zero reserved octet and a legal length. The other two are checked if they are.
     """
     if end - at < HEADER or octets[at] != 3 or octets[at + 1] != 0:
         return False
@@ -71,10 +71,10 @@ def plausible(octets: bytes, at: i64, end: i64) -> bool:
 
 
 def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
-    """Return whether a TPKT begins at ``at``, judged as strictly as a place inside a segment needs (reference 1.3).
+    """Return whether a TPKT begins at ``at``: `YES`, `NO` or `UNDECIDED`, when its end is still to come (reference 1.3).
 
-    Beyond `plausible`: a DT must be empty or carry a known protocol, and the TPKT must be followed by another plausible one
-    or by the end of the octets. `UNDECIDED` when its end is still to come; ``octets[at]`` must be there.
+    This is stricter than `plausible`, for places inside a segment: a DT must be empty or carry a known protocol, and the TPKT
+    must be followed by another plausible one or by the end of the octets. ``octets[at]`` must be there.
     """
     if end - at < HEADER:
         return UNDECIDED if _may_follow(octets, at, end) else NO
@@ -96,7 +96,7 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def sound_length(octets: bytes, at: i64, end: i64) -> i64:
-    """Return the length of a sound TPKT that begins at ``at`` and is there as a whole, 0 when none does."""
+    """Return the length of the sound TPKT that begins at ``at`` and lies whole before ``end``, 0 when there is none."""
     if end - at < MIN_LENGTH + HEADER or octets[at] != 3 or octets[at + 1] != 0:
         return 0
     length: i64 = u16(octets, at + 2)
@@ -108,7 +108,7 @@ def sound_length(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def find_sound(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
-    """Return where the first sound TPKT of ``octets[at:end]`` begins, if before ``stop``; -1 for none."""
+    """Return where the first sound TPKT in ``octets[at:end]`` begins that begins before ``stop``; -1 for none."""
     here: i64 = octets.find(_DT_EOT, at + HEADER)
     while 0 <= here < stop + HEADER:
         if sound_length(octets, here - HEADER, end):
@@ -118,9 +118,9 @@ def find_sound(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
 
 
 def agrees(head: bytes, length: i64) -> bool:
-    """Return whether the length of a TPKT agrees with what its first octets (``head``, header included) say of its content.
+    """Return whether the length of a TPKT agrees with the size of its content that its first octets (``head``) state.
 
-    True as well while too few of them are there to tell.
+    ``head`` includes the header. True as well while ``head`` is too short to tell.
     """
     size: i64 = len(head)
     if size < HEADER + 2:
@@ -137,14 +137,14 @@ def agrees(head: bytes, length: i64) -> bool:
 
 
 def _may_follow(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether the octets at ``at``, be they fewer than a header, fit the beginning of a TPKT."""
+    """Return whether the octets at ``at``, which may be fewer than a header, fit the beginning of a TPKT."""
     if end - at >= HEADER:
         return plausible(octets, at, end)
     return octets[at] == 3 and (at + 1 == end or octets[at + 1] == 0)
 
 
 def _first_open(octets: bytes) -> i64:
-    """Return the first place in ``octets`` at which a sound TPKT may begin whose end is still to come."""
+    """Return the first place in ``octets`` where a sound TPKT may begin whose end is still to come; their end for none."""
     end: i64 = len(octets)
     here: i64 = octets.find(_DT_EOT, HEADER)
     while here >= 0:
@@ -161,7 +161,7 @@ def _first_open(octets: bytes) -> i64:
 
 
 class Fault:
-    """A wrong TPKT header: ``kind`` is `BAD_VERSION`, `BAD_LENGTH` or `HIDING`, ``value`` what the field held.
+    """A wrong TPKT header: ``kind`` is `BAD_VERSION`, `BAD_LENGTH` or `HIDING`, ``value`` the value of the wrong field.
 
     ``framed`` and ``skipped`` are what the framer had counted before it.
     """
@@ -175,20 +175,21 @@ class Fault:
         self.skipped: i64 = skipped
 
 
-#: What a framer has while there is nothing of a kind: most framers share these, and nobody appends to them.
+#: Empty lists that all framers share while they have nothing of a kind; never append to them.
 _NO_PLACES: Final[list[int]] = []
 _NO_PACKETS: Final[list[bytes]] = []
 _NO_FAULTS: Final[list[Fault]] = []
 
-#: A TPKT with a longer TPDU than connect requests and confirms have is looked at closely.
+#: `Framer.alone` takes only TPKTs up to this size; connect requests and confirms are no larger.
 _FEW: Final = 64
 
 
 class Framer:
     """Finds TPKTs in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
-    Every octet given is accounted for: ``framed`` (in whole TPKTs and in TPKTs reported as cut) + ``skipped`` + ``buffered``.
-    ``ends`` says of each packet how many octets were given up to its end; who takes the packets deletes one with each.
+    Every octet that was pushed is counted: in ``framed`` (in whole TPKTs and in TPKTs reported as cut), ``skipped`` or
+    ``buffered``. ``ends`` has for each of ``packets`` how many octets had been pushed up to its end; the caller deletes one
+    entry with each packet that it takes.
     """
 
     __slots__ = (
@@ -213,14 +214,13 @@ class Framer:
         self.ends: list[int] = _NO_PLACES
         self.pending: bytearray | None = None
         self._need: i64 = 0  # size of the pending TPKT, 0 while its header is not complete
-        self._searched: i64 = 0  # octets of the pending TPKT in which no sound one begins
-        self._sought: bytes = b""  # while searching: octets from the first on with which a TPKT may begin
-        self._candidates: list[int] = _NO_PLACES  # the places in them where one may begin, if its end comes to fit
-        self._tail: bytes = b""  # of the last TPKT, if it did not agree with its length: what may begin the next one
+        self._searched: i64 = 0  # in so many octets of the pending TPKT no sound one begins
+        self._sought: bytes = b""  # while searching: the octets from the first possible beginning of a TPKT on
+        self._candidates: list[int] = _NO_PLACES  # the places in `_sought` where a TPKT may begin
+        # The end of the last TPKT, from where another may begin, if its length did not agree with its content.
+        self._tail: bytes = b""
         self.skip: i64 = 0
-        self._brief: bool = (
-            False  # what is passed over are octets of a TPKT too short for a TPDU, unless one begins there
-        )
+        self._brief: bool = False  # `skip` counts octets of a TPKT too short for a TPDU; another may begin in them
         self.synced: bool = False
         self.packets: list[bytes] = _NO_PACKETS
         self.faults: list[Fault] = _NO_FAULTS
@@ -230,12 +230,12 @@ class Framer:
 
     @property
     def buffered(self) -> int:
-        """Octets held back: of an unfinished TPKT, or of what may become one."""
+        """How many octets are held back: those of an unfinished TPKT, or of what may become one."""
         return len(self.pending) if self.pending is not None else len(self._sought)
 
     @property
     def passed(self) -> int:
-        """Octets given up to the end of the TPKT being reported, without those in gaps."""
+        """How many octets had been pushed up to the end of the TPKT being reported; gaps do not count."""
         if self.ends:
             return self.ends[0]
         return self.framed + self.skipped
@@ -269,7 +269,7 @@ class Framer:
                     fresh = 0
                     end = len(octets)
             elif self.synced and self._tail and octets[at] != 3:
-                # The TPKT before did not agree with its length, and it may have been too long.
+                # No TPKT begins here, and the length of the one before did not agree with its content: it was too large.
                 self.framed -= len(self._tail)
                 self._tell(BAD_VERSION, octets[at])
                 self.synced = False
@@ -284,10 +284,10 @@ class Framer:
                 at = self._begin(octets, at, end)
 
     def hole(self, size: i64, cut: bool) -> bool:
-        """``size`` octets are missing here. True when the end of the TPKT they fall into is still known.
+        """``size`` octets are missing here. Return True when the gap is inside a TPKT whose end is still known.
 
-        When ``cut`` (the capture cut the frame), the TPKT begun is left in ``cut_packet`` as far as it was captured;
-        otherwise its octets count as skipped.
+        With ``cut`` (the capture cut the frame), the captured octets of that TPKT are left in ``cut_packet``; otherwise they
+        count as skipped.
         """
         self.cut_packet = b""
         self._tail = b""
@@ -315,7 +315,7 @@ class Framer:
         return self.synced
 
     def _pass_hole(self, left: i64, size: i64) -> None:
-        """A hole of ``size`` where ``left`` octets of a TPKT were still to come."""
+        """Take a gap of ``size`` octets where ``left`` octets of a TPKT were still to come."""
         self._brief = False
         self._tail = b""
         if size <= left:
@@ -326,7 +326,7 @@ class Framer:
             self.synced = False
 
     def _begin(self, octets: bytes, at: i64, end: i64) -> i64:
-        """In step, at the first octet of a TPKT: take it whole, keep its beginning, or find it wrong."""
+        """In step, at the first octet of a TPKT: take it whole, keep its beginning, or note a fault; return the next place."""
         if octets[at] != 3:
             self._tell(BAD_VERSION, octets[at])
             self.synced = False
@@ -359,7 +359,7 @@ class Framer:
         self.faults.append(Fault(kind, value, self.framed, self.skipped))
 
     def _whole(self, packet: bytes, given: int) -> None:
-        """A TPKT is whole; ``given`` octets were given up to its end."""
+        """A TPKT is whole; ``given`` octets had been pushed up to its end."""
         if not self.packets:
             self.packets = []
         self.packets.append(packet)
@@ -368,9 +368,10 @@ class Framer:
         self.ends.append(given)
 
     def alone(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Return the length of the TPKT that ``octets[at:end]`` plainly are, with any TPDU but a DT in it; 0 when they are not.
+        """Take ``octets[at:end]`` if they plainly are one TPKT with a TPDU other than DT; return its length, else 0.
 
-        For a framer in step that holds nothing: `push` would find the same one, after a closer look. Connections begin so.
+        Most connections begin with such TPKTs. Call this only in step, with nothing held. `push` would find the same TPKT, with
+        more work.
         """
         length: i64 = end - at
         if length < MIN_LENGTH or length > _FEW or u16(octets, at + 2) != length or not plausible(octets, at, end):
@@ -390,7 +391,7 @@ class Framer:
             self._tail = packet[max(1, _first_open(packet)) :]
 
     def _end_early(self, octets: bytes, length: i64) -> None:
-        """A TPKT of ``length`` covers a sound one: what stands before that is all it holds."""
+        """A TPKT whose length field is ``length`` covers a sound one: its content is only ``octets``, those before that."""
         self._tell(HIDING, length)
         if len(octets) < MIN_LENGTH:
             self.skipped += len(octets)
@@ -398,7 +399,7 @@ class Framer:
             self._add(octets)
 
     def _pass(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Pass over the rest of a damaged TPKT, up to a sound one: then it was its length that was wrong."""
+        """Skip the rest of a damaged TPKT, but end at a sound one: the length of the damaged one was wrong then."""
         if self._brief and octets[at] == 3:
             self.skip = 0
             return at
@@ -413,11 +414,11 @@ class Framer:
         return at + step
 
     def _seek(self, octets: bytes, at: i64, end: i64, segment_start: bool) -> i64:
-        """Return how many octets of the pending TPKT and ``octets[at:]`` stand before a sound one that ends it, -1 for none.
+        """Return how many octets of the pending TPKT and ``octets[at:]`` come before a sound TPKT that ends it, -1 for none.
 
-        Inside a TPKT that agrees with its length only the beginning of a segment is looked at, where a sender that gave up
-        begins anew: when the TPKT would end in the middle of what is sound there, it is over. When it would not, either
-        reading is possible, and what is inside is told as well.
+        If the pending TPKT agrees with its length, only a sound one at the beginning of a segment can end it: there a sender
+        begins again that gave the pending one up. It does so if no TPKT can follow where the pending one would end. Otherwise
+        either reading is possible, and the TPKTs inside are reported as well.
         """
         pending = self.pending
         assert pending is not None
@@ -443,7 +444,7 @@ class Framer:
         return -1
 
     def _tell_inside(self, octets: bytes, at: i64, end: i64) -> None:
-        """Tell the sound TPKTs at ``at`` besides the one that they may be the content of."""
+        """Report the sound TPKTs at ``at``, besides the pending one whose content they may be."""
         pending = self.pending
         assert pending is not None
         self._tell(HIDING, self._need)
@@ -455,7 +456,7 @@ class Framer:
             length = sound_length(octets, at, end)
 
     def _part(self, size: i64) -> bytes:
-        """End the pending TPKT after ``size`` octets; return what it holds beyond them."""
+        """End the pending TPKT after ``size`` octets; return its octets after these."""
         pending = self.pending
         assert pending is not None
         octets = bytes(pending)
@@ -465,7 +466,7 @@ class Framer:
         return octets[size:]
 
     def _short(self, octets: bytes, at: i64, end: i64, length: i64) -> i64:
-        """A length of 4 to 6 holds no whole TPDU and is stepped over, unless a TPKT begins in it; below 4 nothing can be."""
+        """Skip a TPKT too short for a TPDU, unless another begins in it; a length below 4 is impossible: search from here."""
         self._tell(BAD_LENGTH, length)
         if length < HEADER:
             self.synced = False
@@ -482,7 +483,7 @@ class Framer:
         self._searched = 1
 
     def _continue(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Add to the TPKT begun. Linear: octets are appended once and looked at once."""
+        """Add octets to the pending TPKT; return the next place. Each octet is appended and looked at only once."""
         pending = self.pending
         assert pending is not None
         have: i64 = len(pending)
@@ -501,7 +502,7 @@ class Framer:
                     self._sought = header[1:]
                 return at
             self._need = length
-            return at  # what follows is looked at first, as when it comes in another segment
+            return at  # `push` then calls `_seek` for what follows, as if it came in another segment
         take = min(self._need - have, end - at)
         pending += octets[at : at + take]
         if have + take == self._need:
@@ -510,9 +511,10 @@ class Framer:
         return at + take
 
     def _search(self, octets: bytes, at: i64, fresh: i64, end: i64, segment_start: bool) -> i64:
-        """Out of step: look for the next TPKT in ``octets[at:end]``, of which those before ``fresh`` were looked at before.
+        """Out of step: look for the next TPKT in ``octets[at:end]``; return the next place.
 
-        When a segment starts at ``fresh``, as it usually does with a TPKT, that place comes first.
+        Octets before ``fresh`` were looked at before. If a segment begins at ``fresh``, that place is tried first, because most
+        segments begin with a TPKT.
         """
         found: i64 = -1
         candidates: list[int] = []
@@ -541,7 +543,7 @@ class Framer:
         return end
 
     def _settle(self, octets: bytes, end: i64, undecided: list[int]) -> i64:
-        """Return the first candidate that now is certain, -1 for none; those still open go to ``undecided``."""
+        """Return the first candidate that is certain now, -1 for none; append those that are still open to ``undecided``."""
         for place in self._candidates:
             judged: i64 = judge_beginning(octets, place, end)
             if judged == YES:

@@ -8,14 +8,14 @@ from mypy_extensions import i64
 
 from dissect.iso.tables import CONNECTION_TYPES
 
-#: Protocols, as a connection names them, whose TSAPs have connection types, racks and slots; empty while nothing was said.
+#: Protocols (`Connection.protocol`) whose TSAPs have connection types, racks and slots; empty: not known yet.
 SIEMENS: Final = frozenset(("", "s7comm", "s7comm_plus"))
 
 
 class Tsap:
     """A transport service access point: its octets and what they mean on Siemens devices.
 
-    ``rack`` and ``slot`` are -1 unless the TSAP has the two-octet form; they mean something in the called TSAP only.
+    ``rack`` and ``slot`` are -1 unless the TSAP has the two-octet form; they are meaningful only in the called TSAP.
     """
 
     __slots__ = ("connection_type", "octets", "rack", "slot")
@@ -41,7 +41,7 @@ class Tsap:
         return self.octets.hex()
 
     def describe(self, called: bool = True) -> str:
-        """Return the TSAP for a person, for example ``01.02 (PG, rack 0 slot 2)``; a calling one has no rack and slot."""
+        """Return the TSAP as text, for example ``01.02 (PG, rack 0 slot 2)``; for a calling one without rack and slot."""
         if self.connection_type < 0:
             return f'"{self}"' if _is_text(self.octets) else str(self)
         if self.connection_type in CONNECTION_TYPES:
@@ -51,9 +51,9 @@ class Tsap:
         return f"{self} ({kind}, rack {self.rack} slot {self.slot})" if called else f"{self} ({kind})"
 
     def means(self, protocol: str, called: bool = True) -> str:
-        """Return the TSAP with what it means to those that speak ``protocol``, empty for none that is known.
+        """Return the TSAP as text, with its meaning if ``protocol`` is one of `SIEMENS`.
 
-        Connection types, racks and slots are of Siemens; elsewhere the octets are no more than a number.
+        Only Siemens protocols have connection types, racks and slots; in others the octets are just a number.
         """
         if protocol in SIEMENS or self.connection_type < 0:
             return self.describe(called)
@@ -70,7 +70,7 @@ class Tsap:
 
 
 def _is_text(octets: bytes) -> bool:
-    """Return whether octets are two or more characters of ASCII that can be printed."""
+    """Return whether ``octets`` are two or more printable ASCII characters."""
     size: i64 = len(octets)
     for at in range(size):
         if octets[at] < 0x20 or octets[at] >= 0x7F:

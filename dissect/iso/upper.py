@@ -1,4 +1,4 @@
-"""Which protocol a TSDU speaks, told by its first octets (reference section 1.4)."""
+"""Recognises the protocol of a TSDU by its first octets (reference section 1.4)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TLS: Final = 3
 RDP: Final = 4
 UNKNOWN: Final = 5
 EMPTY: Final = 6
-SCD: Final = 7  # only where a binding says so: nothing tells it
+SCD: Final = 7  # only where a binding says so: its octets do not show it
 
 #: Names as reports use them, by the numbers above.
 UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty", "scd"]
@@ -23,7 +23,7 @@ UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "
 #: ISO session SPDUs (X.225): connect, accept, refuse, finish, disconnect, abort.
 _SESSION: Final = frozenset((0x0D, 0x0E, 0x0C, 0x09, 0x0A, 0x19))
 
-# MMS PDUs (ISO 9506-2) by their BER tag, where they stand in a TSDU without a session.
+# MMS PDUs (ISO 9506-2) by their BER tag, as they come in a TSDU without a session.
 CONFIRMED_REQUEST: Final = 0xA0
 CONFIRMED_RESPONSE: Final = 0xA1
 CONFIRMED_ERROR: Final = 0xA2
@@ -33,11 +33,11 @@ INITIATE_RESPONSE: Final = 0xA9
 INITIATE_ERROR: Final = 0xAA
 
 _INTEGER: Final = 0x02
-#: Elements of an initiate: local detail [0], jobs calling [1] and called [2], nesting [3], detail [4]; [0] and [3] may lack.
+#: Elements of an initiate: local detail [0], jobs calling [1] and called [2], nesting [3], detail [4]; [0], [3] are optional.
 _INITIATE_TAGS: Final = frozenset(
     ((0x81, 0x82, 0xA4), (0x80, 0x81, 0x82, 0xA4), (0x81, 0x82, 0x83, 0xA4), (0x80, 0x81, 0x82, 0x83, 0xA4))
 )
-#: Elements looked at: no PDU that is recognised has more.
+#: No PDU that is recognised has more elements.
 _MOST_ELEMENTS: Final = 5
 
 
@@ -52,7 +52,7 @@ def classify(octets: bytes, start: i64, end: i64) -> i64:
         return S7COMM if 1 <= second <= 7 else UNKNOWN
     if first == 0x72:
         if second == 0xFF:
-            return S7COMM_PLUS if size == 4 else UNKNOWN  # the keep-alive is nothing but a header
+            return S7COMM_PLUS if size == 4 else UNKNOWN  # the keep-alive is just a header
         return S7COMM_PLUS if second in (0x01, 0x02, 0x03, 0xFE) else UNKNOWN
     if 0x14 <= first <= 0x17 and second == 0x03:
         return TLS
@@ -69,7 +69,7 @@ def classify(octets: bytes, start: i64, end: i64) -> i64:
 
 
 def _element(octets: bytes, at: i64, end: i64) -> i64:
-    """Return where the BER element at ``at`` ends, tag and definite length read strictly; -1 when it is none within ``end``."""
+    """Return where the BER element at ``at`` ends, -1 when there is no element of definite length before ``end``."""
     if at >= end:
         return -1
     tag: i64 = octets[at]
@@ -94,13 +94,13 @@ def _element(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def _content(octets: bytes, at: i64) -> i64:
-    """Return where the content of the element at ``at`` begins; its tag is one octet, and it was found sound."""
+    """Return where the content of the element at ``at`` begins. Its tag must be one octet, and `_element` have accepted it."""
     size: i64 = octets[at + 1]
     return at + 2 + (size & 0x7F if size & 0x80 else 0)
 
 
 def _tags(octets: bytes, at: i64, end: i64) -> list[int]:
-    """Return the first octets of the elements that fill ``octets[at:end]`` exactly; empty when they do not, or are too many."""
+    """Return the first octet of each element in ``octets[at:end]``; empty when they do not fill it, or are too many."""
     found: list[int] = []
     while at < end:
         after: i64 = _element(octets, at, end)
@@ -112,7 +112,7 @@ def _tags(octets: bytes, at: i64, end: i64) -> list[int]:
 
 
 def _is_mms_pdu(octets: bytes, start: i64, end: i64) -> bool:
-    """Return whether ``octets[start:end]`` is one MMS PDU, proven by lengths that fit exactly and the elements it must have."""
+    """Return whether ``octets[start:end]`` is one MMS PDU: its lengths fit exactly, and it has the elements that it must."""
     if _element(octets, start, end) != end:
         return False
     first: i64 = octets[start]
@@ -134,9 +134,9 @@ def _is_mms_pdu(octets: bytes, start: i64, end: i64) -> bool:
 
 
 def stated_size(octets: bytes, start: i64, end: i64) -> i64:
-    """Return how many octets the S7comm PDU or S7comm-plus frame at ``start`` says it has, 0 when its header is not there.
+    """Return the size that the S7comm PDU or S7comm-plus frame at ``start`` states, 0 when its header is not there.
 
-    Of S7comm-plus that is without the trailer, which only the last frame of a PDU has.
+    For S7comm-plus that is without the trailer, which only the last frame of a PDU has.
     """
     size: i64 = end - start
     if size < 4:

@@ -1,5 +1,5 @@
-"""Where packets come from: capture files, compressed or not, and pipes that carry them.
+"""Sources of packets: capture files, compressed or not, pipes that carry captures, and network interfaces.
 
-`files.open_capture` looks at a path and returns the `packet.Reader` that fits; every reader delivers to a
-`packet.PacketSink`. `live.opening.open_live` gives one for what passes on an interface now.
+`files.open_capture` returns the `packet.Reader` that fits a file or pipe; `live.opening.open_live` returns one for an
+interface. Every reader delivers packets to a `packet.PacketSink`.
 """

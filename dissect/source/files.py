@@ -1,7 +1,7 @@
-"""Opening a capture: from a path, standard input or another machine, to the reader that fits, by what the file begins with.
+"""Opens a capture from a path, standard input or another machine, and finds its reader by the first octets.
 
 Compressed files (gzip, also of several members, and zstd, also of several frames) are decompressed as they are read, a
-bounded piece at a time. A compressed file inside a compressed file is not followed.
+bounded piece at a time. A file that is compressed twice is refused.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from dissect.source.pcap import CHUNK, PCAP_MAGICS, OctetSource, PcapReader
 from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader
 from dissect.source.remote import is_remote, open_remote, shown
 
-#: The largest window of a zstd frame that is decompressed, in octets: enough for ``zstd --ultra -20`` and all below it.
+#: The largest window of a zstd frame that is decompressed, in octets: enough for all levels up to ``zstd --ultra -20``.
 MAX_ZSTD_WINDOW: Final = 32 * 1024 * 1024
 
-#: How many octets tell what a file is.
+#: How many octets show what a file is.
 _HEAD: Final = 12
 
 _GZIP_MAGIC: Final = b"\x1f\x8b"
@@ -30,7 +30,7 @@ _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _ZSTD_MAX_BLOCK: Final = 128 * 1024
 _ZSTD_RLE: Final = 1
 
-#: What else people give to a program that wants captures, and how they get one.
+#: How files begin that people take for captures, with what they are and how to get a capture from them.
 _OTHER_MAGICS: Final = (
     (b"BZh", "a bzip2 file; decompress it first"),
     (b"\xfd7zXZ\x00", "an xz file; decompress it first"),
@@ -46,11 +46,11 @@ _OTHER_MAGICS: Final = (
 
 
 def open_capture(path: str | os.PathLike[str]) -> Reader:
-    """Open the capture at ``path``, on standard input when that is ``-``, or on another machine, and return its reader.
+    """Open the capture at ``path`` and return its reader; ``-`` is standard input, a URL is a file on another machine.
 
-    Its first octets say what it holds, never its name: pcap or pcapng, plain or in gzip or zstd. Raises
-    `CaptureError`, with one line for a person, when there is nothing to read: no such file, not a capture, nothing in
-    it, or zstd without the package that reads it. Damage further on raises nothing; the reader reports it.
+    The first octets decide what it is, never its name: pcap or pcapng, plain or in gzip or zstd. `CaptureError`, with one line
+    for a person, when there is nothing to read: no such file, not a capture, an empty file, or zstd without the package that
+    reads it. Damage further on raises nothing; the reader reports it.
     """
     path = os.fspath(path)
     source = _open(path)
@@ -68,7 +68,7 @@ def _open(path: str) -> OctetSource:
 
 
 def _open_file(path: str) -> PlainSource:
-    if not path:  # which would stand for the folder where one is
+    if not path:  # `Path` would take it for the current folder
         raise CaptureError("the name of a file is empty; was a variable of the shell not set?")
     try:
         return PlainSource(cast(_Stream, Path(path).open("rb", buffering=0)), owned=True)
@@ -126,7 +126,7 @@ def find_reader(source: OctetSource, name: str) -> Reader:
 
 
 def _read_head(source: OctetSource) -> bytes:
-    """Return the first octets of ``source``: `_HEAD` or more, fewer only when there are no more."""
+    """Return the first octets of ``source``: at least `_HEAD`, unless it has fewer."""
     pieces: list[bytes] = []
     size = 0
     while size < _HEAD:
@@ -139,19 +139,19 @@ def _read_head(source: OctetSource) -> bytes:
 
 
 def compression(head: bytes) -> str:
-    """Return how a file that begins so is compressed: ``gzip``, ``zstd`` or nothing."""
+    """Return how a file that begins with ``head`` is compressed: ``gzip``, ``zstd`` or nothing."""
     if head.startswith(_GZIP_MAGIC):
         return "gzip"
     return "zstd" if head.startswith(_ZSTD_MAGIC) or _is_skippable(head[:4]) else ""
 
 
 def _is_skippable(magic: bytes) -> bool:
-    """Return whether a zstd frame that holds no content (as pzstd begins with) has this magic number."""
+    """Return whether this is the magic number of a zstd frame without content, such as pzstd writes at the beginning."""
     return len(magic) == 4 and 0x50 <= magic[0] <= 0x5F and magic[1:] == b"\x2a\x4d\x18"
 
 
 class _Stream(Protocol):
-    """The part of a raw binary file that is used. ``read`` gives None when a non-blocking file has nothing yet."""
+    """What is used of a raw binary file. ``read`` returns None when a non-blocking file has nothing yet."""
 
     def read(self, size: int, /) -> bytes | None: ...
 
@@ -161,7 +161,7 @@ class _Stream(Protocol):
 
 
 class PlainSource:
-    """A file or pipe as it is. An ``owned`` one is closed with the source."""
+    """A file or pipe, read without decompression. An ``owned`` one is closed with the source."""
 
     def __init__(self, stream: _Stream, owned: bool) -> None:
         self.damage = ""
@@ -191,11 +191,11 @@ class PlainSource:
 
 
 class _DamagedError(Exception):
-    """Compressed data that goes no further; the message is for a person."""
+    """The compressed data cannot be read further; the message is for a person."""
 
 
 class _CompressedSource(ABC):
-    """What the two decompressors share: the octets taken and not used yet, and the way damage is told."""
+    """The base class of both decompressors: keeps compressed octets that were not used yet, and reports damage."""
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
         self.damage = ""
@@ -222,10 +222,10 @@ class _CompressedSource(ABC):
 
     @abstractmethod
     def _decompress(self, size: int) -> bytes:
-        """Return some octets, or none and come nearer to some, or set ``_ended``; `_DamagedError` if it goes no further."""
+        """Return some octets, or none after some progress; set ``_ended`` at the end. `_DamagedError` for damaged data."""
 
     def _more(self) -> bytes:
-        """Return some octets more from below; none at the end."""
+        """Return some more compressed octets; none at the end."""
         piece = self._source.read(CHUNK)
         self._taken += len(piece)
         return piece
@@ -235,7 +235,7 @@ class _CompressedSource(ABC):
 
 
 class GzipSource(_CompressedSource):
-    """The content of a gzip file (RFC 1952), all members one after the other; zero octets after the last are padding."""
+    """The content of a gzip file (RFC 1952): all its members in order. Zero octets after the last one are padding."""
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
         super().__init__(source, head)
@@ -260,14 +260,14 @@ class GzipSource(_CompressedSource):
             self._pending = self._member.unused_data
             self._between = True
         elif not octets and not self._pending:
-            # The source has ended, and nothing was held back inside either.
+            # The source has ended, and the decompressor has nothing left.
             raise self._cut("gzip")
         else:
             self._pending = self._member.unconsumed_tail
         return octets
 
     def _salvage(self, before: zlib._Decompress, why: str) -> bytes:
-        """Return what stands before the corrupt octet, which the failed call kept to itself, and remember to end."""
+        """Return the content before the corrupt octet, which the failed call did not give; the next call raises the error."""
         octets = bytearray()
         start = self._taken - len(self._pending)
         for at in range(len(self._pending)):
@@ -297,10 +297,10 @@ class GzipSource(_CompressedSource):
 
 
 class ZstdSource(_CompressedSource):
-    """The content of a zstd file (RFC 8878), all frames one after the other. ImportError without the zstandard package.
+    """The content of a zstd file (RFC 8878): all its frames in order. ImportError without the zstandard package.
 
-    The frames are walked here, block by block: a block holds at most 128 KiB of content, so that no input, however
-    small, makes the decompressor give more at once; and the end of the last block is known, so that a cut is reported.
+    The frames are given to the decompressor block by block. A block has at most 128 KiB of content, so a small input cannot
+    make the decompressor return more at once. And the end of the last block is known, so a cut is reported.
     """
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
@@ -325,11 +325,11 @@ class ZstdSource(_CompressedSource):
             ) from None
 
     def _offset(self) -> int:
-        """Return how many octets of the compressed data were used."""
+        """Return how many compressed octets were used."""
         return self._taken - len(self._pending) + self._at
 
     def _begin_frame(self) -> bytes:
-        """Read the header of a frame, or skip a frame without content, or end."""
+        """Read the header of a frame, or skip a frame without content, or end where there is none."""
         if not self._have(1):
             self._ended = True
             if self._source.damage:
@@ -378,12 +378,12 @@ class ZstdSource(_CompressedSource):
         return self._frame.decompress(header + body)
 
     def _end_frame(self) -> bytes:
-        """Check the checksum; apart from the last block, so that a wrong one does not cost its content."""
+        """Check the checksum. That is a step of its own, so that the last block's content is kept when it is wrong."""
         self._next = self._begin_frame
         return self._frame.decompress(self._take(4))
 
     def _have(self, size: int) -> bool:
-        """Have at least ``size`` octets pending; False when the source ends before."""
+        """Make sure that at least ``size`` octets are pending; return False when the source ends before."""
         have = len(self._pending) - self._at
         if have >= size:
             return True
@@ -399,14 +399,14 @@ class ZstdSource(_CompressedSource):
         return have >= size
 
     def _take(self, size: int) -> bytes:
-        """Return exactly ``size`` octets from below."""
+        """Return the next ``size`` compressed octets."""
         if not self._have(size):
             raise self._cut("zstd")
         self._at += size
         return self._pending[self._at - size : self._at]
 
     def _skip(self, size: int) -> None:
-        """Pass over ``size`` octets from below, holding none."""
+        """Skip ``size`` compressed octets without keeping them."""
         while size and self._have(1):
             step = min(size, len(self._pending) - self._at)
             self._at += step

@@ -1,4 +1,4 @@
-"""A text file that another program may still write to: each read gives what was added since the one before."""
+"""`GrowingFile`: a text file that another program may still write to; each read returns what was added since the last."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import weakref
 from typing import Final
 
-#: Octets that are read of a file from its beginning on; what is longer is no file of this kind.
+#: At most so many octets of a file are read; no file of this kind is longer.
 MAX_READ: Final = 64 * 1024 * 1024
 _PIECE: Final = 1024 * 1024
 
@@ -14,8 +14,8 @@ _PIECE: Final = 1024 * 1024
 class GrowingFile:
     """Reads ``path`` from its beginning, and on from there. OSError when it cannot be opened or is a directory.
 
-    It stays open, because a live capture gives up its rights before the file has grown, and is closed when nobody needs it any
-    more. A file that became shorter was begun anew, and is read from its beginning again; ``begun`` counts how often.
+    The file stays open for as long as this object exists, because a live capture gives up its rights before the file has grown.
+    A file that became shorter was rewritten, and is read from its beginning again; ``begun`` counts how often.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -23,10 +23,10 @@ class GrowingFile:
         weakref.finalize(self, os.close, self._descriptor)
         self.begun = 0
         self._at = 0
-        os.read(self._descriptor, 0)  # a directory can be opened, and not read
+        os.read(self._descriptor, 0)  # raises for a directory, which can be opened but not read
 
     def more(self) -> bytes:
-        """Return what was written since the last call, nothing where that cannot be read."""
+        """Return what was written since the last call; nothing when it cannot be read."""
         try:
             if os.fstat(self._descriptor).st_size < self._at:
                 self._at = os.lseek(self._descriptor, 0, os.SEEK_SET)

@@ -1,4 +1,4 @@
-"""What a source of packets delivers to, whatever it reads from."""
+"""`Reader`, which reads any source of packets, and `PacketSink`, which it delivers them to."""
 
 from __future__ import annotations
 
@@ -7,35 +7,34 @@ from mypy_extensions import i64, mypyc_attr
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class PacketSink:
-    """Takes packets one at a time; the pipeline is the one the product uses.
+    """Takes packets one at a time; `dissect.engine.pipeline.Pipeline` is one.
 
-    The base class drops what it is given, so that a sink need only override what it wants.
+    The base class drops everything, so a sink only overrides what it wants.
     """
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
         """Take one packet: its octets are ``buf[start:end]``.
 
-        ``time_ns`` is nanoseconds since 1970-01-01 UTC. ``wire_length`` is what the packet measured on the wire, larger than
-        ``end - start`` when the capture cut it. ``link_type`` is the LINKTYPE number of pcap and pcapng.
-        ``buf`` may hold many packets; it is never changed after the call.
+        ``time_ns`` is nanoseconds since 1970-01-01 UTC. ``wire_length`` is the size of the packet on the wire in octets, larger
+        than ``end - start`` when the capture cut it. ``link_type`` is the LINKTYPE number of pcap and pcapng. ``buf`` may hold
+        many packets; it is never changed after the call.
         """
 
     def comment(self, text: str) -> None:
         """Take a comment that the capture holds about the packet delivered next."""
 
     def secrets(self, text: bytes) -> None:
-        """Take the TLS key log that the capture holds in a Decryption Secrets Block; it may stand at any place."""
+        """Take the TLS key log of a Decryption Secrets Block, which may come anywhere in the capture."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Reader:
-    """A capture being read: every kind of file or pipe gives this.
+    """Reads a capture: the base class of the readers of every kind of file and pipe.
 
     ``packets`` and ``octets`` count what was read so far. ``damage`` is empty, or one sentence that says where the capture
-    was found damaged or cut; what came before it was delivered. ``rejected`` counts blocks that were given up while reading
-    went on, and ``notes`` says in sentences why, and what else in the capture is odd: one for each kind, with where it was
-    first met and how often. ``interface`` is the name of the interface that captured the packet being delivered, empty where
-    the capture names none.
+    was found damaged or cut; everything before that was delivered. ``rejected`` counts damaged blocks after which reading went
+    on. ``notes`` are sentences about these and other oddities, one for each kind, with its first place and its count.
+    ``interface`` is the name of the interface that captured the packet being delivered, empty where the capture names none.
     """
 
     def __init__(self) -> None:
@@ -47,15 +46,15 @@ class Reader:
         self.interface: str = ""
 
     def step(self, sink: PacketSink) -> bool:
-        """Read some more and deliver its packets to ``sink``; False when there is nothing more to read.
+        """Read some more and deliver its packets to ``sink``; return False when there is nothing more to read.
 
-        One call delivers a bounded number of packets (about 256 KiB of file), so that a caller can look at results,
-        show progress or stop in between. Never raises on what the capture holds.
+        One call delivers a bounded number of packets (64 to 256 KiB of input), so that the caller can look at results, show
+        progress or stop in between. Nothing that the capture holds raises an error.
         """
         return False
 
     def stated_loss(self) -> str:
-        """Return in words how many packets the capture states that were lost while it was made; empty for none."""
+        """Return in words how many packets were lost while the capture was made, as far as it says so; empty for none."""
         return ""
 
     def close(self) -> None:
@@ -63,13 +62,14 @@ class Reader:
 
 
 class CaptureError(Exception):
-    """The user's own input cannot be used: no such file, not a capture, a decompressor that is not installed."""
+    """The input that the user named cannot be used: no such file, not a capture, a decompressor that is not installed."""
 
 
 class SourceFile:
-    """One file of a run: its name, the number of its first packet in the run, what was read of it, its damage.
+    """One file of a run.
 
-    ``first_ns`` and ``last_ns`` are the times of its first and last packet, nanoseconds since 1970; 0 before they are read.
+    ``first_frame`` is the number of its first packet in the run. ``first_ns`` and ``last_ns`` are the times of its first and
+    last packet, nanoseconds since 1970; 0 before they are read. The other attributes are as in `Reader`.
     """
 
     def __init__(self, name: str, first_frame: i64) -> None:
@@ -85,7 +85,7 @@ class SourceFile:
 
     @property
     def loss(self) -> str:
-        """Say what of the file could not be read: damage, a cut, blocks given up. Empty when all of it was read."""
+        """What of the file could not be read: damage, a cut, damaged blocks. Empty when all of it was read."""
         said = [self.damage] if self.damage else []
         if self.rejected:
             blocks = "1 damaged block" if self.rejected == 1 else f"{self.rejected} damaged blocks"

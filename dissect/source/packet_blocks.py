@@ -1,4 +1,4 @@
-"""Packets as blocks of a pcapng file, and what the file says of an interface at its end. Compiled: each packet passes here."""
+"""Writes packets as blocks of a pcapng file, and counts them for the statistics at its end. Compiled, as each packet passes."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Final
 
 from dissect.source.pcapng import ENHANCED_PACKET, MAX_BLOCK
 
-#: The last time that a block can hold, nanoseconds since 1970.
+#: The latest time that a block can hold, nanoseconds since 1970.
 MAX_COUNT: Final = 2**64 - 1
 _MASK: Final = 0xFFFFFFFF
 _PACKET_HEAD: Final = struct.Struct("<IIIIIII")
-#: What fills a block up, by the octets of a packet beyond a multiple of four.
+#: The padding after a packet, by its size modulo four.
 _PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
 
 
 def plain_block(interface: int, time_ns: int, octets: bytes, wire_length: int, options: bytes = b"") -> bytes:
-    """Return an Enhanced Packet Block with ``options``; the rest as `dissect.source.pcapng_writer.packet_block` has it.
+    """Return an Enhanced Packet Block with these packed ``options``; see `dissect.source.pcapng_writer.packet_block`.
 
     Raises ValueError as that does.
     """
@@ -31,11 +31,11 @@ def plain_block(interface: int, time_ns: int, octets: bytes, wire_length: int, o
     head = _PACKET_HEAD.pack(
         ENHANCED_PACKET, total, interface, time_ns >> 32, time_ns & _MASK, size, max(wire_length, size)
     )
-    return b"".join((head, octets, behind, head[4:8]))  # the size of the block stands at both ends
+    return b"".join((head, octets, behind, head[4:8]))  # a block has its size at both ends
 
 
 class Told:
-    """What is known of one interface when the file ends."""
+    """What the statistics of one interface say at the end of the file; ``received`` and ``dropped`` are -1 if not known."""
 
     __slots__ = ("dropped", "first_ns", "last_ns", "packets", "received")
 
@@ -58,7 +58,7 @@ class Told:
 
 
 class PacketBlocks:
-    """Packets of one interface on their way to the file together: ``packets`` of them, in blocks of ``octets`` octets."""
+    """Gathers packets of one interface to be written together: ``packets`` of them, in blocks of ``octets`` octets."""
 
     __slots__ = ("_blocks", "_interface", "_told", "octets", "packets")
 
@@ -78,7 +78,7 @@ class PacketBlocks:
         self.octets += len(block)
 
     def take(self) -> bytes:
-        """Return the blocks, and begin anew."""
+        """Return the blocks that were gathered, and begin again with none."""
         whole = b"".join(self._blocks)
         self._blocks = []
         self.packets = 0

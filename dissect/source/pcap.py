@@ -1,8 +1,8 @@
-"""Classic pcap files, and what every reader of a capture shares: chunks, joined where a record spans two of them.
+"""`PcapReader` for classic pcap files, and `ChunkReader`, the base class of it and of the reader of pcapng.
 
-The format is draft-ietf-opsawg-pcap: a header of 24 octets, then records of a header of 16 octets and the packet.
-Both byte orders, microseconds and nanoseconds, the "modified" format of old tcpdump patches (magic 0xa1b2cd34, record
-headers of 24 octets), and the swapped length fields of files older than version 2.4.
+The format is draft-ietf-opsawg-pcap: a header of 24 octets, then records of a header of 16 octets and the packet. Read are
+both byte orders, microseconds and nanoseconds, the "modified" format of old tcpdump patches (magic 0xa1b2cd34, record headers
+of 24 octets), and the swapped length fields of files older than version 2.4.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from mypy_extensions import i64
 from dissect.source.packet import PacketSink, Reader
 from dissect.wire.build import COMPILED
 
-#: How many octets are asked for at a time. Above 128 KiB the C library may map and unmap memory for every chunk, which was
-#: measured to cost up to three times as much as reading the packets; below, a reader costs the same whatever the heap is like.
+#: How many octets are read at a time. Above 128 KiB the C library may map and unmap memory for every chunk, which was measured
+#: to cost up to three times as much as reading the packets; below, the cost does not depend on the state of the heap.
 CHUNK: Final = 64 * 1024
 
-#: The largest packet believed, on Ethernet and on any other link; a record that claims more is damage (libpcap's
-#: bound is the first, for all links).
+#: The largest packet accepted, on Ethernet and on any other link; a record that claims more is damaged. (libpcap uses the
+#: first bound for all links.)
 MAX_ETHERNET_PACKET: Final = 256 * 1024
 MAX_PACKET: Final = 16 * 1024 * 1024
 
@@ -40,10 +40,10 @@ PCAP_MAGICS: Final[dict[bytes, tuple[bool, bool, int]]] = {
 _FILE_HEADER: Final = 24
 
 _ODD_FRACTION: Final = "a time stamp holds {} parts of a second, a whole second or more, and was read as it stands"
-#: What is noted of a packet whose wire length cannot be; for pcapng too.
+#: The note about a packet with an impossible wire length; for pcapng as well.
 SHORT_WIRE: Final = "a packet claims only {} bytes on the wire, fewer than were captured, and was treated as complete"
-#: The first 16 octets of a second file header read as the record of an empty packet; its last 8 begin a record that claims a
-#: packet as long as the time of the packet behind it.
+#: Where files were joined with cat: the first 16 octets of the second file header look like the record of an empty packet. Its
+#: last 8 octets look like the beginning of a record; the size of that one's packet is then the time of the next packet.
 _JOINED: Final = "another pcap file begins there; join files with mergecap, not with cat"
 _ODD_VERSION: Final = "the file says it is version {} of the format, and was read as version 2.4"
 
@@ -54,21 +54,21 @@ def u32le(octets: bytes, at: i64) -> i64:
 
 
 def packet_limit(link_type: i64) -> i64:
-    """Return the largest packet, in octets, that is believed on ``link_type``."""
+    """Return the largest packet, in octets, that is accepted on ``link_type``."""
     return MAX_ETHERNET_PACKET if link_type == LINKTYPE_ETHERNET else MAX_PACKET
 
 
 class OctetSource(Protocol):
-    """The octets of a capture, whatever they come out of (see `files`)."""
+    """The octets of a capture, decompressed, whatever they are read from (see `files`)."""
 
     @property
     def damage(self) -> str:
-        """Empty, or what went wrong below the capture: a failing disk, compressed data that is cut or corrupt."""
+        """Empty, or what went wrong while reading: a failing disk, compressed data that is cut or corrupt."""
 
     def read(self, size: int) -> bytes:
-        """Return some octets, waiting for them if need be; none at the end. Never raises.
+        """Return up to ``size`` octets, waiting for them if need be; none at the end. Never raises.
 
-        ``size`` is how many suit the reader. Only a zstd block is given whole, and is 128 KiB at most.
+        A zstd block is returned whole, even if it has more than ``size`` octets (128 KiB at most).
         """
 
     def close(self) -> None:
@@ -76,7 +76,7 @@ class OctetSource(Protocol):
 
 
 class _Oddity:
-    """Something odd met while reading: a sentence with a number in it, where it was first met, how often since."""
+    """Something odd in a capture: a sentence with a number in it, where it was first found, and how often."""
 
     def __init__(self, sentence: str, number: i64, offset: i64) -> None:
         self.text: str = sentence.replace("{}", str(number))
@@ -89,10 +89,10 @@ class _Oddity:
 
 
 class ChunkReader(Reader):
-    """A reader of records that come in chunks of any size.
+    """The base class of readers of records, which ``source`` gives in chunks of any size.
 
-    ``head`` is what was already taken from ``source`` to find out what it holds. ``octets`` counts what came out of the
-    source, decompressed. A subclass scans `_buf` from `_pos`, and asks `_fill` for as much as the next record needs.
+    ``head`` is what was already taken from ``source``, to find out what it holds. ``octets`` counts what came out of the
+    source, decompressed. A subclass scans `_buf` from `_pos`, and calls `_fill` with the size that the next record needs.
     """
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
@@ -101,7 +101,7 @@ class ChunkReader(Reader):
         self._source: OctetSource = source
         self._buf: bytes = head
         self._pos: i64 = 0
-        self._rest: bytes = b""  # a chunk whose first octets, up to `_rest_at`, stand in `_buf` already
+        self._rest: bytes = b""  # the latest chunk; its octets before `_rest_at` are in `_buf` already
         self._rest_at: i64 = 0
         self._need: i64 = 0
         self._done: bool = False
@@ -118,16 +118,16 @@ class ChunkReader(Reader):
         self._source.close()
 
     def _offset(self, at: i64) -> i64:
-        """Return where in the capture ``_buf[at]`` stands."""
+        """Return the offset of ``_buf[at]`` in the capture."""
         return self.octets - len(self._rest) + self._rest_at - len(self._buf) + at
 
     def _fill(self, need: i64) -> bool:
-        """Have at least ``need`` octets stand at ``_pos``; False when the source ends before."""
+        """Make sure that ``_buf`` has at least ``need`` octets from ``_pos`` on; return False when the source ends before."""
         have: i64 = len(self._buf) - self._pos
         if have >= need:
             return True
-        # Joined once, however small the pieces: a pipe may give one octet at a time. What was scanned goes first, so that
-        # its memory is there for the next piece.
+        # Pieces are joined only once, because a pipe may give one octet at a time. The old buffer is freed first, so that its
+        # memory is there for the next piece.
         pieces = [self._buf[self._pos :]] if have else []
         self._buf = b""
         self._pos = 0
@@ -141,7 +141,7 @@ class ChunkReader(Reader):
                     self._rest = piece
                     self._rest_at = 0
                 if have == 0:
-                    # The chunk stays where it is.
+                    # Use the chunk itself as the buffer, without a copy.
                     self._buf = self._rest
                     self._pos = self._rest_at
                     have = len(self._buf) - self._pos
@@ -151,7 +151,7 @@ class ChunkReader(Reader):
                         return True
                     pieces.append(self._buf[self._pos :])
                     continue
-                # Of the chunk that a record ends in, only what belongs to it is copied.
+                # Copy only the part of the chunk that belongs to the record.
                 stop: i64 = min(self._rest_at + need - have, len(self._rest))
                 pieces.append(self._rest[self._rest_at : stop])
                 have += stop - self._rest_at
@@ -160,21 +160,21 @@ class ChunkReader(Reader):
                     stop = 0
                 self._rest_at = stop
         finally:
-            # Also when a person interrupts the waiting: nothing that was taken is lost.
+            # Also after an interrupt (Ctrl-C) in `read`: nothing that was taken is lost.
             if pieces:
                 self._buf = pieces[0] if len(pieces) == 1 else b"".join(pieces)
                 self._pos = 0
         return have >= need
 
     def _goes_on(self) -> bool:
-        """Have the next record stand at ``_pos`` if all of it was read already; False when the source has to give more."""
+        """Make sure that ``_buf`` has the next record if all of it was read; return False if ``source`` must be read first."""
         left: i64 = len(self._rest) - self._rest_at
         if left == 0 or self._done:
             return False
         return len(self._buf) - self._pos + left >= self._need and self._fill(self._need)
 
     def _finish(self, inside: str) -> None:
-        """End where the source ended; ``inside`` says what is cut if octets are left over."""
+        """The source has ended: end too. ``inside`` says what is cut if octets are left over."""
         damage = self._source.damage
         if self._pos < len(self._buf):
             cut = f"cut off at byte {self.octets}, {inside}"
@@ -182,7 +182,7 @@ class ChunkReader(Reader):
         self._end(damage)
 
     def _stop(self, at: i64, why: str) -> None:
-        """End at ``_buf[at]`` because what stands there cannot be read and nothing after it can be found."""
+        """End at ``_buf[at]``: this record cannot be read, and the next one cannot be found."""
         packets = "1 packet" if self.packets == 1 else f"{self.packets} packets"
         self._end(f"damaged at byte {self._offset(at)}, after {packets}: {why}")
 
@@ -192,7 +192,7 @@ class ChunkReader(Reader):
         self.close()
 
     def _note(self, sentence: str, number: i64, at: i64) -> None:
-        """Remember an oddity at ``_buf[at]``, by its sentence; ``number`` is put in for the braces, of the first one only."""
+        """Count an oddity at ``_buf[at]`` by its sentence. The braces in that get the ``number`` of the first one."""
         oddity = self._oddities.get(sentence)
         if oddity is None:
             oddity = _Oddity(sentence, number, self._offset(at))
@@ -201,12 +201,12 @@ class ChunkReader(Reader):
         self._told = False
 
     def _reject(self, sentence: str, number: i64, at: i64) -> None:
-        """Give up the block at ``_buf[at]`` and remember why."""
+        """Give up the block at ``_buf[at]`` and note why."""
         self.rejected += 1
         self._note(sentence, number, at)
 
     def _tell(self) -> None:
-        """Bring ``notes`` up to date with the oddities."""
+        """Bring ``notes`` up to date."""
         if not self._told:
             self.notes = [str(oddity) for oddity in self._oddities.values()]
             self._told = True
@@ -224,12 +224,12 @@ class PcapReader(ChunkReader):
         self._record: struct.Struct = struct.Struct(">IIII" if big else "<IIII")
         self._old: bool = False
         self._link_type: i64 = 0
-        self._ends: bytes = b""  # of the file header: snap length and link type
+        self._ends: bytes = b""  # the last octets of the file header: snap length and link type
         self._begun: bool = False
         self._need = _FILE_HEADER
 
     def step(self, sink: PacketSink) -> bool:
-        """Read about one chunk and deliver its packets to ``sink``; False when there is nothing more to read."""
+        """Read about one chunk and deliver its packets to ``sink``; return False when there is nothing more to read."""
         if self._done:
             return False
         if not self._fill(self._need):
@@ -245,13 +245,13 @@ class PcapReader(ChunkReader):
         return not self._done
 
     def _begin(self) -> None:
-        """Read the file header; the time zone, accuracy and snap length in it change nothing."""
+        """Read the file header; its time zone, accuracy and snap length are ignored."""
         order = ">" if self._big else "<"
         major, minor, link = struct.unpack_from(f"{order}4xHH12xI", self._buf)
         if major != 2 or minor > 4:
             self._note(_ODD_VERSION.replace("{}", f"{major}.{minor}"), 0, 4)
         self._old = major == 2 and minor < 4
-        # The upper half tells about frame check sequences, which the IP length leaves out anyway.
+        # The upper half is about frame check sequences, which come after the end that the IP length gives.
         self._link_type = link & 0xFFFF
         self._ends = self._buf[16:_FILE_HEADER]
         self._begun = True
@@ -282,7 +282,7 @@ class PcapReader(ChunkReader):
             while pos + header <= size:
                 if not compiled:
                     seconds, fraction, captured, wire = unpack(buf, pos)
-                elif big:  # two numbers with each read
+                elif big:  # each read gives two numbers
                     pair = read_i64_be(buf, pos)
                     seconds, fraction = pair >> 32 & 0xFFFFFFFF, pair & 0xFFFFFFFF
                     pair = read_i64_be(buf, pos + 8)

@@ -1,13 +1,11 @@
-"""pcapng files (draft-ietf-opsawg-pcapng): sections, interfaces and packets in any number and either byte order.
+"""`PcapngReader` for pcapng files (draft-ietf-opsawg-pcapng), with any number of sections and interfaces, in either byte order.
 
-Read are the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet
-Block, with the comments of packets, and the TLS key logs in Decryption Secrets Blocks; Interface Statistics Blocks are kept.
-Every other block is skipped by its length. A Simple Packet Block has no time; its packet gets the time of the packet before
-it (0 when there is none).
+Read are the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet Block, the
+comments of packets, and TLS key logs in Decryption Secrets Blocks; Interface Statistics Blocks are kept. Other blocks are
+skipped. A Simple Packet Block has no time; its packet gets the time of the packet before it (0 when there is none).
 
-A block that contradicts itself is given up, counted in ``rejected`` and explained in ``notes``. Reading stops only
-where the way to the next block is lost: an impossible block length, or two blocks one after the other whose lengths
-at front and end differ.
+A block that contradicts itself is given up, counted in ``rejected`` and explained in ``notes``. Reading ends only where the
+next block cannot be found: at an impossible block length, or after two blocks in a row whose lengths at start and end differ.
 """
 
 from __future__ import annotations
@@ -22,15 +20,15 @@ from dissect.source.pcap import SHORT_WIRE, ChunkReader, OctetSource, packet_lim
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import u32
 
-#: The first four octets of a section, which read the same in both byte orders, and what stands at offset 8.
+#: The first four octets of a section, which are the same in both byte orders, and the octets at offset 8.
 PCAPNG_MAGIC: Final = b"\x0a\x0d\x0d\x0a"
 BYTE_ORDER_MAGICS: Final = (b"\x1a\x2b\x3c\x4d", b"\x4d\x3c\x2b\x1a")
 
-#: The largest block believed (libpcap's and Wireshark's bound), and the most interfaces kept for a section.
+#: The largest block accepted (libpcap's and Wireshark's bound), and the most interfaces kept for a section.
 MAX_BLOCK: Final = 16 * 1024 * 1024
 MAX_INTERFACES: Final = 65_536
 
-#: Types of blocks, and codes of options, as `dissect.source.pcapng_writer` writes them too.
+#: Types of blocks and codes of options; `dissect.source.pcapng_writer` uses them as well.
 SECTION: Final = 0x0A0D0D0A
 INTERFACE: Final = 1
 _OLD_PACKET: Final = 2
@@ -38,7 +36,7 @@ _SIMPLE_PACKET: Final = 3
 STATISTICS: Final = 5
 ENHANCED_PACKET: Final = 6
 DECRYPTION_SECRETS: Final = 10
-#: What of these blocks holds a TLS key log ("TLSK").
+#: The type of secrets that is a TLS key log ("TLSK").
 TLS_KEY_LOG: Final = 0x544C534B
 
 _MIN_BLOCK: Final = 12
@@ -47,7 +45,7 @@ _MIN_INTERFACE: Final = 20
 _MIN_SIMPLE: Final = 16
 #: The largest statistics block kept; real ones have about a hundred octets.
 _MAX_STATISTICS: Final = 4096
-#: Sections whose statistics are kept; a file that was put together has one for each of its parts.
+#: How many statistics blocks of earlier sections are kept; a file joined of parts has one section for each part.
 _MAX_SECTIONS: Final = 4096
 _MIN_PACKET: Final = 32
 _MIN_SECRETS: Final = 20
@@ -78,12 +76,12 @@ _MANY_INTERFACES: Final = f"a section describes more than {MAX_INTERFACES} inter
 
 
 class Interface:
-    """What a section says about one interface, as far as its packets need it.
+    """The description of an interface, as far as its packets need it.
 
-    ``link_type`` is a LINKTYPE number, -1 when the description could not be read; ``name`` is empty when it has none. A
-    tick of its clock is ``base ** -exponent`` seconds (``base`` 2 or 10), its zero ``offset`` seconds after 1970-01-01
-    UTC. When a tick is a whole number of nanoseconds and the offset 0, ``multiplier`` is that number and ``safe_high``
-    the first upper half of a time that may not fit.
+    ``link_type`` is a LINKTYPE number, -1 when the description could not be read; ``name`` is empty when it has none. A tick of
+    its clock is ``base ** -exponent`` seconds (``base`` 2 or 10), counted from ``offset`` seconds after 1970-01-01 UTC. Where a
+    tick is a whole number of nanoseconds and ``offset`` is 0, ``multiplier`` is that number; times whose upper 32 bits are less
+    than ``safe_high`` then fit 64 bits of nanoseconds.
     """
 
     __slots__ = (
@@ -113,7 +111,7 @@ class Interface:
         self.settle()
 
     def settle(self) -> None:
-        """Work out ``divisor`` (ticks a second), ``multiplier`` and ``safe_high`` from the rest."""
+        """Calculate ``divisor`` (ticks per second), ``multiplier`` and ``safe_high`` from the other attributes."""
         self.divisor = self.base**self.exponent
         if self.base == 10 and self.exponent <= 9 and self.offset == 0:
             multiplier = 10 ** (9 - self.exponent)
@@ -124,15 +122,15 @@ class Interface:
             self.safe_high = 0
 
     def exact_time_ns(self, ticks: int) -> int:
-        """Return the time of ``ticks`` in nanoseconds since 1970-01-01 UTC, rounded down and of any size."""
+        """Return the time of ``ticks`` in nanoseconds since 1970-01-01 UTC, rounded down; it may need more than 64 bits."""
         return ticks * 1_000_000_000 // self.divisor + self.offset * 1_000_000_000
 
 
 class PcapngReader(ChunkReader):
     """A pcapng file. ``head`` begins with `PCAPNG_MAGIC`.
 
-    ``statistics`` holds the last Interface Statistics Block of each interface of the section being read, by its number, as it
-    is (`dissect.source.statistics` reads them), ``earlier_statistics`` those of the sections before it.
+    ``statistics`` holds, by interface number, the last Interface Statistics Block of each interface of the section being read;
+    ``earlier_statistics`` holds those of the sections before. `dissect.source.statistics` reads these blocks.
     """
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
@@ -149,7 +147,7 @@ class PcapngReader(ChunkReader):
         self.earlier_statistics: list[bytes] = []
 
     def stated_loss(self) -> str:
-        """Return what the statistics of all sections say was lost."""
+        """Return in words what was lost according to the statistics of all sections; empty for nothing."""
         blocks = [*self.earlier_statistics, *self.statistics.values()]
         if not blocks:
             return ""
@@ -158,7 +156,7 @@ class PcapngReader(ChunkReader):
         return loss_in(blocks)
 
     def step(self, sink: PacketSink) -> bool:
-        """Read about one chunk and deliver its packets to ``sink``; False when there is nothing more to read."""
+        """Read about one chunk and deliver its packets to ``sink``; return False when there is nothing more to read."""
         if self._done:
             return False
         if not self._fill(self._need):
@@ -198,7 +196,7 @@ class PcapngReader(ChunkReader):
             if at + total > size:
                 self._need = total
                 return
-            # Before its packet is delivered, so that a sink that raises does not get it again.
+            # Set before the packet is delivered, so that a sink that raises does not get the packet again.
             self._pos = at + total
             if not compiled:
                 (trailer,) = self._single.unpack_from(buf, at + total - 4)
@@ -217,7 +215,7 @@ class PcapngReader(ChunkReader):
         return u32(self._buf, at) if self._big else u32le(self._buf, at)
 
     def _order(self, at: i64) -> bool:
-        """Take the byte order of the section that begins at ``at``; False when it has none."""
+        """Take the byte order of the section that begins at ``at``; return False, and end, when it has none."""
         magic = self._buf[at + 8 : at + 12]
         if magic not in BYTE_ORDER_MAGICS:
             self._stop(at, f"a section header has no byte-order magic but {magic.hex(' ')}")
@@ -230,7 +228,7 @@ class PcapngReader(ChunkReader):
         return True
 
     def _contradiction(self, sink: PacketSink, kind: i64, at: i64, total: i64, trailer: i64) -> None:
-        """Judge a block whose lengths differ; sections and interfaces are read anyway, what follows needs them."""
+        """Take a block whose two lengths differ: give it up, but read a section or interface, which later blocks need."""
         if self._doubt:
             self._stop(at, "two blocks one after the other have different lengths at start and end")
             return
@@ -259,7 +257,7 @@ class PcapngReader(ChunkReader):
             self._secrets(sink, at, total)
 
     def _secrets(self, sink: PacketSink, at: i64, total: i64) -> None:
-        """Deliver a key log of TLS; secrets of other protocols open nothing here."""
+        """Deliver a TLS key log; secrets of other protocols are ignored."""
         if total < _MIN_SECRETS:
             self._reject(_SHORT_BLOCK, total, at)
             return
@@ -270,7 +268,7 @@ class PcapngReader(ChunkReader):
             sink.secrets(self._buf[at + 16 : at + 16 + size])
 
     def _section(self, at: i64, total: i64) -> None:
-        """Begin a section: what the one before said about interfaces is over."""
+        """Begin a section: the interfaces of the one before no longer count."""
         if total < _MIN_SECTION:
             self._stop(at, f"a section header claims a length of {total} bytes")
             return
@@ -285,7 +283,7 @@ class PcapngReader(ChunkReader):
         self.statistics = {}
 
     def _interface(self, at: i64, total: i64) -> None:
-        """Add an interface; one that cannot be read keeps its place, or the numbers of those after it would be wrong."""
+        """Add an interface. One that cannot be read takes its place too, so that the numbers of those after it are right."""
         if len(self._interfaces) >= MAX_INTERFACES:
             self._reject(_MANY_INTERFACES, 0, at)
             return
@@ -311,7 +309,7 @@ class PcapngReader(ChunkReader):
         interface.settle()
 
     def _option(self, at: i64, end: i64) -> tuple[i64, i64, i64]:
-        """Return (code, where its value starts, size) of the option at ``at``; the code is 0 when there is none."""
+        """Return code, value offset and value size of the option at ``at``; the code is `OPT_END` when there is none."""
         if at + 4 > end:
             return OPT_END, at, 0
         word = self._u32(at)
@@ -325,7 +323,7 @@ class PcapngReader(ChunkReader):
         return code, at + 4, length
 
     def _clock(self, interface: Interface, code: i64, start: i64, length: i64) -> None:
-        """Take an option about an interface's clock."""
+        """Take the resolution or the offset of an interface's clock."""
         if length != (1 if code == IF_TSRESOL else 8):
             self._note(_OPTION_SIZE, length, start - 4)
         elif code == _IF_TSOFFSET:
@@ -334,7 +332,7 @@ class PcapngReader(ChunkReader):
         else:
             value: i64 = self._buf[start]
             exponent = value & 0x7F
-            # Finer than these, 64 bits of ticks do not even last a second.
+            # With finer ticks 64 bits would not last a second.
             finest: i64 = 63 if value & 0x80 else 19
             if exponent > finest:
                 self._note(_ODD_RESOLUTION, exponent, start - 4)
@@ -343,7 +341,7 @@ class PcapngReader(ChunkReader):
             interface.exponent = exponent
 
     def _packet(self, sink: PacketSink, kind: i64, at: i64, total: i64) -> None:
-        """Deliver the packet of an Enhanced or an obsolete Packet Block, which differ in their first field only."""
+        """Deliver the packet of an Enhanced Packet Block or an obsolete Packet Block; only their first field differs."""
         if total < _MIN_PACKET:
             self._reject(_SHORT_BLOCK, total, at)
             return
@@ -382,7 +380,7 @@ class PcapngReader(ChunkReader):
         self._deliver(sink, interface, start, end, wire)
 
     def _simple(self, sink: PacketSink, at: i64, total: i64) -> None:
-        """Deliver the packet of a Simple Packet Block: interface 0, no time, and cut at the interface's snap length."""
+        """Deliver the packet of a Simple Packet Block: of interface 0, without a time, cut at that interface's snap length."""
         if total < _MIN_SIMPLE:
             self._reject(_SHORT_BLOCK, total, at)
             return
@@ -407,7 +405,7 @@ class PcapngReader(ChunkReader):
         sink.frame(self._time_ns, self._buf, start, end, wire, interface.link_type)
 
     def _slow_time(self, interface: Interface, high: i64, low: i64, at: i64) -> i64:
-        """Return the time where 64 bits may not do: fine or binary resolutions, offsets, absurd values (clamped)."""
+        """Return a time that may not fit 64 bits: of a binary or fine resolution, with an offset, or huge (then clamped)."""
         upper: int = high
         lower: int = low
         exact = interface.exact_time_ns(upper << 32 | lower)

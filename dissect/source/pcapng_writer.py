@@ -1,8 +1,8 @@
-"""Writing pcapng (draft-ietf-opsawg-pcapng): one section, little-endian, times in nanoseconds, any number of link types.
+"""Writes pcapng (draft-ietf-opsawg-pcapng): one section, little-endian, times in nanoseconds, any number of link types.
 
-A file only ever grows, by whole blocks, and what was written before is never touched again. So whatever ends the writing, a
-kill -9 included, what stands in the file is readable up to the last whole block. When the disk is full the beginning of a
-block that did not fit is taken away again before the error is raised.
+A file only grows, by whole blocks; what was written is never changed. So the file is readable up to its last whole block,
+however the writing ends, even with kill -9. When the disk is full, the part of the last block that did fit is removed again
+before the error is raised.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _ISB_DELIVERED: Final = 8
 
 _NANOSECONDS: Final = b"\x09"
 _MAX_OPTION: Final = 65_535
-#: Octets that all comments of one packet may take; those that come after are counted in a last one.
+#: Octets that all comments of one packet may take together; a last comment says how many more were dropped.
 MAX_COMMENTS: Final = 262_144
 
 _BYTE_ORDER: Final = 0x1A2B3C4D
@@ -54,7 +54,7 @@ _TIME_HALVES: Final = struct.Struct("<III")
 _U32: Final = struct.Struct("<I")
 _MASK: Final = 0xFFFFFFFF
 
-#: Rights of a new capture file: nobody else's business on a shared machine, captures hold passwords.
+#: Mode of a new capture file: not for other users of the machine, because captures hold passwords.
 CAPTURE_MODE: Final = 0o640
 
 
@@ -71,7 +71,7 @@ def section_block(hardware: str = "", os_name: str = "", application: str = "", 
 
 
 def section_mark(head: bytes) -> str:
-    """Return the comment of the section header that `section_block` wrote at the beginning of a file, empty for any other."""
+    """Return the comment of a section header written by `section_block`, which begins a file; empty for other beginnings."""
     fixed = 8 + _SECTION_HEAD.size
     if len(head) < fixed + _OPTION.size or head[:4] != _U32.pack(SECTION) or head[8:12] != _U32.pack(_BYTE_ORDER):
         return ""
@@ -81,7 +81,7 @@ def section_mark(head: bytes) -> str:
 
 
 def interface_block(link_type: int, name: str = "", snaplen: int = 0) -> bytes:
-    """Return an Interface Description Block with nanoseconds. ``snaplen`` 0: no limit. ValueError for no LINKTYPE number."""
+    """Return an Interface Description Block with nanoseconds; ``snaplen`` 0: no limit. ValueError for a wrong link type."""
     if not 0 <= link_type <= 0xFFFF:
         raise ValueError(f"{link_type} is not a link type: it must fit 16 bits")
     options = [(IF_NAME, _cut(printable(name).encode()))] if name else []
@@ -96,24 +96,24 @@ def packet_block(
     wire_length: int,
     comments: Sequence[str] = (),
 ) -> bytes:
-    """Return an Enhanced Packet Block. ``time_ns``: nanoseconds since 1970, 0 to 2**64 - 1, put to the nearest of them.
+    """Return an Enhanced Packet Block. ``time_ns`` is nanoseconds since 1970, clamped to 0 … 2**64 - 1.
 
-    ``wire_length`` is put up to the size of ``octets`` where it is less. ValueError when the packet is larger than a block
-    that readers believe (16 MiB).
+    ``wire_length`` is raised to the size of ``octets`` where it is less. ValueError when the block would be larger than readers
+    accept (16 MiB).
     """
     options = _options([(OPT_COMMENT, text) for text in _comments(comments)]) if comments else b""
     return plain_block(interface, time_ns, octets, wire_length, options)
 
 
 def secrets_block(text: bytes) -> bytes:
-    """Return a Decryption Secrets Block with a TLS key log. ValueError when it is larger than a block that readers believe."""
+    """Return a Decryption Secrets Block with a TLS key log. ValueError when it would be larger than readers accept."""
     if 20 + len(text) > MAX_BLOCK:
         raise ValueError(f"a key log of {len(text)} bytes is larger than a pcapng block may be ({MAX_BLOCK} bytes)")
     return _block(DECRYPTION_SECRETS, _PAIR.pack(TLS_KEY_LOG, len(text)) + text + bytes(-len(text) % 4))
 
 
 def _statistics_block(number: int, told: Told) -> bytes:
-    """Return an Interface Statistics Block: from when to when, how many packets, and what was lost where that is known."""
+    """Return an Interface Statistics Block: first and last time, number of packets, and losses where they are known."""
     first = told.first_ns
     last = told.last_ns
     options = [
@@ -128,20 +128,20 @@ def _statistics_block(number: int, told: Told) -> bytes:
 
 
 def comment_octets(text: str) -> bytes:
-    """Return a comment as an option holds it: UTF-8, controls and what steers an eye escaped, lines kept, cut to its room."""
+    """Return a comment as the value of an option: UTF-8, control and bidi characters escaped, lines kept, cut to size."""
     lines = text.replace("\r\n", "\n").split("\n")
     return _cut("\n".join([printable(line) for line in lines]).encode())
 
 
 def _cut(octets: bytes) -> bytes:
-    """Return ``octets`` as far as an option holds them, whole characters of UTF-8 only."""
+    """Return ``octets``, cut after a whole UTF-8 character if they are more than an option holds."""
     if len(octets) <= _MAX_OPTION:
         return octets
     return octets[: _MAX_OPTION - 3].decode("utf-8", "ignore").encode() + "…".encode()
 
 
 def _comments(comments: Sequence[str]) -> list[bytes]:
-    """Return comments as octets, as many as `MAX_COMMENTS` has room for; a last one counts the others."""
+    """Return as many comments as fit into `MAX_COMMENTS` octets; a last one says how many did not."""
     room = MAX_COMMENTS
     told: list[bytes] = []
     for index, comment in enumerate(comments):
@@ -156,7 +156,7 @@ def _comments(comments: Sequence[str]) -> list[bytes]:
 
 
 def _options(options: Iterable[tuple[int, bytes]]) -> bytes:
-    """Return options with what ends them; nothing when there are none."""
+    """Return packed options with the end marker; nothing when there are none."""
     parts = [_OPTION.pack(code, len(value)) + value + bytes(-len(value) % 4) for code, value in options]
     return b"".join([*parts, _OPTION.pack(OPT_END, 0)]) if parts else b""
 
@@ -172,8 +172,9 @@ def _block(kind: int, body: bytes) -> bytes:
 class PcapngWriter:
     """A pcapng file being written, block by block.
 
-    Each block goes to the file in one write; with ``batch`` whole blocks are gathered until they are that many octets, and a
-    kill costs what is gathered. ``packets`` and ``octets`` count what was given so far. An `OSError` names ``path``.
+    Each block goes to the file in one write. With ``batch``, whole blocks are gathered until they have that many octets;
+    gathered blocks are lost if the process is killed. ``packets`` and ``octets`` count what was added so far. An `OSError`
+    names ``path``.
     """
 
     def __init__(
@@ -204,7 +205,7 @@ class PcapngWriter:
         self._failed = False
         if self._owned:
             flags = os.O_WRONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
-            if not is_special(path):  # a device or a FIFO is written to; there is nothing in it to be overwritten
+            if not is_special(path):  # a device or a FIFO is only opened: it has no content to overwrite
                 flags |= os.O_CREAT | (os.O_TRUNC if overwrite else os.O_EXCL)
             self._descriptor = os.open(path, flags, CAPTURE_MODE)
         else:
@@ -222,15 +223,15 @@ class PcapngWriter:
         return self._descriptor < 0
 
     def fileno(self) -> int:
-        """Return the descriptor that is written to, -1 when it is closed."""
+        """Return the file descriptor, -1 when it is closed."""
         return self._descriptor
 
     def interface(self, link_type: int, name: str = "") -> int:
-        """Return the number of the interface with this link type and name, which is described where it is new."""
+        """Return the number of the interface with this link type and name; write its description if it is new."""
         number = self._interfaces.get((link_type, name))
         if number is None:
             if name and len(self._told) >= MAX_INTERFACES:
-                return self.interface(link_type)  # more than readers keep: the names go, the packets stay
+                return self.interface(link_type)  # more than readers keep: use the interface without a name
             block = interface_block(link_type, name)
             number = len(self._told)
             self._interfaces[link_type, name] = number
@@ -250,7 +251,7 @@ class PcapngWriter:
         comments: Sequence[str] = (),
         name: str = "",
     ) -> None:
-        """Add a packet that interface ``name`` (empty when nobody knows) captured. See `packet_block`."""
+        """Add a packet that interface ``name`` captured (empty if that is not known). See `packet_block`."""
         number = self._interfaces.get((link_type, name), -1)
         if number < 0:
             number = self.interface(link_type, name)
@@ -259,20 +260,20 @@ class PcapngWriter:
         self.packets += 1
 
     def blocks(self, link_type: int) -> PacketBlocks:
-        """Return what gathers packets of the interface with this link type, for `put`."""
+        """Return a `PacketBlocks` that gathers packets of the interface with this link type, for `put`."""
         number = self.interface(link_type)
         return PacketBlocks(number, self._told[number])
 
     def put(self, blocks: PacketBlocks) -> None:
-        """Add the packets that were gathered; what they came behind must have been added before."""
+        """Add the packets that were gathered; the caller must have added everything that comes before them."""
         if blocks.packets:
             self.packets += blocks.packets
             self._put(blocks.take())
 
     def secrets(self, text: bytes) -> None:
-        """Add a TLS key log for the packets that follow. Whoever gets the file can read what they encrypt.
+        """Add a TLS key log for the packets that follow. Whoever has the file can decrypt these packets.
 
-        It stands behind the first interface: tshark 4.0 cannot write a file again that has it before.
+        It is written after the first interface, because tshark 4.0 cannot rewrite a file that has it before.
         """
         block = secrets_block(text)
         if self._told:
@@ -281,13 +282,13 @@ class PcapngWriter:
             self._secrets.append(block)
 
     def statistics(self, link_type: int, name: str, received: int, dropped: int) -> None:
-        """Say what the interface received and dropped, as far as the capturing side told; it is written at the end."""
+        """Set how many packets the interface received and dropped, -1 if not known; that is written at the end."""
         told = self._told[self.interface(link_type, name)]
         told.received = received
         told.dropped = dropped
 
     def flush(self) -> None:
-        """Write what is gathered."""
+        """Write the gathered blocks."""
         if self._held:
             octets = b"".join(self._gathered)
             self._gathered.clear()
@@ -308,7 +309,7 @@ class PcapngWriter:
             self._release()
 
     def abandon(self) -> None:
-        """End the file as it is, without what is gathered and without statistics. May be called twice."""
+        """End the file as it is, without the gathered blocks and without statistics. May be called twice."""
         self._gathered.clear()
         self._held = 0
         self._release()
@@ -330,7 +331,7 @@ class PcapngWriter:
             self.flush()
 
     def _write(self, octets: bytes) -> None:
-        """Write whole blocks; on failure take away what got there of them."""
+        """Write whole blocks; if that fails, remove what was written of them."""
         if self.closed or self._failed:
             raise ValueError(f"{self.path} was closed, or writing to it failed before")
         rest = memoryview(octets)
@@ -351,4 +352,4 @@ class PcapngWriter:
             try:
                 os.ftruncate(self._descriptor, self._whole)
             except OSError:
-                return  # a pipe or a device: what got there stays there, and readers tell where it is cut
+                return  # a pipe or a device keeps what was written, and readers report where it is cut

@@ -1,7 +1,7 @@
-"""Captures on other machines: ``sftp://HOST/DIR/FILE``, ``https://…``, ``s3://BUCKET/KEY`` and what else fsspec opens.
+"""Captures on other machines: ``sftp://HOST/DIR/FILE``, ``https://…``, ``s3://BUCKET/KEY`` and whatever else fsspec opens.
 
-They are read as a stream, a few MiB ahead, and never stored. Credentials come only from where the transport's own tools keep
-theirs: keys, agent, configuration and known hosts of SSH, the profiles of a cloud. fsspec is imported when a name asks for it.
+They are read as a stream, a few MiB ahead, and never stored. Credentials only come from where the transport's own tools keep
+them: keys, agent, configuration and known hosts of SSH, the profiles of a cloud. fsspec is imported only for such names.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from urllib.parse import urlsplit
 from dissect.source.packet import CaptureError
 from dissect.wire.text import printable, shortened
 
-#: Seconds until a machine that does not answer is given up, at the beginning and between two pieces.
+#: Seconds after which a machine that does not answer is given up: while connecting, and between two pieces.
 CONNECT_S: Final = 8
 READ_S: Final = 30
-#: Bytes that are asked for at once where a transport reads in pieces.
+#: How many octets are requested at once where a transport reads in pieces.
 _AHEAD: Final = 4 * 1024 * 1024
 #: Days that a range of dates may have.
 MAX_DAYS: Final = 3660
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
-# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+# These are strings, which `re` compiles and keeps at their first use, because most runs use none.
 _PATTERN: Final = r"[*?\[]"
 _DAYS: Final = r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}"
-#: What of an address in the words of others is not shown: a password, and what may sign a URL.
+#: Parts of URLs in other programs' messages that are not shown: a password, and a query, which may be a signature.
 _SECRETS: Final = r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+"
 _REASON: Final = 200
 _NOT_FOUND: Final = 404
@@ -45,12 +45,12 @@ class _Stream(Protocol):
 
 
 def is_remote(name: str) -> bool:
-    """Return whether a name is one of another machine."""
+    """Return whether a name is the URL of a file on another machine."""
     return _SCHEME.match(name) is not None
 
 
 def shown(name: str) -> str:
-    """Return a name as it may be shown: without the password, and without what behind a question mark signs some URLs."""
+    """Return a name as it may be shown: without the password and the query, which may be a signature."""
     if not is_remote(name):
         return name
     scheme, _, rest = name.partition("://")
@@ -69,7 +69,7 @@ class RemoteSource:
         self._taken = 0
 
     def read(self, size: int) -> bytes:
-        """Return up to ``size`` octets; none at the end, and none more once the connection was lost (``damage`` says so)."""
+        """Return up to ``size`` octets; none at the end, or once the connection is lost (see ``damage``)."""
         if self.damage:
             return b""
         try:
@@ -84,12 +84,12 @@ class RemoteSource:
         """Release the connection. May be called twice."""
         try:
             self._stream.close()
-        except Exception:  # noqa: BLE001 - nothing is lost with a connection that ends badly
+        except Exception:  # noqa: BLE001 - an error while closing loses nothing
             return
 
 
 def open_remote(name: str) -> RemoteSource:
-    """Open a file of another machine. `CaptureError`, with one line that names host and file, when there is nothing to read."""
+    """Open a file on another machine. `CaptureError`, with one line that names host and file, when it cannot be read."""
     return _asked(name, lambda: RemoteSource(_fetched(name)))
 
 
@@ -97,13 +97,13 @@ def _fetched(name: str) -> _Stream:
     files, path = file_system(name)
     if not name.startswith("http") and files.isdir(path):
         raise IsADirectoryError
-    # A web server need not give parts: one request for the whole, read as it comes.
+    # A web server need not support ranges: one request for the whole file, read as it comes.
     stream: _Stream = files.open(path, "rb", block_size=0 if name.startswith("http") else _AHEAD)
     return stream
 
 
 def file_system(name: str) -> tuple[Any, str]:
-    """Return the file system of fsspec that has a name, and the path there. Raises what the transport raises."""
+    """Return the file system of fsspec for a name, and the path in it. Raises whatever the transport raises."""
     from fsspec.core import url_to_fs
 
     found: tuple[Any, str] = url_to_fs(name, **_patience(name.partition("://")[0].lower()))
@@ -111,10 +111,10 @@ def file_system(name: str) -> tuple[Any, str]:
 
 
 def _patience(scheme: str) -> Mapping[str, object]:
-    """Return what tells a transport how long to wait, and SSH to know the host."""
+    """Return the options of a transport that set its timeouts, and make SSH check the host's key."""
     if scheme in {"sftp", "ssh"}:
         return {
-            "known_hosts": (),  # those of the user: an unknown host is refused
+            "known_hosts": (),  # the user's own file: an unknown host is refused
             "connect_timeout": CONNECT_S,
             "login_timeout": CONNECT_S,
             "keepalive_interval": READ_S // 3,
@@ -130,7 +130,7 @@ def _patience(scheme: str) -> Mapping[str, object]:
 
 
 def _asked(name: str, ask: Callable[[], T]) -> T:
-    """Return what ``ask`` finds, or raise the `CaptureError` that says in one line why there is none."""
+    """Return what ``ask`` returns; turn whatever it raises into a `CaptureError` of one line."""
     try:
         return ask()
     except IsADirectoryError:
@@ -141,12 +141,12 @@ def _asked(name: str, ask: Callable[[], T]) -> T:
 
 
 def explained(error: Exception, writing: bool = False) -> str:
-    """Return what stands in the way of reading or ``writing`` a file of another machine, and what to do if that is known."""
+    """Return why reading (or ``writing``) a file on another machine failed, and what to do about it if that is known."""
     if isinstance(error, ImportError):
         if (error.name or "").partition(".")[0] in {"fsspec", "aiohttp"}:
             return "a file of another machine, which needs more packages: pip install 's7dissect[remote]'"
         return f"needs one more package: {_reason(error)}"
-    cause = error.__cause__  # what the transport itself said
+    cause = error.__cause__  # the error of the transport itself
     kind = type(cause or error).__name__
     said = _reason(cause if isinstance(cause, Exception) else error)
     status = getattr(cause or error, "status", 0)
@@ -168,7 +168,7 @@ def explained(error: Exception, writing: bool = False) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return what an error says in one line that cannot steer a terminal; its name where it says nothing."""
+    """Return the message of an error in one line, without control characters; the error's name where it has no message."""
     if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
     if isinstance(error, socket.gaierror) and error.strerror:  # its number means nothing to a person
@@ -182,8 +182,8 @@ def _reason(error: Exception) -> str:
 def expand(names: Iterable[str]) -> list[str]:
     """Return the files that names stand for: patterns (``*``, ``?``, ``[…]``) and days (``{2026-11-01..2026-11-30}``).
 
-    What a pattern finds is sorted; a local file that has the name itself is that file. Of a range of days those without a file
-    are left out, if any has one. Raises `CaptureError` when a pattern finds nothing, or a range is none.
+    The files of a pattern are sorted. Where a local file has the pattern itself as its name, only that file is meant. Days of a
+    range without a file are left out. `CaptureError` when a pattern or a range finds no file, or the range is invalid.
     """
     found: list[str] = []
     for name in names:
@@ -200,7 +200,7 @@ def _nothing(name: str) -> list[str]:
 
 
 def _matches(name: str, must: bool = True) -> list[str]:
-    """Return the files of one pattern; a name that is none stands for itself, if it ``must`` be there or is."""
+    """Return the files of one pattern. A name that is no pattern stands for itself, if the file exists or ``must`` is set."""
     if is_remote(name):
         if not re.search(_PATTERN, name.partition("://")[2].partition("?")[0]) or name.startswith("http"):
             return [name] if must or _exists(name) else []
@@ -236,7 +236,7 @@ def _exists(name: str) -> bool:
 
 
 def _days(name: str) -> list[str]:
-    """Return a name once for each day of the range that it has, in order."""
+    """Return a name once for each day of the range in it, in order; just the name if it has no range."""
     match = re.search(_DAYS, name)
     if match is None:
         return [name]

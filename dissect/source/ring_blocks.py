@@ -1,4 +1,4 @@
-"""Blocks of the kernel's packet ring (TPACKET_V3, linux/if_packet.h): the packets in one, given to a sink."""
+"""Reads the packets in a block of the kernel's packet ring (TPACKET_V3, linux/if_packet.h)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from dissect.source.packet import PacketSink
 from dissect.source.pcap import u32le
 from dissect.wire.build import COMPILED
 
-#: Of a packet, from its ``tpacket3_hdr`` on: offset of the next, seconds, nanoseconds, captured, on the wire, status, offset of
-#: the link layer, VLAN TCI, VLAN TPID; and from the ``sockaddr_ll`` after it, the kind of packet.
+#: The ``tpacket3_hdr`` of a packet: offset of the next packet, seconds, nanoseconds, size captured and on the wire, status,
+#: offset of the link layer, VLAN TCI, VLAN TPID; then, from the ``sockaddr_ll`` after it, the kind of packet.
 _PACKET: Final = struct.Struct("=IIIIIIH6xIH20xB")
 _SIZE: Final = 59
 
@@ -21,18 +21,18 @@ _VLAN_VALID: Final = 0x10
 _TPID_VALID: Final = 0x40
 _DEFAULT_TPID: Final = 0x8100
 _OUTGOING: Final = 4
-#: A tag stands behind the two addresses.
+#: Offset of a VLAN tag in a frame: after the two addresses.
 _TAG_AT: Final = 12
 _TAG: Final = struct.Struct(">HH")
-#: The kernel writes in the order of the machine.
+#: The kernel writes in the byte order of the machine.
 _LITTLE: Final[bool] = sys.byteorder == "little"
 
 
 def deliver_block(block: bytes, first: i64, count: i64, sink: PacketSink, link_type: i64, skip_outgoing: bool) -> i64:
     """Give the ``count`` packets of ``block``, the first of them at ``first``, to ``sink``; return how many it got.
 
-    VLAN tags, which the kernel takes out of a frame and keeps beside it, are put back. ``skip_outgoing`` leaves out what is
-    being sent: on a loopback interface the same packet is received as well.
+    The kernel takes the VLAN tag out of a frame and puts it into the header; it is put back here. ``skip_outgoing`` leaves out
+    packets being sent, because a loopback interface receives the same packets as well.
     """
     size: i64 = len(block)
     at: i64 = first

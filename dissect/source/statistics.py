@@ -1,4 +1,4 @@
-"""What a capture says about itself in Interface Statistics Blocks (draft-ietf-opsawg-pcapng 4.6): the packets it lost."""
+"""Reads from Interface Statistics Blocks (draft-ietf-opsawg-pcapng 4.6) how many packets a capture lost."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final, Literal, NamedTuple
 from dissect.source.pcapng import STATISTICS
 from dissect.wire.text import count
 
-#: Where the options of the block begin, and those that tell of loss: in the interface, and between it and who captured.
+#: Where the options of the block begin; then the options about losses: in the interface, and in the operating system.
 _OPTIONS_AT: Final = 20
 _IFDROP: Final = 5
 _OSDROP: Final = 7
@@ -22,7 +22,7 @@ class Lost(NamedTuple):
 
 
 def read_lost(block: bytes) -> Lost:
-    """Return what a whole Interface Statistics Block says was lost. A block that is cut or contradicts itself says nothing."""
+    """Return the losses that an Interface Statistics Block states; an option that does not fit into the block ends reading."""
     order: Literal["little", "big"] = "little" if block[:4] == STATISTICS.to_bytes(4, "little") else "big"
     found: dict[int, int] = {}
     at = _OPTIONS_AT
@@ -39,7 +39,7 @@ def read_lost(block: bytes) -> Lost:
 
 
 def loss_in(blocks: Iterable[bytes]) -> str:
-    """Return in words how many packets Interface Statistics Blocks say were lost; empty for none."""
+    """Return in words how many packets were lost according to Interface Statistics Blocks; empty for none."""
     lost = [read_lost(block) for block in blocks]
     sums = {
         "interface": sum([one.interface or 0 for one in lost]),

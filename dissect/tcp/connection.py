@@ -1,4 +1,4 @@
-"""A TCP connection: its two ends and their streams, how it began and how it ended."""
+"""`TcpConnection`: the two ends of a TCP connection and their streams, how it began and how it ended."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.tcp.doubt import Doubt
 from dissect.tcp.stream import FAR_AHEAD, MASK, Endpoint, HalfStream
 
-#: A reset is believed this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
+#: A reset counts if it is at most this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
 _RESET_WINDOW: Final = 65536
-#: An Ethernet address that stands for none.
+#: The Ethernet address where there is none, as on loopback.
 _NO_MAC: Final = bytes(6)
 
 
-@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header of the garbage collector
 class TcpConnection:
     """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
 
@@ -193,7 +193,7 @@ class TcpConnection:
             self.reset_by, self.reset_frame, self.reset_ns = self.ended_by, self.ended_frame, self.ended_ns
 
     def _fits(self, side: i64, seq: i64, window: i64) -> bool:
-        """Return whether a sequence number is within ``window`` of what is expected from ``side``."""
+        """Return whether a sequence number is within ``window`` of the one expected from ``side``."""
         stream = self.streams[side]
         if stream.next_seq < 0:
             return True

@@ -1,13 +1,13 @@
-"""An end of a connection in doubt: a RST or FIN whose sequence number is not the one that its receiver expects next.
+"""`Doubt`: a RST or FIN whose sequence number is not the one that its receiver expects next.
 
-A receiver takes a RST at exactly that number (RFC 5961 section 3.2), and a FIN once every octet before it is there (RFC 9293
-section 3.10.7.4). In a capture such a packet may well be genuine, behind octets that the capture lost; or it is of somebody
-else, who guessed the number. What comes after it tells: the end is believed until both sides went on, that is, until
+A receiver accepts a RST at exactly that number (RFC 5961 section 3.2), and a FIN once it has every octet before it (RFC 9293
+section 3.10.7.4). In a capture, a RST or FIN with another number may be genuine and follow octets that the capture lost; or
+somebody else sent it and guessed the number. What follows decides. The connection counts as ended until both sides went on:
 
-* the other side sent octets after it, and then the side whose end it is sent some that acknowledge those; or
-* the side whose end it is sent octets from beyond its end.
+* the other side sent octets after the end, and then the side that is said to have ended sent octets that acknowledge those; or
+* the side that is said to have ended sent octets from beyond the end.
 
-A FIN that the other side acknowledges is one.
+A FIN that the other side acknowledges is genuine.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from mypy_extensions import i64
 if TYPE_CHECKING:
     from dissect.tcp.stream import HalfStream
 
-# What is known of it (`Doubt.look`).
+# What `Doubt.look` returns: undecided, genuine, or not an end.
 OPEN: Final = 0
 HOLDS: Final = 1
 REFUTED: Final = 2
 
 
 class Doubt:
-    """The end that ``side`` is said to have made at ``seq``, with its packet ``frame``: ``how`` is ``fin`` or ``reset``.
+    """An end in doubt: packet ``frame`` from the address of ``side``, with sequence number ``seq``.
 
-    ``distance`` is how far it was ahead of the octet that was expected next (negative: behind), ``sender`` the Ethernet
-    address it came from, empty for none. ``other`` is an end that came after it and is not in doubt, with its side, packet and
-    time; ``silent`` has a bit for each side that sends nothing more because of that one. ``due``: something came since
-    it was looked at.
+    ``how`` is ``fin`` or ``reset``.
+    ``distance`` is how far ``seq`` was ahead of the octet that was expected next (negative: behind); ``sender`` is the Ethernet
+    address that the packet came from, empty for none. ``other`` is a certain end that came after it, with its side, packet and
+    time; ``silent`` has a bit for each side that sends nothing more because of that one. ``due``: something was sent since the
+    last `look`.
     """
 
     __slots__ = (
@@ -68,7 +69,7 @@ class Doubt:
         self.other_frame: i64 = 0
         self.other_ns: i64 = 0
         self.silent: i64 = 0
-        # Octets that are held were sent before it, even if they are from beyond.
+        # Octets after `_reach` are from beyond the end. Those held now do not count: they were sent before the end.
         self._reach: i64 = seq
         held = mine.held
         if held is not None:
@@ -76,11 +77,11 @@ class Doubt:
             top: i64 = last.at + len(last.octets) - mine.position
             if top > self.distance:
                 self._reach = mine.next_seq + top
-        self._theirs: i64 = theirs.next_seq
-        self._mine: i64 = -1  # where `side` stood when the other side had sent something after it, -1 before that
+        self._theirs: i64 = theirs.next_seq  # of the other side, at the end in doubt or when it first went on
+        self._mine: i64 = -1  # the next octet of `side` when the other side went on, -1 before that
 
     def note_other(self, how: str, side: i64, frame: i64, time_ns: i64, silent: i64) -> None:
-        """Take an end that is not in doubt: it counts if this one does not."""
+        """Take a certain end, which counts if the one in doubt does not."""
         if not self.other:
             self.other = how
             self.other_side = side
@@ -89,10 +90,10 @@ class Doubt:
         self.silent |= silent
 
     def look(self, mine: HalfStream, theirs: HalfStream, my_ack: i64, their_ack: i64) -> i64:
-        """Say what is known of it by now: OPEN, HOLDS or REFUTED.
+        """Return what is known by now: OPEN, HOLDS or REFUTED.
 
-        ``mine`` is the stream of ``side``, ``theirs`` that of the other one; the numbers are what each acknowledged last, -1
-        for none.
+        ``mine`` is the stream of ``side``, ``theirs`` that of the other side. ``my_ack`` and ``their_ack`` are what each
+        acknowledged last, -1 for none.
         """
         if self.distance > 0:
             if mine.distance(self._reach) < 0:
@@ -100,7 +101,7 @@ class Doubt:
             if self.how == "fin" and their_ack >= 0 and mine.distance(their_ack) == mine.distance(self.seq) + 1:
                 return HOLDS
         if mine.held is not None or theirs.held is not None or theirs.next_seq < 0:
-            return OPEN  # what is given up of a hole is no sign of life
+            return OPEN  # `next_seq` also moves when a gap is given up, which does not prove that a side went on
         if self._mine < 0:
             if theirs.next_seq != self._theirs:
                 self._theirs = theirs.next_seq

@@ -1,7 +1,7 @@
-"""IPv4 and IPv6: where the TCP segment or UDP datagram of a packet is, and the reassembly of fragments.
+"""IPv4 and IPv6: finds the TCP segment or UDP datagram in a packet, and reassembles fragments.
 
-The IP length is trusted, not the frame's: Ethernet trailers look like data. A length that reaches beyond the frame is cut to
-what was captured, and reported.
+The length in the IP header counts, not the size of the frame, because Ethernet trailers look like data. A packet whose length
+reaches beyond the frame ends where the frame does; `IpPacket.missing` counts the rest.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dissect.wire.octets import u16
 
 TCP: Final = 6
 UDP: Final = 17
-#: Protocols that carry packets or frames (`dissect.tcp.tunnel`), with the authentication header in IPv4.
+#: Protocols that carry packets or frames (`dissect.tcp.tunnel`), and the authentication header of IPv4.
 IPV4: Final = 4
 IPV6: Final = 41
 GRE: Final = 47
@@ -31,25 +31,24 @@ _CUT: Final = -1  # instead of a protocol
 _V4_KEY: Final = 11
 _V6_KEY: Final = 37
 
-#: Fragments of one datagram are dropped when it is not whole after this much capture time.
+#: The fragments of a datagram that is not whole after this much capture time are dropped.
 FRAGMENT_TIMEOUT_NS: Final = 30_000_000_000
 #: Bounds of the fragment store.
 MAX_DATAGRAMS: Final = 4096
 MAX_FRAGMENT_OCTETS: Final = 32 * 1024 * 1024
 MAX_DATAGRAM_OCTETS: Final = 65535
 _MAX_FRAGMENTS: Final = 1024
-#: Octets of memory that a stretch of a datagram takes besides its content, counted with it.
+#: Octets of memory that each piece of a datagram takes besides its content; they count towards `MAX_FRAGMENT_OCTETS`.
 _PIECE_COST: Final = 128
 
 
 class IpPacket:
     """What `parse_ip` found: addresses, the upper protocol and its octets.
 
-    ``problem`` is empty, or why the packet cannot be used: ``bad_header``, ``cut``.
-    ``start``/``end`` bound the payload within the captured octets; ``missing`` counts payload octets the IP length claims and
-    the capture does not hold. For a fragment that may be of a TCP segment or a tunnel, or of a UDP datagram when these are
-    wanted, ``fragment_key`` is not empty, and the payload is what `FragmentStore.add` takes, IPv6 extension headers behind the
-    fragment header included.
+    ``problem`` is empty, or says why the packet cannot be used: ``bad_header``, ``cut``. ``start`` and ``end`` bound the
+    payload within the captured octets; ``missing`` counts payload octets that the IP length claims and the capture does not
+    hold. ``fragment_key`` is set for a fragment of what may be a TCP segment, a tunnel or, when wanted, a UDP datagram. The
+    payload is then what `FragmentStore.add` takes, with the IPv6 extension headers that follow the fragment header.
     """
 
     __slots__ = (
@@ -76,7 +75,7 @@ class IpPacket:
         self.more: bool = False
 
     def gather(self, protocol: i64, size: i64) -> None:
-        """The fragment is one of a whole of ``size`` octets, which stand alone in a buffer of their own."""
+        """Replace the payload by that of the whole datagram: ``size`` octets, which are alone in a buffer of their own."""
         self.protocol = protocol
         self.start = 0
         self.end = size
@@ -89,7 +88,7 @@ class IpPacket:
 def parse_ip(buf: bytes, at: i64, end: i64, wants_udp: bool = False) -> IpPacket:
     """Read the IP header at ``at``; the frame's octets end at ``end``. Never raises.
 
-    ``wants_udp``: fragments of UDP are worth keeping too.
+    ``wants_udp``: fragments of UDP datagrams get a ``fragment_key`` as well.
     """
     packet = IpPacket()
     if at >= end:
@@ -118,7 +117,7 @@ def _parse_v4(packet: IpPacket, buf: bytes, at: i64, end: i64, wants_udp: bool) 
     if end - at < header:
         packet.problem = "cut"
         return
-    if total == 0:  # segmentation offload: the stack left the length to the card
+    if total == 0:  # segmentation offload: the network card sets the length after the capture
         total = end - at
     packet.protocol = buf[at + 9]
     packet.addresses = buf[at + 12 : at + 20]
@@ -156,14 +155,14 @@ def _parse_v6(packet: IpPacket, buf: bytes, at: i64, end: i64, wants_udp: bool) 
 
 
 def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64, wants_udp: bool) -> i64:
-    """Read the fragment header at ``here``; return the protocol behind it and its extension headers, `_CUT` when cut."""
+    """Read the fragment header at ``here``; return the protocol after it and further extension headers, `_CUT` when cut."""
     word: i64 = u16(buf, here + 2)
     packet.fragment_offset = word & 0xFFF8
     packet.more = bool(word & 1)
     packet.start = here + 8
     protocol: i64 = buf[here]
     after: i64 = packet.start
-    if packet.fragment_offset == 0:  # elsewhere the middle of a datagram follows, no header
+    if packet.fragment_offset == 0:  # other fragments have no headers of the datagram
         protocol, after = _skip_extensions(buf, packet.start, packet.end, protocol)
         if not packet.more:
             packet.start = after  # an atomic fragment is whole by itself (RFC 6946)
@@ -177,8 +176,8 @@ def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64, wants_udp: b
 def _skip_extensions(buf: bytes, at: i64, end: i64, protocol: i64) -> tuple[i64, i64]:
     """Step over the IPv6 extension headers at ``at``, the first of type ``protocol``.
 
-    Return (protocol of what follows, where it begins); the protocol is `_CUT` when the headers do not end before ``end``, and
-    that of an extension header when there are more than anybody sends.
+    Return the protocol of what follows and where that begins. The protocol is `_CUT` when the headers reach beyond ``end``, and
+    that of an extension header when there are more than `_MAX_EXTENSION_HEADERS`.
     """
     for _ in range(_MAX_EXTENSION_HEADERS):
         if protocol not in _EXTENSION_HEADERS:
@@ -206,7 +205,7 @@ class _Datagram:
         self.conflict: bool = False
 
     def may_end(self, end: i64, more: bool) -> bool:
-        """Return whether a fragment that reaches to ``end`` agrees with what is known of the datagram's end."""
+        """Return whether a fragment that reaches to ``end`` agrees with what is known so far of where the datagram ends."""
         if self.total >= 0:
             return end <= self.total if more else end == self.total
         if more or not self.pieces:
@@ -216,16 +215,16 @@ class _Datagram:
 
 
 class FragmentStore:
-    """Holds the fragments of datagrams until they are whole; first copy wins.
+    """Holds the fragments of datagrams until the datagrams are whole; the first copy of an octet wins.
 
-    ``waiting``, ``used`` and ``dropped`` count packets, ``invalid`` those of the latter that can be part of no datagram;
-    ``conflicts`` counts datagrams whose fragments contradict each other, in their octets or in where the datagram ends;
-    ``evicted`` counts datagrams dropped because the store was full, ``expired`` those that were not whole in time.
-    ``protocol`` is that of the datagram `add` returned last.
+    ``waiting``, ``used`` and ``dropped`` count packets; ``invalid`` counts the dropped ones that can be part of no datagram.
+    ``conflicts`` counts datagrams whose fragments contradict each other in their octets or in where the datagram ends.
+    ``evicted`` counts datagrams dropped because the store was full, ``expired`` those dropped because they were not whole in
+    time. ``protocol`` is that of the datagram that `add` returned last.
     """
 
     def __init__(self) -> None:
-        # In order of arrival. (The first key of a plain dict takes longer to find the more were deleted before it.)
+        # In order of arrival. (Not a plain dict: finding its first key takes longer the more were deleted before it.)
         self._datagrams: OrderedDict[bytes, _Datagram] = OrderedDict()
         self._octets: i64 = 0
         self.protocol: i64 = 0
@@ -240,12 +239,12 @@ class FragmentStore:
     def add(
         self, key: bytes, offset: i64, more: bool, octets: bytes, time_ns: i64, wants_udp: bool = False
     ) -> bytes | None:
-        """Take one fragment; return what it is of when it is the last one missing, else None.
+        """Take one fragment; return the payload of its datagram if that is whole now, else None.
 
-        That is a TCP segment, what a tunnel carries or, when wanted, a UDP datagram.
-        No octets are returned when the extension headers of the whole lead to another protocol. A fragment that cannot be,
-        or that contradicts where its datagram ends, is dropped. The packet that completes a datagram is not counted here:
-        its caller accounts for it like any whole packet.
+        The payload is a TCP segment, the content of a tunnel or, when wanted, a UDP datagram. It is empty when the extension
+        headers of the whole datagram lead to another protocol. An impossible fragment, or one that contradicts where its
+        datagram ends, is dropped. The packet that completes a datagram is not counted here: the caller counts it like any
+        whole packet.
         """
         self._expire(time_ns)
         end: i64 = offset + len(octets)
@@ -282,13 +281,13 @@ class FragmentStore:
             self.conflicts += 1
 
     def _insert(self, datagram: _Datagram, offset: i64, octets: bytes) -> None:
-        """Put the part of ``octets`` that is new between the pieces already there."""
+        """Insert those of ``octets`` that are new between the pieces that are there already."""
         pieces = datagram.pieces
         start: i64 = offset
         end: i64 = offset + len(octets)
         index: i64 = 0
         above: i64 = len(pieces)
-        while index < above:  # the first piece that ends behind the start
+        while index < above:  # find the first piece that ends after ``start``
             middle: i64 = (index + above) >> 1
             piece_at, piece = pieces[middle]
             if piece_at + len(piece) <= start:
@@ -331,7 +330,7 @@ class FragmentStore:
         self.waiting -= datagram.fragments
 
     def _expire(self, time_ns: i64) -> None:
-        """Drop datagrams that waited too long; they stand in order of arrival, so only the oldest need a look."""
+        """Drop datagrams that waited too long; they are in order of arrival, so the first that did not ends the search."""
         while self._datagrams:
             key = next(iter(self._datagrams))
             if time_ns - self._datagrams[key].since_ns <= FRAGMENT_TIMEOUT_NS:

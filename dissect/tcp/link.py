@@ -1,8 +1,8 @@
-"""From a captured frame to the IP packet in it: Ethernet, Linux cooked, raw IP, BSD loopback, PPP, and what stands between.
+"""Finds the IP packet in a captured frame: of Ethernet, Linux cooked, raw IP, BSD loopback or PPP.
 
 Between an EtherType and IP there may be VLAN tags, LLC with SNAP (RFC 1042), MPLS labels (RFC 3032), PPPoE (RFC 2516), an
-HSR tag (IEC 62439-3), Cisco's CMD and VN-Tag, MACsec without encryption (IEEE 802.1AE). They hold no addresses. What holds
-some, a frame in a frame, is left to `dissect.tcp.tunnel`.
+HSR tag (IEC 62439-3), Cisco's CMD and VN-Tag, MACsec without encryption (IEEE 802.1AE). None of these holds addresses. Frames
+in frames, which do, are opened by `dissect.tcp.tunnel`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ IPV4: Final = 228
 IPV6: Final = 229
 LINUX_SLL2: Final = 276
 
-#: Answers of `find_ip` instead of an offset.
+#: What `find_ip` returns instead of an offset.
 NOT_IP: Final = -1
 CUT: Final = -2
 UNSUPPORTED: Final = -3
@@ -45,11 +45,11 @@ _MPLS_MULTICAST: Final = 0x8848
 _PPPOE: Final = 0x8864
 _MACSEC: Final = 0x88E5
 _MAX_TAGS: Final = 4
-#: Headers that are no tags, and MPLS labels, in one stack.
+#: Headers other than tags, and MPLS labels, in one frame.
 _MAX_HEADERS: Final = 4
 _MAX_LABELS: Final = 16
 _SNAP: Final = b"\xaa\xaa\x03\x00\x00\x00"
-#: Instead of where an EtherType stands: IP begins.
+#: Instead of the offset of an EtherType: no EtherType follows, IP does.
 _IP: Final = -16
 #: PPP protocols that are compressed, encrypted or cut into pieces (IANA): Van Jacobson, multilink, encryption, compression.
 _PPP_SEALED: Final = frozenset((0x2D, 0x2F, 0x3D, 0x53, 0x55, 0xFB, 0xFD))
@@ -61,14 +61,14 @@ SEALED_NAMES: Final[dict[int, str]] = {_MACSEC: "MACsec", _PPPOE: "PPP that is c
 def find_ip(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64]:
     """Return (offset of the IP header, VLAN key) of the frame ``buf[start:end]``.
 
-    The offset is `NOT_IP`, `CUT`, `UNSUPPORTED`, `FRAME` or `SEALED` when there is none. The VLAN key is 0 for an untagged
-    frame (and for a tag with VLAN id 0, which is only a priority), and differs for different stacks of VLAN ids.
+    Where there is no IP header the first number is `NOT_IP`, `CUT`, `UNSUPPORTED`, `FRAME` or `SEALED`. The VLAN key is 0 for
+    an untagged frame (and for a tag with VLAN id 0, which is only a priority), and differs for different stacks of VLAN ids.
     """
     if link_type == ETHERNET:
         return _after_tags(buf, start + 12, start + 14, end)
     if link_type == LINUX_SLL:
         return _after_tags(buf, start + 14, start + 16, end)
-    if link_type == LINUX_SLL2:  # its EtherType stands first
+    if link_type == LINUX_SLL2:  # the EtherType comes first
         return _after_tags(buf, start, start + 20, end)
     if link_type == RAW or link_type == RAW_BSD or link_type == RAW_OPENBSD or link_type == IPV4 or link_type == IPV6:
         return start, 0
@@ -86,7 +86,7 @@ def find_ip(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64]
 
 
 def _after_tags(buf: bytes, type_at: i64, at: i64, end: i64) -> tuple[i64, i64]:
-    """The EtherType stands at ``type_at``, what it announces at ``at``: step over what is between it and IP."""
+    """Return what `find_ip` does, for an EtherType at ``type_at`` whose content is at ``at``."""
     if at > end:
         return CUT, 0
     ethertype: i64 = u16(buf, type_at)
@@ -96,7 +96,7 @@ def _after_tags(buf: bytes, type_at: i64, at: i64, end: i64) -> tuple[i64, i64]:
 
 
 def after_type(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]:
-    """Return what `find_ip` does of what an EtherType announces, and stands at ``at``."""
+    """Return what `find_ip` does, for content of this EtherType at ``at``."""
     vlan: i64 = 0
     tags: i64 = 0
     headers: i64 = 0
@@ -127,12 +127,12 @@ def after_type(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]
 
 
 def _after_header(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]:
-    """Step over the header at ``at`` of this EtherType, which is no tag: where the next EtherType and its content stand.
+    """Step over the header at ``at``, of an EtherType other than a VLAN tag; return offsets of the next EtherType and content.
 
-    `_IP` and where it begins when no EtherType follows; an answer of `find_ip` when nothing does.
+    Where no EtherType follows return `_IP` and where IP begins; where nothing can be found, what `find_ip` returns then.
     """
     size: i64
-    if 0 < ethertype <= 1500:  # a length, and LLC behind it
+    if 0 < ethertype <= 1500:  # a length, which LLC follows
         head = buf[at : min(at + 6, end)]
         if not _SNAP.startswith(head):
             return NOT_IP, 0
@@ -153,7 +153,7 @@ def _after_header(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i
     elif ethertype == _MACSEC:
         if at + 1 > end:
             return CUT, 0
-        # Encrypted, or with the address of a station: nothing here may hold one.
+        # Encrypted, or with the address of a station (SCI), which a header stepped over here must not hold.
         if buf[at] & 0xAC:
             return SEALED, _MACSEC
         size = 8
@@ -165,9 +165,9 @@ def _after_header(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i
 
 
 def _after_labels(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
-    """Step over a stack of MPLS labels. Nothing says what is below: it begins with a version of IP, or is a frame.
+    """Step over a stack of MPLS labels. No field says what follows: what begins with an IP version is IP, else it is a frame.
 
-    A frame may come behind a control word that begins with four bits of 0 (RFC 4385), and so may its own first address.
+    A control word may precede the frame. It begins with four bits of 0 (RFC 4385), but the frame's first address may as well.
     """
     for _ in range(_MAX_LABELS):
         if at + 4 > end:
@@ -196,7 +196,7 @@ def _is_usual(ethertype: i64) -> bool:
 
 
 def _serial(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
-    """PPP, with address and control (RFC 1662) or without, or Cisco's HDLC, which has an EtherType."""
+    """Return what `find_ip` does, for PPP with address and control octets (RFC 1662) or without, or for Cisco's HDLC."""
     if at + 2 > end:
         return CUT, 0
     head: i64 = u16(buf, at)
@@ -207,7 +207,7 @@ def _serial(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
 
 
 def _after_ppp(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
-    """Step over a PPP protocol number, of two octets or of the last one alone (RFC 1661, 6.5)."""
+    """Step over a PPP protocol number, of two octets or compressed to one (RFC 1661, 6.5); return what `_after_header` does."""
     if at >= end:
         return CUT, 0
     protocol: i64 = buf[at]
@@ -224,7 +224,7 @@ def _after_ppp(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
 
 
 def vlan_ids(key: i64) -> list[int]:
-    """Return the VLAN ids of a key of `find_ip`, the outer tag first, from the number that holds them in twelve bits each."""
+    """Return the VLAN ids of a VLAN key, the outer tag first; each is twelve bits of the key."""
     vids: list[int] = []
     while key:
         vids.append(key & 0xFFF)
@@ -234,13 +234,13 @@ def vlan_ids(key: i64) -> list[int]:
 
 
 def within(name: str, key: i64) -> str:
-    """Return what a station or an end of a connection is called: its address, and its network where that has a number.
+    """Return ``name``, the address of a station or of an end of a connection, with its VLAN if it is in one.
 
-    Machines that are alike use the same addresses in VLANs of their own.
+    Identical machines may use the same addresses, each in a VLAN of its own.
     """
     return f"{name} in VLAN {vlan_text(key)}" if key else name
 
 
 def vlan_text(key: i64) -> str:
-    """Return the VLAN ids of a key for a person: ``20``, ``5.7`` with the outer tag first; empty for none."""
+    """Return the VLAN ids of a key as text: ``20``, or ``5.7`` with the outer tag first; empty for none."""
     return ".".join([str(vid) for vid in vlan_ids(key)])

@@ -1,9 +1,9 @@
-"""From a frame of any link and any IP version to its TCP segment or UDP datagram; the pipeline itself reads the common frame.
+"""Finds the TCP segment or UDP datagram in a frame of any link type and IP version; the pipeline reads common frames itself.
 
-What is in a tunnel is found there (`dissect.tcp.tunnel`), by the innermost addresses, as if it had come without.
+A segment in a tunnel (`dissect.tcp.tunnel`) is returned with the innermost addresses, as if there were no tunnel.
 
 Checksums are verified on request (RFC 9293 section 3.1, RFC 768; IPv6: RFC 8200 section 8.1). Ones' complement arithmetic is
-arithmetic modulo 65535, which lets integers of any length do the adding.
+arithmetic modulo 65535, so the sum of all words is one large integer modulo 65535.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dissect.tcp.tunnel import Inner, sealed_link
 from dissect.wire.octets import u16, u32
 
 _MODULUS: Final = 0xFFFF
-#: Where the checksum stands in the header.
+#: Offset of the checksum in the header.
 _IN_TCP: Final = 16
 _IN_UDP: Final = 6
 
@@ -26,8 +26,8 @@ _IN_UDP: Final = 6
 def is_damaged(addresses: bytes, protocol: i64, buf: bytes, at: i64, end: i64) -> bool:
     """Return whether the checksum of the whole segment or datagram ``buf[at:end]`` is wrong.
 
-    ``addresses`` are those of the IP header, the sender's first. A packet captured on the computer that sends it may bear
-    the sum of the pseudo header only, and its network card does the rest: that is no damage. Nor is a UDP datagram without.
+    ``addresses`` are those of the IP header, the sender's first. A packet captured on its sender may have the sum of only the
+    pseudo header, because the network card adds the rest; that is not damage. Nor is a UDP datagram without a checksum.
     """
     where: i64 = at + (_IN_TCP if protocol == TCP else _IN_UDP)
     stated: i64 = u16(buf, where)
@@ -39,7 +39,7 @@ def is_damaged(addresses: bytes, protocol: i64, buf: bytes, at: i64, end: i64) -
     if (head + size + content) % _MODULUS == 0:
         return False
     left = stated % _MODULUS
-    # Where the card also cuts what is too long into segments, it adds their lengths itself.
+    # With segmentation offload the network card also adds the length of each segment.
     return left != (head + size) % _MODULUS and left != head % _MODULUS
 
 
@@ -54,16 +54,15 @@ _UDP_HEADER: Final = 8
 
 
 class Segment:
-    """A TCP segment, or a UDP datagram, as a packet brought it.
+    """The TCP segment or UDP datagram of a packet, or why it has none.
 
-    ``problem`` is empty, or names the category of packets (`transactions.accounts`) that have neither to give.
-    ``protocol`` is `ip.TCP` or `ip.UDP`, 0 when there is a problem. ``key`` is addresses and ports as they stand in the
-    packet, then the VLAN key when there is one; ``octets`` the payload. ``word`` is the data offset and the flags; a datagram
-    has none of ``seq``, ``ack`` and ``word``. ``missing`` counts octets of payload that the IP length, for a datagram the UDP
-    length, claims and the capture does not hold. One with the problem ``bad_checksum`` has everything else as well.
+    ``problem`` is empty, or the category (`transactions.accounts`) of a packet that has no segment to use. With a problem other
+    than ``bad_checksum`` only ``sealed`` counts besides: it names the encapsulation that could not be opened, if any.
 
-    ``macs`` are the Ethernet addresses of the innermost frame in a tunnel, None outside of one. ``sealed`` names what a packet
-    with a problem is in that is not opened.
+    ``protocol`` is `ip.TCP` or `ip.UDP`. ``key`` is addresses and ports as they stand in the packet, then the VLAN key when
+    there is one; ``octets`` is the payload. ``word`` is the data offset and the flags; a datagram has none of ``seq``, ``ack``
+    and ``word``. ``missing`` counts octets of payload that the IP length (for a datagram the UDP length) claims and the capture
+    does not hold. ``macs`` are the Ethernet addresses of the innermost frame in a tunnel, None outside of one.
     """
 
     __slots__ = ("ack", "key", "macs", "missing", "octets", "problem", "protocol", "sealed", "seq", "vlan", "word")
@@ -94,9 +93,9 @@ def find_segment(
 ) -> Segment:
     """Return the TCP segment of the frame ``buf[start:end]``, or why there is none. Never raises.
 
-    With ``wants_udp`` a UDP datagram is as good; without, it is ``not_tcp``. A fragment goes to ``fragments`` and comes out
-    with the one that makes its datagram whole. Checksums are verified only with ``checksums``: it costs time, and there are
-    captures in which all are wrong, because their addresses were changed.
+    With ``wants_udp`` a UDP datagram is returned as well; without, it is ``not_tcp``. A fragment goes into ``fragments``; for
+    the one that completes its datagram, the whole is returned. Checksums are verified only with ``checksums``, because that
+    costs time, and because all are wrong in captures whose addresses were changed.
     """
     at, vlan = link.find_ip(buf, start, end, link_type)
     if at < 0:
@@ -115,7 +114,7 @@ def find_segment(
 
 
 def _without_ip(answer: i64, detail: i64, link_type: i64) -> Segment:
-    """Return what is said of a frame in which `link.find_ip` finds nothing."""
+    """Return the segment of a frame in which `link.find_ip` found no IP: just the problem, and what could not be opened."""
     if answer == link.CUT:
         return Segment("cut")
     segment = Segment("link_type" if answer == link.UNSUPPORTED else "not_ip")
@@ -127,7 +126,7 @@ def _without_ip(answer: i64, detail: i64, link_type: i64) -> Segment:
 
 
 def _innermost(inner: Inner, buf: bytes, fragments: ip.FragmentStore, time_ns: i64, checksums: bool) -> Segment:
-    """Return what `find_segment` does of a packet that may be a tunnel or a fragment, and of what it carries."""
+    """Return what `find_segment` does, for a packet that may be a tunnel or a fragment: descend to the innermost packet."""
     while True:
         inner.descend(buf)
         packet = inner.packet
@@ -147,7 +146,7 @@ def _innermost(inner: Inner, buf: bytes, fragments: ip.FragmentStore, time_ns: i
         if whole is None:
             return Segment("fragment_waiting")
         if not whole and fragments.protocol != ip.UDP:
-            return Segment("not_tcp")  # what stands behind the extension headers is known only now
+            return Segment("not_tcp")  # only the whole datagram shows which protocol its extension headers lead to
         packet.gather(fragments.protocol, len(whole))
         buf = whole
     if packet.protocol == ip.TCP:
@@ -188,10 +187,10 @@ def _read(
 def _read_datagram(
     addresses: bytes, tag: bytes, vlan: i64, buf: bytes, at: i64, end: i64, missing: i64, checksums: bool
 ) -> Segment:
-    """Read the UDP header at ``at``; ``missing`` octets of the IP payload are behind ``end``.
+    """Read the UDP header at ``at``; the IP payload has ``missing`` more octets after ``end``.
 
-    The UDP length counts the header (RFC 768); what the IP packet holds behind it is padding. Length 0, the jumbogram of
-    RFC 2675, needs an IPv6 option that nobody sends, and is as bad as one shorter than the header.
+    The UDP length includes the header (RFC 768); octets of the IP packet after it are padding. Length 0, the jumbogram of
+    RFC 2675, needs an IPv6 option that nobody sends; it is a bad header, like any length shorter than the header.
     """
     if end - at < _UDP_HEADER:
         return Segment("cut" if missing else "bad_header")

@@ -1,4 +1,4 @@
-"""What goes through the reassembly of a stream: stretches of octets that wait, and the chunks that come out in order."""
+"""What `HalfStream` takes and gives: `Held` is a segment that waits for its turn, `Chunk` is what comes out in order."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from mypy_extensions import i64
 
 
 class Held:
-    """A stretch of octets waiting for its turn, with the packet that brought it."""
+    """Octets from position ``at`` on that wait for those before them; ``ack`` is the TCP acknowledgement they came with."""
 
     __slots__ = ("ack", "at", "frame", "octets", "time_ns")
 
@@ -19,10 +19,10 @@ class Held:
 
 
 class Chunk:
-    """What comes out: octets in order (``hole`` is 0), or a gap of ``hole`` octets.
+    """The next octets of a stream (``hole`` is 0), or a gap of ``hole`` octets.
 
-    ``end_seq`` is the sequence number after it; ``frame`` and ``time_ns`` are of the packet that made the octets available,
-    ``own_frame`` and ``own_ns`` of the one that brought them first, ``ack`` is the TCP acknowledgement that the last of them
+    ``end_seq`` is the sequence number after it. ``frame`` and ``time_ns`` are of the packet at which the octets were in order;
+    ``own_frame`` and ``own_ns`` are of the packet that brought them. ``ack`` is the TCP acknowledgement that the last of them
     came with, -1 for none.
     """
 

@@ -1,10 +1,11 @@
-"""Packets and frames inside packets: from the outer IP packet to the innermost, whose addresses are those of a connection.
+"""Tunnels: descends from the outer IP packet to the innermost one, whose addresses are those of a connection.
 
-GRE (RFC 2784, 2890) with IP, Ethernet, MPLS or ERSPAN I to III (draft-foschiano-erspan) in it; VXLAN (RFC 7348), Geneve
-(RFC 8926) and TZSP in UDP; IP in IP (RFC 2003, 4213), EtherIP (RFC 3378), MPLS in IP (RFC 4023); the authentication header
-of IPv4 (RFC 4302), which is no tunnel but stands where one would. Sensors and switches send mirrored frames so.
+Sensors and switches send mirrored frames in tunnels. Opened are GRE (RFC 2784, 2890) with IP, Ethernet, MPLS or ERSPAN I to
+III (draft-foschiano-erspan) in it; VXLAN (RFC 7348), Geneve (RFC 8926) and TZSP in UDP; IP in IP (RFC 2003, 4213), EtherIP
+(RFC 3378), MPLS in IP (RFC 4023); and the authentication header of IPv4 (RFC 4302), which is not a tunnel but comes where one
+would.
 
-A VLAN is that of the innermost frame: the outer one is a way through somebody else's network.
+The VLAN of a packet is that of the innermost frame; the outer VLAN belongs to the network that carries the tunnel.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from dissect.tcp import ip, link
 from dissect.tcp.ip import IpPacket
 from dissect.wire.octets import u16
 
-#: So many may be in each other.
+#: How many tunnels may be nested.
 MAX_LEVELS: Final = 4
 _VXLAN: Final = 4789
 _VXLAN_LINUX: Final = 8472
@@ -26,25 +27,25 @@ _TZSP: Final = 37008
 _UDP_HEADER: Final = 8
 _UDP_NAMES: Final[dict[int, str]] = {_VXLAN: "VXLAN", _VXLAN_LINUX: "VXLAN", _GENEVE: "Geneve", _TZSP: "TZSP"}
 
-# Types of what GRE and Geneve carry that are no EtherTypes of packets.
+# Types in GRE and Geneve other than the EtherTypes that `link` reads.
 _ETHERNET: Final = 0x6558
 _ERSPAN: Final = 0x88BE
 _ERSPAN_3: Final = 0x22EB
 
 #: IP protocols that are not opened.
 _SEALED: Final[dict[int, str]] = {50: "ESP (IPsec)", 115: "L2TP"}
-#: Link types of TZSP, and of captures, that are IEEE 802.11, with what a receiver puts before it or not.
+#: Link types of TZSP, and of captures, that are IEEE 802.11, with or without a header that the receiver added.
 _TZSP_WIRELESS: Final = frozenset((18, 119, 127))
 _WIRELESS: Final = frozenset((105, 119, 127, 163, 192))
 
 
 class Inner:
-    """The innermost packet that was reached: ``packet`` and the VLAN key of the frame it is in.
+    """The innermost ``packet`` reached so far, and ``vlan``, the VLAN key of the frame that it is in.
 
-    ``problem`` is empty, or the category of packets (`transactions.accounts`) that this one belongs to; ``sealed`` names what
-    could not be opened. ``macs`` are the two Ethernet addresses of the innermost frame, empty without one, and None outside
-    of tunnels, where they are those of the captured frame. ``at`` is where the packet begins in a tunnel, in the octets that
-    were opened last. ``levels`` are those that may still be opened.
+    ``problem`` is empty, or the category (`transactions.accounts`) of a packet that cannot be used; ``sealed`` names the
+    encapsulation that could not be opened. ``macs`` are the two Ethernet addresses of the innermost frame: empty where the
+    tunnel holds no frame, None outside of tunnels, where the captured frame has them. ``at`` is where a packet in a tunnel
+    begins, in the octets opened last. ``levels`` is how many tunnels may still be opened.
     """
 
     __slots__ = ("at", "levels", "macs", "packet", "problem", "sealed", "vlan", "wants_udp")
@@ -60,7 +61,7 @@ class Inner:
         self.levels: i64 = MAX_LEVELS
 
     def descend(self, buf: bytes) -> None:
-        """Open what can be opened: it ends at TCP, at UDP, at a fragment that is to be collected, or with a ``problem``."""
+        """Open tunnels until ``packet`` is TCP, UDP or a fragment to be collected, or there is a ``problem``."""
         going = True
         while going and not self.problem:
             packet = self.packet
@@ -72,7 +73,7 @@ class Inner:
             going = self._open(buf, packet.protocol, packet.start, packet.end)
 
     def _leave_fragment(self, buf: bytes) -> None:
-        """A fragment that is not collected: the first of a datagram shows what it would have been."""
+        """Give up a fragment that is not collected; if it is the first of a datagram, its UDP port names the tunnel."""
         packet = self.packet
         self.problem = "not_tcp"
         if packet.protocol == ip.UDP and packet.fragment_offset == 0 and packet.start + 4 <= packet.end:
@@ -81,7 +82,7 @@ class Inner:
                 self.sealed = f"{name} in IP fragments"
 
     def _open(self, buf: bytes, protocol: i64, at: i64, end: i64) -> bool:
-        """Go into what an IP packet of this protocol carries; False when that is the end of the way."""
+        """Open the payload ``buf[at:end]`` of this IP protocol; return False when there is nothing further to open."""
         if protocol == ip.UDP:
             return self._open_udp(buf, at, end)
         if protocol == ip.GRE:
@@ -100,7 +101,7 @@ class Inner:
         return False
 
     def _take_level(self) -> bool:
-        """Count a level; False, and a problem, when there are too many."""
+        """Count a level; return False, and set ``problem``, when there are too many."""
         if self.levels == 0:
             return self._stop("not_ip", f"more than {MAX_LEVELS} tunnels in each other")
         self.levels -= 1
@@ -145,7 +146,7 @@ class Inner:
         return self._follow(buf, found, vlan, end)
 
     def _open_type(self, buf: bytes, ethertype: i64, at: i64, end: i64) -> bool:
-        """Go on with what an EtherType, or a type that GRE and Geneve have beside, announces at ``at``."""
+        """Go on with the content at ``at``, whose type is an EtherType or one of GRE and Geneve only."""
         if at > end:
             return self._stop("cut")
         if ethertype == _ETHERNET:
@@ -155,7 +156,7 @@ class Inner:
         return self._follow(buf, found, vlan, end)
 
     def _follow(self, buf: bytes, found: i64, detail: i64, end: i64) -> bool:
-        """Go on from an answer of `link.find_ip`."""
+        """Go on with what `link.find_ip` returned."""
         if found >= 0:
             return self._enter(buf, found, end, detail)
         if found == link.FRAME:
@@ -203,7 +204,7 @@ class Inner:
     # ---- UDP --------------------------------------------------------------------------------------------------------
 
     def _open_udp(self, buf: bytes, at: i64, end: i64) -> bool:
-        """Go into a datagram to the port of a tunnel. What does not look like one is a datagram like any other."""
+        """Open a datagram to the port of a tunnel; one that does not look like a tunnel is kept as a datagram."""
         if at + _UDP_HEADER > end:
             return False
         port: i64 = u16(buf, at + 2)
@@ -227,7 +228,7 @@ class Inner:
         else:
             return False
         if self.problem and not self.sealed and not (self.problem == "cut" and outer.missing):
-            self.packet = outer  # the port alone is no proof
+            self.packet = outer  # not a tunnel: the port alone proves nothing
             self.vlan = vlan
             self.macs = macs
             self.problem = ""
@@ -235,7 +236,7 @@ class Inner:
         return going
 
     def _open_tzsp(self, buf: bytes, at: i64, end: i64) -> bool:
-        """Version 1, a packet that was received or is to be sent, the kind of link, tags up to the one that ends them."""
+        """Open TZSP: version 1, type (received, or to be sent), link type, tags up to the end tag, then the frame."""
         if at + 4 > end:
             return self._stop("cut")
         if buf[at] != 1 or buf[at + 1] > 1:
@@ -258,10 +259,10 @@ class Inner:
 
 
 def unwrapped(octets: bytes, link_type: i64) -> tuple[bytes, int, int] | None:
-    """Return the innermost packet of a captured one as it came into the tunnel, its link type and how much of it is missing.
+    """Return the innermost packet of a captured one as it entered the tunnel, its link type, and how many octets are missing.
 
-    That is an Ethernet frame, or IP alone where none is there. None for a packet that is in no tunnel, or whose tunnel carries
-    something else than TCP and UDP.
+    The packet is an Ethernet frame, or IP alone where the tunnel holds no frame. Return None for a packet that is not in a
+    tunnel, or whose tunnel carries neither TCP nor UDP.
     """
     end: i64 = len(octets)
     at, vlan = link.find_ip(octets, 0, end, link_type)
@@ -290,5 +291,5 @@ def unwrapped(octets: bytes, link_type: i64) -> tuple[bytes, int, int] | None:
 
 
 def sealed_link(link_type: i64) -> str:
-    """Return what a link type that is not supported is called."""
+    """Return the name of a link type that is not supported."""
     return "802.11" if link_type in _WIRELESS else f"link type {link_type}"

@@ -1,4 +1,4 @@
-"""What became of every packet and every octet: nothing is lost without being counted."""
+"""The categories that packets are counted by, and the account of all octets: nothing is lost without being counted."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ FIRST_IGNORED: Final = NOT_IP
 class OctetAccount:
     """Octets of TCP payload, summed over the directions of connections that ended.
 
-    ``delivered`` = ``framed`` + ``skipped`` + ``buffered`` holds unless the analyzer failed on something: ``failed`` is
-    what these do not account for. ``missing`` are octets in holes, not delivered.
+    ``delivered`` equals ``framed`` + ``skipped`` + ``buffered`` unless the analyzer failed on something; ``failed`` is the
+    difference. ``missing`` counts octets in gaps, which were not delivered; ``holes`` counts the gaps.
     """
 
     __slots__ = ("buffered", "delivered", "framed", "holes", "missing", "skipped")
@@ -72,7 +72,7 @@ class OctetAccount:
 
     @property
     def failed(self) -> int:
-        """Octets that nothing accounts for; 0 unless a bug of ours struck (finding ``internal.bug``)."""
+        """Octets that are in none of the other sums; 0 unless the analyzer has a bug (finding ``internal.bug``)."""
         return self.delivered - self.framed - self.skipped - self.buffered
 
     def as_dict(self) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Whether an answer cannot be that of a request: asked where gaps make it likely that one of the two was not seen."""
+"""Finds out whether an answer cannot belong to a request, where gaps make it likely that one of the two was not captured."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.transactions.transaction import Transaction, check_answer
 
 
 def is_strange(request: Transaction, answer: Transaction) -> bool:
-    """Return whether a held answer cannot be that of a request."""
+    """Return whether a held answer cannot belong to ``request``."""
     rosctr: i64 = answer.response_rosctr
     at: i64 = answer.response_offset
     parameters = answer.parameters
@@ -23,10 +23,7 @@ def is_strange(request: Transaction, answer: Transaction) -> bool:
 def contradicts(
     request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
 ) -> bool:
-    """Return whether an answer cannot be that of ``request``: by its function, its item count or the size of its items.
-
-    For when gaps make it likely that an answer belongs to a request that was not seen.
-    """
+    """Return whether an answer cannot belong to ``request``: by its function, its item count or the size of its items."""
     asked = request.parameters
     if (
         rosctr == ACK_DATA
@@ -34,12 +31,12 @@ def contradicts(
         and parameters.item_count == asked.item_count
         and begin_alike(asked.good_answer, buf, data_at, at + size)
     ):
-        return False  # `check_answer` would find nothing; where there are gaps, each answer comes by here
+        return False  # `check_answer` would find nothing; this saves time where gaps make every answer come here
     if mismatch(asked, parameters):
         return True
     if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
         return False
-    # It has the answer on trial, and is left as it was: to make a transaction for that would cost more than to look.
+    # Put the answer into `request` to check it, then restore `request`: cheaper than a transaction made for the check.
     flags: i64 = request.flags
     request.flags = 0
     request.response_buf = buf

@@ -1,4 +1,4 @@
-"""How a connection ended: who ended it and how, what was open then, and what came before. Facts only."""
+"""`Ending`: how a connection ended, which side ended it, what was open then, and what came before. It only states facts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EVICTED: Final = "evicted"
 OPEN: Final = "open"
 
 
-#: What a side does that ends a connection so.
+#: What a side did that ended a connection, by `Ending.how`.
 _DEEDS: Final[dict[str, str]] = {
     FIN: "closed the connection",
     RESET: "reset the connection",
@@ -33,19 +33,21 @@ _DEEDS: Final[dict[str, str]] = {
 }
 
 
-@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header of the garbage collector
 class Ending:
     """The end of a connection, or of the capture while it was open.
 
     ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0
-    for none) and ``time_ns`` when that was. ``open_requests`` were without answer, but for those whose answer may be in a
-    hole of the capture (``hole_frames``: packets at which the latest hole in the answers to each side was given up);
-    ``oldest`` is what the one asked first wants, with its packet and time. The last request, answer and refusal before the
-    end are told as what was asked and when (None and 0 for none), the server's last message inside TLS only as when;
-    ``last_error_code`` is the code of the whole answer, 0 when only an item was refused. ``connecting`` tells
-    that the connect request was still without answer of any kind.
-    ``reset_side``, ``reset_frame`` and ``reset_ns`` are the side, packet and time of a RST that came after that end had begun
-    otherwise, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
+    for none) and ``time_ns`` its time. ``reset_side``, ``reset_frame`` and ``reset_ns`` are side, packet and time of a RST
+    after an end of another kind, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
+
+    ``open_requests`` is how many requests were open, without those whose answer may be in a gap (``hole_frames`` has, for
+    each side, the packet at which the latest gap in the answers to it was given up). ``oldest`` is the first of them, with its
+    packet and time. ``connecting``: the connect request had no answer of any kind yet.
+
+    ``last_request``, ``last_answer`` and ``last_error`` (a refusal) are the parameters of the requests concerned, each with
+    its time (None and 0 for none); of the server's last message in TLS only the time is known. ``last_error_code`` is the
+    error code of the whole answer, 0 when only an item was refused.
     """
 
     __slots__ = (
@@ -138,7 +140,7 @@ class Ending:
         self.time_ns = time_ns
 
     def last_heard(self, answer: str = "answer") -> str:
-        """Say what the server sent last and when, empty for nothing: ``; last answer 1.20 s earlier``."""
+        """Return what the server sent last and when, empty for nothing: ``; last answer 1.20 s earlier``."""
         if self.last_encrypted_ns > self.last_answer_ns:
             return f"; last encrypted message of the server {distance_text(self.time_ns - self.last_encrypted_ns)}"
         if self.last_answer is None:
@@ -146,7 +148,7 @@ class Ending:
         return f"; last {answer} {distance_text(self.time_ns - self.last_answer_ns)}"
 
     def deed(self, connection: Connection) -> str:
-        """Say who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
+        """Return who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
         if self.how not in _DEEDS:
             return ""
         if self.reset_frame and self.reset_side != self.side:
@@ -154,7 +156,10 @@ class Ending:
         return f"{self._first_deed(connection)}{' and reset it' if self.reset_frame else ''}"
 
     def deed_after(self, connection: Connection, asked_frame: i64, asked_ns: i64) -> str:
-        """Say the same and when, beside a request, empty when neither did: ``the server reset the connection 1.20 s later``."""
+        """Return `deed` with its time relative to a request: ``the server reset the connection 1.20 s later``.
+
+        ``asked_frame`` and ``asked_ns`` are packet and time of the request. Empty when neither side ended the connection.
+        """
         if self.how not in _DEEDS:
             return ""
         if asked_ns > self.time_ns:
@@ -164,7 +169,10 @@ class Ending:
         return f"{self.deed(connection)} {distance_text(asked_ns - self.time_ns)}"
 
     def age(self) -> str:
-        """Say how old the oldest request was at the end, ``1.20 s old``; a side may still ask after the FIN of the other."""
+        """Return how old the oldest open request was at the end: ``1.20 s old``.
+
+        It may also have been sent after the end had begun, because a side may still send requests after the other side's FIN.
+        """
         asked_ns = self.oldest_ns
         if asked_ns > self.time_ns:
             if self.oldest_frame < self.frame or not self.frame:
@@ -177,7 +185,7 @@ class Ending:
 
     @property
     def cut(self) -> bool:
-        """True when one side ended the connection while something it carried was still without answer."""
+        """True when a side ended the connection while a request or the connect request was unanswered."""
         return self.how in _DEEDS and (self.open_requests > 0 or self.connecting)
 
     @property

@@ -1,4 +1,4 @@
-"""The items of a read in which all is well, as most reads are, found in its answer without making results of them."""
+"""Finds the values of a read without errors, as most reads are, directly in its answer, without making results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.transactions.transaction import ANSWERED, Transaction
 
 
 def good_octets(transaction: Transaction) -> list[bytes] | None:
-    """Return the octets of each item of such a read; None for others."""
+    """Return the octets of each item of a read without errors; None for any other transaction."""
     if transaction.has_errors or transaction.parameters.function != READ_VAR:
         return None
     good = GoodItems()
@@ -24,10 +24,10 @@ def good_octets(transaction: Transaction) -> list[bytes] | None:
 
 
 class GoodItems:
-    """Steps over the items of a read in which all is well, without an object for any of them.
+    """Steps over the items of a read without errors, without making an object of any item.
 
-    Item ``index`` has the octets of ``buf`` from ``at``, ``size`` of them. ``whole`` is true once all of them were good. Reads
-    with tags are not stepped over, nor items that ask for several areas.
+    Item ``index`` is ``buf[at:at + size]``. ``whole`` is True once all items were good. Reads with tags are not stepped over,
+    nor items that ask for several areas.
     """
 
     __slots__ = ("_end", "_items", "_judged", "_next", "at", "buf", "index", "size", "whole")
@@ -39,12 +39,12 @@ class GoodItems:
         self.index: i64 = -1
         self.whole: bool = False
         self._items: list[Item] = []
-        self._judged: bool = False  # `check_answer` found each item to be good and as long as it was asked for
+        self._judged: bool = False  # `check_answer` found each item good and of the requested size
         self._next: i64 = 0
         self._end: i64 = 0
 
     def begin(self, transaction: Transaction) -> bool:
-        """Stand before the first item of a transaction, if it can be such a read."""
+        """Go before the first item of a transaction; return False if it cannot be a read without errors."""
         self.whole = False
         answer = transaction.response_parameters
         asked = transaction.parameters
@@ -70,7 +70,7 @@ class GoodItems:
         return True
 
     def step(self) -> bool:
-        """Go on to the next item; False behind the last, and where something is odd."""
+        """Go on to the next item; return False after the last one, and where something is wrong."""
         index: i64 = self.index + 1
         count: i64 = len(self._items)
         if index == count:

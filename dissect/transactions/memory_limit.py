@@ -1,7 +1,7 @@
-"""What connections keep of packets that passed, and which of them have to leave when that is too much in sum.
+"""`Room`: bounds the octets that all connections hold together, by evicting those that hold most.
 
-Each buffer has a bound of its own; thousands of connections that fill theirs are bounded here. Nothing is counted while
-octets pass: a buffer cannot grow by more than what was captured, so that it is enough to add up now and then.
+Each buffer has a bound of its own; this one is for thousands of connections that fill theirs. Nothing is counted while octets
+pass: buffers cannot grow by more than what was captured, so it is enough to add them up now and then.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from mypy_extensions import i64
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.side import Side
 
-#: Connections looked at, and given up, with one packet.
+#: How many connections are looked at, and evicted, with one packet.
 LOOK_AT_ONCE: Final = 64
 LEAVE_AT_ONCE: Final = 4
-#: Powers of two that what one connection keeps is sorted by.
+#: Connections are sorted by the power of two of what they hold, up to this one.
 _SIZES: Final = 32
 
 
 def held_octets(side: Side) -> int:
-    """Return the octets that are kept for the connection of ``side``, both directions together.
+    """Return how many octets are held for the connection of ``side``, both directions together.
 
-    Segments that wait for those before them and the latest ones that passed, unfinished packets, TSDUs and PDUs, answers in
-    parts, requests without answer and answers without request.
+    These are segments that wait and the latest ones that passed, unfinished TPKTs, TSDUs and PDUs, answers in parts, requests
+    without an answer, and answers without a request.
     """
     held: i64 = 0
     for end in (side, side.peer):
@@ -52,12 +52,12 @@ def _open(requests: OpenRequests) -> i64:
 
 
 class Room:
-    """Makes room a little with each packet: a live line must not wait while thousands of connections are looked through.
+    """Finds the connections to evict, in small steps, because a live capture must not wait while thousands are looked through.
 
-    `begin` takes one side of each open connection. Each `step` then looks at `LOOK_AT_ONCE` of them; when all were looked at
-    and keep more than ``most`` octets in sum, each further step returns up to `LEAVE_AT_ONCE` that have to leave, the fullest
-    first (as far as powers of two tell), until half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts
-    the connections looked at, and ``total`` are the octets that those of the latest round keep.
+    `begin` takes one side of each open connection. Each `step` then looks at `LOOK_AT_ONCE` of them. If all together hold more
+    than ``most`` octets, each further step returns up to `LEAVE_AT_ONCE` to evict, the fullest first (by powers of two), until
+    half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts the connections looked at; ``total`` is how
+    many octets those of the latest round hold.
     """
 
     def __init__(self, most: int) -> None:
@@ -70,7 +70,7 @@ class Room:
         self._by_size: list[list[Side]] = []
 
     def begin(self, sides: list[Side]) -> None:
-        """Look through ``sides``, unless the last round is still under way."""
+        """Begin to look through ``sides``, unless the last round is still under way."""
         if not self.busy:
             self.busy = True
             self._sides = sides
@@ -79,7 +79,7 @@ class Room:
             self._by_size = [[] for _ in range(_SIZES)]
 
     def step(self) -> list[tuple[int, Side]]:
-        """Do a bounded part of the work; return those that have to leave now, as (octets, side)."""
+        """Do a bounded part of the work; return the connections to evict now, as (octets, side)."""
         gone: list[tuple[int, Side]] = []
         end: i64 = min(self._at + LOOK_AT_ONCE, len(self._sides))
         if self._at < end:
@@ -87,7 +87,7 @@ class Room:
                 self._look(self._sides[index])
             self._at = end
             if end == len(self._sides) and self.total <= self._most:
-                self._by_size = []  # there is room
+                self._by_size = []  # nothing has to be evicted
             return gone
         while self._by_size and len(gone) < LEAVE_AT_ONCE:
             fullest = self._by_size[-1]

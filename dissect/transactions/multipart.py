@@ -1,11 +1,11 @@
-"""Answers and BSENDs that come in several parts, joined (reference sections 4.3 and 4.10).
+"""`Joiner`: joins userdata answers and BSENDs that come in several parts (reference sections 4.3 and 4.10).
 
-A long userdata answer is cut anywhere: every part has a request of its own, all parts have the same sequence number and data
-unit reference, the last one says that it is the last. `Joiner` is given the transactions of one connection in the order in
-which they end, and gives back payloads that are whole; `dissect.s7.bodies.parse_joined` cuts them into parts.
+A long userdata answer may be cut anywhere. Each part has a request of its own; all parts have the same sequence number and data
+unit reference, and the last one is marked as the last. `Joiner` takes the transactions of one connection in the order in which
+they end, and returns whole payloads; `dissect.s7.bodies.parse_joined` reads these.
 
-A long BSEND is cut by the side that sends it, and every piece is a request of its own. Pieces have the same R_ID in front, and
-the sequence number that the partner gave in its answer to the first; only the first begins with the length of all.
+A long BSEND is cut by the side that sends it, and each piece is a request of its own. All pieces begin with the same R_ID, and
+have the sequence number that the partner gave in its answer to the first. Only the first has the length of the whole.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from dissect.transactions.transaction import Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 
-#: Chains that may be open at once on a connection; devices have one or two.
+#: The most chains open at once on a connection; devices have one or two.
 MAX_CHAINS: Final = 16
-#: Octets of all open chains of a connection; the longest list seen has some thousand.
+#: The most octets of all open chains of a connection; the longest list seen has some thousand.
 MAX_OCTETS: Final = 1 << 20
-#: Parts of a chain whose packets are remembered.
+#: For how many parts of a chain the packets are remembered.
 MAX_PLACES: Final = 1024
-#: Chains that never ended which are remembered.
+#: How many chains that never ended are remembered.
 MAX_UNFINISHED: Final = 64
 
-#: Octets before what the program sent, in a whole BSEND.
+#: In a whole BSEND, octets before the data that the program sent.
 _BEFORE_SENT: Final = PBC_ID.size + BSEND_LENGTH.size
-#: Added to the keys of BSENDs, which are made of other things than those of answers.
+#: Added to the keys of BSENDs, so that they never equal those of answers.
 _SENDS: Final = 1 << 40
 
 
 class Chain:
     """The payloads of one userdata answer or BSEND, in one part or several.
 
-    ``octets`` are the payloads without data heads; ``whole`` tells that the last part was there. ``first`` and ``last`` are the
-    transactions of the first and of the newest part, ``transactions`` counts them; ``places`` are where each part ends in
-    ``octets`` and its packet (the first `MAX_PLACES`). ``r_id`` is -1 for anything but a BSEND.
+    ``octets`` are the joined payloads without data heads; ``whole``: the last part was there. ``first`` and ``last`` are the
+    transactions of the first and of the latest part, ``transactions`` counts them. ``places`` has for each part where it ends
+    in ``octets``, and its packet (for the first `MAX_PLACES` parts). ``r_id`` is -1 for anything but a BSEND.
     """
 
     __slots__ = (
@@ -72,7 +72,7 @@ class Chain:
         self.first: Transaction = transaction
         self.last: Transaction = transaction
         self.transactions: int = 0
-        self.missing: int = 0  # octets that the capture lacked of its direction when it began
+        self.missing: int = 0  # how many octets of its direction the capture lacked when the chain began
         self.r_id: int = -1
         self.places: list[tuple[int, int]] = []
 
@@ -87,17 +87,17 @@ class Chain:
 
     @property
     def size(self) -> int:
-        """Octets of the joined payload."""
+        """The size of the joined payload in octets."""
         return len(self._octets)
 
     @property
     def sent(self) -> bytes:
-        """What the program sent with a BSEND, without R_ID and length; empty for anything but a BSEND."""
+        """The data that the program sent with a BSEND, without R_ID and length; empty for anything but a BSEND."""
         return bytes(self._octets[_BEFORE_SENT:]) if self.r_id >= 0 else b""
 
     @property
     def announced(self) -> int:
-        """The octets of ``sent`` that the first piece of a BSEND announces; -1 when it does not, or is no BSEND."""
+        """The size of ``sent`` that the first piece of a BSEND announces; -1 for none, and for anything but a BSEND."""
         if self.r_id < 0 or self.size < _BEFORE_SENT:
             return -1
         return int.from_bytes(self._octets[PBC_ID.size : _BEFORE_SENT], "big")
@@ -111,7 +111,7 @@ class Chain:
         self.transactions += 1
 
     def parts(self, malformed: list[Malformed] | None = None) -> list[Part]:
-        """Cut the joined payload; offsets are within ``octets``, faults are added to ``malformed``."""
+        """Cut the joined payload into parts; offsets are within ``octets``, faults are added to ``malformed``."""
         from dissect.s7.bodies import parse_joined  # late: see `Pdu.body`
 
         return parse_joined(self.group, self.subfunction, self.type, self.octets, malformed)
@@ -120,8 +120,8 @@ class Chain:
 class Joiner:
     """Joins the answers and BSENDs of one connection. ``unfinished`` are chains whose last part never came, the oldest first.
 
-    ``unfinished_count`` counts all of them, also those that are remembered no more; ``headless`` counts parts whose first part
-    was not seen, as at the start of a capture.
+    ``unfinished_count`` counts all of them, also those no longer remembered. ``headless`` counts parts of a chain whose first
+    part was not captured, as at the beginning of a capture.
     """
 
     __slots__ = ("_chains", "_octets", "headless", "unfinished", "unfinished_count")
@@ -135,16 +135,16 @@ class Joiner:
 
     @property
     def open_count(self) -> int:
-        """Chains that more parts are expected of."""
+        """How many chains expect more parts."""
         return len(self._chains)
 
     @property
     def octets(self) -> int:
-        """Octets of all open chains."""
+        """How many octets all open chains have."""
         return self._octets
 
     def feed(self, transaction: Transaction) -> Chain | None:
-        """Take a transaction that ended; return the answer or BSEND that is whole now, also when it came in one part."""
+        """Take a finished transaction; return the answer or BSEND that is whole now, even if it had only one part."""
         begun = transaction.parameters.userdata if transaction.rosctr == USERDATA else None
         if begun is not None and begun.group == GROUP_PBC and begun.subfunction == BSEND:
             return self._send(transaction, begun)
@@ -155,7 +155,7 @@ class Joiner:
         asked = transaction.parameters.userdata if transaction.request_size else None
         if head.error_code:
             if asked is not None and asked.sequence:
-                self._give_up(_key(transaction, asked))  # more of an answer was asked for, and refused
+                self._give_up(_key(transaction, asked))  # the next part of an answer was requested, and refused
             return None
         payload = _payload(answer)
         if head.last_data_unit == 0 and head.data_unit_ref == 0:
@@ -173,9 +173,9 @@ class Joiner:
         return self._add(key, chain_of, payload, transaction, head.last_data_unit == 0)
 
     def _gap(self, key: int, transaction: Transaction, side: int) -> int:
-        """Return how many octets of ``side`` the capture lacks so far; what was begun before some of them were is given up.
+        """Return how many octets of ``side`` the capture lacks so far; give up the chain if it lacked fewer when that began.
 
-        A part may be among them, and parts on both sides of it say together what nobody said.
+        The missing octets may have had a part of the chain; the parts before and after it must not be joined.
         """
         stream = transaction.connection.tcp.streams[side]
         missing = int(stream.position) - int(stream.octets)
@@ -185,7 +185,7 @@ class Joiner:
         return missing
 
     def _send(self, transaction: Transaction, head: UserdataHead) -> Chain | None:
-        """Take a piece of a BSEND, in a request or a push; the partner's answers carry nothing."""
+        """Take a piece of a BSEND, in a request or a push; the partner's answers carry no data."""
         piece = transaction.request or transaction.response
         payload = _payload(piece) if piece is not None and head.type != RESPONSE else b""
         if len(payload) < PBC_ID.size:
@@ -214,7 +214,7 @@ class Joiner:
     def _begun(
         self, key: int, head: UserdataHead, asked: UserdataHead | None, transaction: Transaction
     ) -> Chain | None:
-        """Return the chain that a part belongs to, a new one for a first part; None when its first part was not seen."""
+        """Return the chain that a part belongs to, a new one for a first part; None if the first part was not captured."""
         chain = self._chains.get(key)
         if chain is not None and chain.data_unit_ref == head.data_unit_ref and (asked is None or asked.sequence):
             return chain
@@ -224,7 +224,7 @@ class Joiner:
         return self._open(key, head, transaction)
 
     def _open(self, key: int, head: UserdataHead, transaction: Transaction) -> Chain:
-        """Begin a chain; the oldest gives way when there are too many."""
+        """Begin a chain; if there are too many, give up the oldest."""
         chain = Chain(head, transaction)
         if len(self._chains) >= MAX_CHAINS:
             self._give_up(next(iter(self._chains)))
@@ -244,7 +244,7 @@ class Joiner:
         return None
 
     def close(self) -> list[Chain]:
-        """The connection ended: return all chains that never ended and are remembered."""
+        """The connection ended: return the chains that never ended, as far as they are remembered."""
         for key in list(self._chains):
             self._give_up(key)
         return self.unfinished
@@ -261,12 +261,12 @@ class Joiner:
 
 
 def _key(transaction: Transaction, head: UserdataHead) -> int:
-    """Return what the requests for all parts of an answer name: who is asked, what, the sequence number."""
+    """Return the key that all parts of an answer have: asking side, group, subfunction and sequence number."""
     return transaction.asked_by << 24 | head.group << 16 | head.subfunction << 8 | head.sequence
 
 
 def _payload(answer: Pdu) -> bytes:
-    """Return the payload of a userdata PDU: what its data head counts, as far as it is there."""
+    """Return the payload of a userdata PDU: as many octets as its data head states, as far as they are there."""
     data = answer.data
     if len(data) < DATA_HEAD.size:
         return b""

@@ -1,7 +1,6 @@
-"""Names for what stands at an address: the seam between what is read or written and those who know what it is called.
+"""Names for the values that a transaction carries, from tags (`dissect.tags`) or from SCD (`dissect.bindings`).
 
-Tags (`dissect.tags`) and SCD (`dissect.bindings`) answer the same question: which values with which names a transaction
-carries. Both answer it with `NamedValue`: outputs ask `named_values` and do not care who knew.
+Both give a `NamedValue`; `named_values` returns those of a transaction, whatever the source of the names.
 """
 
 from __future__ import annotations
@@ -19,19 +18,19 @@ if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
     from dissect.transactions.transaction import Transaction
 
-#: Who knew the name.
+#: Where a name comes from (`NamedValue.origin`).
 TAG: Final = "tag"
 SCD: Final = "scd"
 
 
 class NamedValue:
-    """A value with its name, as a file of tags or an SCD dictionary knows them.
+    """A value with its name, from a file of tags or an SCD dictionary.
 
-    ``address`` is where the value stands ("DB10.DBD4", "0x6041:0"), ``offset`` its first octet within the item. ``type`` is
-    the declared type ("REAL"), ``origin`` who knew the name. ``value`` is the value in ``unit``, scaled where the file gives a
-    scale, and ``raw`` the one on the wire; None where there is none: then ``data`` has the octets and ``remark`` says why.
-    ``text`` is what a dictionary calls the value. ``whole`` is False for a part of a variable. ``name`` is empty for octets of
-    an item that no name stands for. Texts are as in the file or on the wire, not escaped.
+    ``address`` is where the value is ("DB10.DBD4", "0x6041:0"), ``offset`` its first octet within the item. ``type`` is the
+    declared type ("REAL"), ``origin`` is `TAG` or `SCD`. ``value`` is the value in ``unit``, scaled where the file gives a
+    scale, and ``raw`` the one on the wire; both are None when there is no value: then ``data`` has the octets and ``remark``
+    says why. ``text`` is the dictionary's text for the value. ``whole`` is False for a part of a variable. ``name`` is empty
+    for octets of an item without a name. Texts are as in the file or on the wire, not escaped.
     """
 
     __slots__ = (
@@ -71,22 +70,22 @@ class NamedValue:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Naming:
-    """Who knows names for addresses of the CPUs of one connection; `of` chooses them when the connection is recognised."""
+    """Gives names for the addresses of CPUs; `of` chooses the ones for a connection when that is recognised."""
 
     def of(self, connection: Connection) -> Naming | None:
-        """Return who knows names on a connection, None when nobody does."""
+        """Return the object with the names for a connection, None when there are no names."""
         return self
 
     def program(self, host: str) -> Program | None:
-        """Return the variables that are known of the CPU at ``host`` for S7comm-plus, None for none."""
+        """Return the variables known for the CPU at ``host``, for S7comm-plus; None for none."""
         return None
 
     def named(self, result: ItemResult) -> list[NamedValue]:
-        """Return the values of an item in the order of its octets, those without a name included; empty for no name at all."""
+        """Return the values of an item in the order of its octets, also those without a name; empty if none has a name."""
         return []
 
 
-#: Items and tags that a subject names, octets and elements of a value that it shows, and characters of a text.
+#: How many items and tags a subject names, and how many octets, elements and characters of a value it shows.
 _NAMED: Final = 3
 _OCTETS: Final = 8
 _ELEMENTS: Final = 8
@@ -94,9 +93,9 @@ _TEXT: Final = 32
 
 
 def subject(transaction: Transaction) -> str:
-    """Return what is asked, for a person: the function and what its items are about; of a write with the values.
+    """Return what is requested as text: the function and its items, for a write with the values.
 
-    Of a read without tags it is `Parameters.subject`. Texts of the file and the wire are not escaped.
+    For a read without tags this is `Parameters.subject`. Texts of the file and the wire are not escaped.
     """
     parameters = transaction.parameters
     writes = parameters.function == WRITE_VAR
@@ -106,7 +105,7 @@ def subject(transaction: Transaction) -> str:
 
 
 def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, most: int = _NAMED) -> str:
-    """Return the first ``most`` of these items, each by its tags or its address and length; of ``writes`` with the values."""
+    """Return the first ``most`` items as text, each by its tags or its address and length; for ``writes`` with the values."""
     said: list[str] = []
     for result in results:
         said += _item_said(naming, result, writes)
@@ -115,9 +114,9 @@ def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, m
 
 
 def item_subject(transaction: Transaction, number: int, address: str) -> str:
-    """Return what an item is about, for a person, as `subject` says it; ``address`` where it is none of `results`.
+    """Return an item as text, as in `subject`; ``address`` when ``transaction.results()`` does not have it.
 
-    ``number`` is that of the item in ``transaction.results()``, counted from 1. Texts are not escaped.
+    ``number`` is its place in ``transaction.results()``, counted from 1. Texts are not escaped.
     """
     results = transaction.results()
     if not 0 < number <= len(results):
@@ -127,7 +126,7 @@ def item_subject(transaction: Transaction, number: int, address: str) -> str:
 
 
 def _item_said(naming: Naming | None, result: ItemResult, writes: bool) -> list[str]:
-    """Return an item: each of its tags, or its address and length; of a write with the value."""
+    """Return an item as texts: each of its tags, or its address and length; for a write with the value."""
     names = [value for value in naming.named(result) if value.name] if naming is not None else []
     if names:
         return [_said(value, writes) for value in names]
@@ -147,14 +146,14 @@ def _said(named: NamedValue, writes: bool) -> str:
 
 
 def written(named: NamedValue) -> str:
-    """Return a tag with the value that is written to it: ``Tank.Setpoint = 80.0 °C (DB1.DBD4)``."""
+    """Return a tag with the value that is written to it as text: ``Tank.Setpoint = 80.0 °C (DB1.DBD4)``."""
     text = _value_said(None if isinstance(named.value, list) else named.value, named.data)
     unit = f" {named.unit}" if named.unit and named.value is not None else ""
     return f"{named.name} = {text}{unit} ({named.address})" if text else f"{named.name} ({named.address})"
 
 
 def _value_said(value: Value, data: bytes) -> str:
-    """Return a value in short: octets where it is none, and of a text or a list the beginning."""
+    """Return a value as short text: the octets ``data`` if it is None, the beginning of a text or a list."""
     if value is None:
         return data[:_OCTETS].hex(" ") + (" …" if len(data) > _OCTETS else "")
     if isinstance(value, list):
@@ -168,7 +167,7 @@ def _value_said(value: Value, data: bytes) -> str:
 
 
 def named_items(transaction: Transaction) -> list[list[NamedValue]]:
-    """Return what tags make of each item of ``transaction.results()``, in its order; empty without tags."""
+    """Return the named values of each item of ``transaction.results()``, in its order; empty without tags."""
     naming = transaction.connection.naming
     if naming is None:
         return []
@@ -176,16 +175,16 @@ def named_items(transaction: Transaction) -> list[list[NamedValue]]:
 
 
 def plain(value: object) -> Value:
-    """Return a value of SCD as the values of S7 are: what is no number, truth value or text becomes a text."""
+    """Return a value of SCD as one of S7: numbers, booleans and texts stay, everything else becomes a text."""
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     return value.hex(" ") if isinstance(value, bytes) else str(value)
 
 
 def named_values(transaction: Transaction) -> list[tuple[int, NamedValue]]:
-    """Return every value of a transaction that has a name: by tags, item by item, then those of SCD.
+    """Return every value of a transaction that has a name: those with tags, item by item, then those of SCD.
 
-    In front of each is the number of its item, counted from 1, or 0 for SCD.
+    Each is a pair with the number of its item, counted from 1, or 0 for SCD.
     """
     found: list[tuple[int, NamedValue]] = []
     for number, values in enumerate(named_items(transaction), 1):

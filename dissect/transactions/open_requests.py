@@ -1,14 +1,19 @@
-"""The requests of one side that are open, and the answers that found none of them (reference section 5).
+"""The open requests of one side, and the answers that came before their request (reference section 5).
 
-One table per connection and asking side, because either end asks and their references are independent and may collide. The key
-is (ROSCTR, PDU reference), as `dissect.transactions.pairing.key_of` puts it in one number; a reference is opaque, zero is
-valid, it wraps and is used again at once. So an answered request leaves the table, and a request that finds its reference
-still open replaces the old one, which stays unanswered. Both wait only when one came shortly after the other, and either both
-are the same octets or so many may be open: a client that asks again after a second has given the first one up, and if both
-waited, every later answer of a client that never changes its reference would meet the request before its own.
+Each asking side of a connection has a table of its own, because either end may send requests and their references are
+independent. The key is ROSCTR and PDU reference, in one number (`dissect.transactions.pairing.key_of`). A reference is opaque:
+zero is valid, it wraps, and a client may use it again at once.
 
-An answer that finds no request is held for a moment, because captures show packets out of order. A request that turns up
-later takes it only when the answer acknowledged the request's octets (TCP ACK), so that it cannot take an older answer.
+An answered request leaves the table. A new request whose key is still open replaces the old one, which stays unanswered. Both
+stay open only if the new one came soon after the old one, and if the two are identical or the grant allows so many open ones. A
+client that asks again after a second has given the old request up: if both stayed open, each later answer of a client that
+never changes its reference would be paired with the request before its own.
+
+Requests under one key are linked in two ways: `Transaction.earlier` is an identical request, `Transaction.superseded` another
+request of the same reference. The table holds the latest one.
+
+An answer that finds no request is held for a moment as an `Orphan`, because captures show packets out of order. A request that
+comes later takes it only if the answer acknowledged the request's octets (TCP ACK); so it cannot take an older answer.
 """
 
 from __future__ import annotations
@@ -20,13 +25,13 @@ from mypy_extensions import i64
 from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK
 from dissect.transactions.transaction import Transaction
 
-#: Answers without request that are held per connection and side, and for how long.
+#: Bounds of the answers held per connection and side: how many, how long, for how many packets of the connection.
 MAX_ORPHANS: Final = 64
 ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
 #: They are held this many times longer while a message of the asking side is unfinished, because a whole request may be in it.
 UNFINISHED_HOLD: Final = 10
-#: Identical requests that may wait under one reference, and how long after the one before them they may come.
+#: Identical requests that may be open under one key, and how long after the one before each of them may come.
 MAX_REPEATS: Final = 8
 REPEAT_NS: Final = 1_000_000_000
 #: A client that got nothing for this long and asks again gave its request up: clients that have several open send one soon
@@ -35,18 +40,18 @@ BESIDE_NS: Final = 200_000_000
 #: Requests of a side that may wait behind others with their reference, as where all packets of a client were captured first.
 #: Each answer looks at all of them.
 MAX_BEHIND: Final = 256
-#: Clients wait two seconds at least before they give a request up (reference 5.6).
+#: Clients wait at least two seconds before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
-#: Grants below this are looked at closely; no device is known to grant more than 8.
+#: Only grants below this are checked closely; no device is known to grant more than 8.
 FEW_JOBS: Final = 64
-#: So many of the longest open are looked at before the latest ones.
+#: `open_since` looks at so many of the longest open requests before the latest ones.
 _FEW_OLD: Final = 8
-#: Requests given up from the front of a table before it is made anew.
+#: The table is rebuilt whenever so many requests were given up from its front.
 _FRESH: Final = 1024
 
 
 class Orphan:
-    """An answer without request, held for a moment; ``ack`` is the TCP acknowledgement it came with, -1 for none."""
+    """An answer that is held for its request; ``ack`` is the TCP acknowledgement it came with, -1 for none."""
 
     __slots__ = ("ack", "key", "packet", "transaction")
 
@@ -54,18 +59,19 @@ class Orphan:
         self.key: i64 = key
         self.transaction: Transaction = transaction
         self.ack: i64 = ack
-        self.packet: i64 = packet  # packets of its connection seen when it came
+        self.packet: i64 = packet  # how many packets of its connection had been seen when it came
 
 
 def acknowledged(request: Transaction, end_seq: i64) -> bool:
-    """Return whether a request acknowledged the other side's octets up to ``end_seq``, so that they came before it."""
+    """Return whether a request acknowledged the other side's octets up to ``end_seq``: then they were there before it."""
     return request.request_ack >= 0 and ((request.request_ack - end_seq) & MASK) < HALF_SPACE
 
 
 def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
-    """Return whether an answer that ends at ``end_seq`` and acknowledges up to ``ack`` cannot be that of a request.
+    """Return whether an answer that ends at ``end_seq`` and acknowledges up to ``ack`` cannot be that of ``request``.
 
-    The request acknowledged it, or came when it was on its way. An acknowledgement far from the request tells nothing.
+    It cannot if it acknowledges nothing of the request's last segment, or if the request acknowledged it. An acknowledgement
+    far behind the request proves nothing.
     """
     if request.request_seq >= 0 and ack >= 0 and ((request.request_seq - ack) & MASK) < FAR_AHEAD:
         return True
@@ -73,7 +79,7 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
 
 
 def no_answer(request: Transaction, before: Transaction) -> bool:
-    """Return whether a client gave the request ``before`` up, because it had got nothing since when it sent ``request``."""
+    """Return whether the client, when it sent ``request``, had got nothing since ``before`` for so long that it gave up."""
     return request.request_ns - before.request_ns > BESIDE_NS and request.request_ack == before.request_ack
 
 
@@ -98,20 +104,20 @@ class OpenRequests:
     )
 
     def __init__(self) -> None:
-        self.latest: Transaction | None = None  # asked after `_before`, and that after all those of `_table`
+        self.latest: Transaction | None = None  # sent after `_before`, which was sent after all those in `_table`
         self.latest_key: i64 = 0
         self._before: Transaction | None = None
         self._before_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._given_up: i64 = 0
-        self.anew: i64 = 0  # number of the latest request that a client asked again when it had got nothing for a while
+        self.anew: i64 = 0  # number of the latest request that repeats one which the client had given up (`no_answer`)
         self.answered: i64 = 0  # number of the request that was answered last
-        self.count: i64 = 0  # identical requests share a key, so this may be more than len(table)
+        self.count: i64 = 0  # may be more than len(table): several requests may share a key
         self.orphans: list[Orphan] | None = None
 
     @property
     def table(self) -> dict[int, Transaction]:
-        """The open requests by their keys, in the order of asking; to be looked at, and changed in here only."""
+        """The latest open request of each key, in the order in which they were sent; do not change it outside this class."""
         before = self._before
         if before is not None:
             self._before = None
@@ -123,13 +129,13 @@ class OpenRequests:
         return self._table
 
     def asked_last(self) -> Transaction | None:
-        """Return the request that was asked last of those that are open."""
+        """Return the latest open request, None when none is open."""
         if self.latest is not None or self._before is not None:
             return self.latest or self._before
         return next(reversed(self._table.values()), None) if self.count else None
 
     def find(self, key: i64) -> Transaction | None:
-        """Return what is open under ``key``, the latest of several that are identical; None when nothing is."""
+        """Return the latest open request of ``key``, None when none is open."""
         latest = self.latest
         if latest is not None and key == self.latest_key:
             return latest
@@ -139,7 +145,7 @@ class OpenRequests:
         return self._table.get(key) if self._table else None
 
     def add(self, key: i64, transaction: Transaction) -> Transaction | None:
-        """Open a request, unless something is open under its key (`find`): then return that."""
+        """Open a request and return None; if its key is open already, only return what `find` does."""
         latest = self.latest
         if latest is not None and key == self.latest_key:
             return latest
@@ -157,7 +163,10 @@ class OpenRequests:
         return None
 
     def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
-        """Open a request whose key ``old`` holds; return what it replaces (and by ``earlier`` those before it)."""
+        """Open a request whose key is that of ``old``, found by `add`; return ``old`` if the new one replaces it, else None.
+
+        ``old`` then brings the identical requests before it, linked by ``earlier``.
+        """
         depth = self._depth(old)
         self.count += 1
         if (
@@ -168,32 +177,32 @@ class OpenRequests:
             if no_answer(transaction, old):
                 self.anew = transaction.number
             transaction.earlier = old
-            transaction.superseded = old.superseded  # what waits behind an entry of the table hangs on that entry
+            transaction.superseded = old.superseded  # only the latest of identical requests has this link
             old.superseded = None
             self.table[key] = transaction
             return None
         self.count -= depth
-        del self.table[key]  # so that the new one goes to the end: the table stays in the order of asking
+        del self.table[key]  # so that the new one goes to the end: the table stays in the order of sending
         self.table[key] = transaction
         return old
 
     def supersede(self, key: i64, transaction: Transaction, old: Transaction) -> bool:
-        """Open a request whose key ``old`` holds, and keep ``old`` behind it; False when too many wait so already.
+        """Open a request whose key is that of ``old``, and keep ``old`` open behind it; False when too many wait so already.
 
-        For a request that acknowledges octets the capture has not shown yet, the answer to ``old`` is among them; and for one
-        that a client asks beside others.
+        This is for a request that acknowledges octets which the capture has not shown yet (they hold the answer to ``old``),
+        and for one that a client sends while it still waits for others.
         """
         table = self.table
         if self.count - len(table) >= MAX_BEHIND:
             return False
         self.count += 1
         transaction.superseded = old
-        del table[key]  # so that the new one goes to the end: the table stays in the order of asking
+        del table[key]  # so that the new one goes to the end: the table stays in the order of sending
         table[key] = transaction
         return True
 
     def row(self, found: Transaction) -> list[Transaction]:
-        """Return all that is open under the key of ``found``, which is what `find` returns for it, oldest first. They stay."""
+        """Return all open requests of one key, oldest first; they stay open. ``found`` is what `find` returns for the key."""
         row: list[Transaction] = []
         behind: Transaction | None = found
         while behind is not None:
@@ -213,8 +222,8 @@ class OpenRequests:
         return oldest
 
     def close(self, key: i64, chosen: Transaction) -> None:
-        """Close one of those that are open under ``key``, whatever waits before or behind it."""
-        newer: Transaction | None = None  # the one that ``head`` waits behind
+        """Close ``chosen``, which is any of the open requests of ``key``; the others stay open."""
+        newer: Transaction | None = None  # the request that ``head`` waits behind
         head: Transaction | None = self.table.get(key)
         while head is not None:
             link: Transaction | None = head
@@ -247,7 +256,7 @@ class OpenRequests:
             del self._table[key]
 
     def take_superseded(self, found: Transaction, end_seq: i64, ack: i64) -> Transaction | None:
-        """Close and return the request kept behind ``found`` that an answer belongs to, if any.
+        """Close and return the request kept behind ``found`` that an answer belongs to, None for none.
 
         The answer ends at ``end_seq`` and came with the acknowledgement ``ack``.
         """
@@ -259,7 +268,7 @@ class OpenRequests:
         return self._take_behind(newer, older) if older is not None else None
 
     def drop_superseded(self, found: Transaction) -> list[Transaction]:
-        """Close and return the requests kept behind ``found``, oldest first; no answers to them will come."""
+        """Close and return all requests kept behind ``found``, oldest first: no answers to them will come."""
         dropped: list[Transaction] = []
         link = found.superseded
         found.superseded = None
@@ -278,7 +287,7 @@ class OpenRequests:
         return dropped
 
     def take(self, key: i64, found: Transaction) -> Transaction:
-        """Close the oldest open request of ``key`` and return it; ``found`` is what `find` returns for it."""
+        """Close and return ``found``, which is what `find` returns for ``key``, or the oldest of those identical to it."""
         self.count -= 1
         if found.earlier is not None:
             return _earliest_of(found)
@@ -291,7 +300,7 @@ class OpenRequests:
         return found
 
     def _take_behind(self, newer: Transaction, older: Transaction) -> Transaction:
-        """Close the oldest of the identical requests ``older``, which are kept behind ``newer``, and return it."""
+        """Close and return ``older``, which is kept behind ``newer``, or the oldest of the requests identical to it."""
         self.count -= 1
         if older.earlier is not None:
             return _earliest_of(older)
@@ -300,10 +309,10 @@ class OpenRequests:
         return older
 
     def lose(self, found: Transaction, frame: i64, hole_frame: i64) -> Transaction | None:
-        """Remove those of several identical requests whose answers are in a gap; return them, linked by ``earlier``.
+        """Close those of several identical requests whose answers are in a gap; return them, linked by ``earlier``.
 
-        The answer that came, in packet ``frame``, is taken for that of the latest request captured before it. What was
-        asked before that one, and before the hole was given up at ``hole_frame``, will not be answered.
+        The answer in packet ``frame`` is taken to belong to the latest request captured before it. Requests before that one
+        will not be answered if they came before packet ``hole_frame``, at which the gap was given up.
         """
         keep = found
         while keep.earlier is not None and keep.request_frame > frame:
@@ -317,10 +326,10 @@ class OpenRequests:
         return lost
 
     def oldest(self) -> Transaction | None:
-        """Remove and return the request that is open longest (the table is full), None when nothing is open."""
+        """Close and return the request that has been open longest (the table is full), None when none is open."""
         self._given_up += 1
         if self._given_up % _FRESH == 0:
-            # Finding the first entry of a dict takes the longer the more were deleted before it.
+            # Finding the first entry of a dict takes longer the more entries were deleted before it.
             self._table = {key: found for key, found in self.table.items()}  # noqa: C416 - dict() copies the gaps too
         for key, found in self.table.items():
             newer = found
@@ -332,7 +341,7 @@ class OpenRequests:
         return None
 
     def asked_after(self, number: i64) -> list[Transaction]:
-        """Return the open requests with a larger number than ``number``, in order of their numbers. They stay."""
+        """Return the open requests with a larger number than ``number``, in order of their numbers; they stay open."""
         found: list[Transaction] = []
         for entry in self.table.values():
             row: Transaction | None = entry
@@ -347,7 +356,7 @@ class OpenRequests:
         return found
 
     def drain(self) -> list[Transaction]:
-        """Remove and return every open request, oldest first."""
+        """Close and return every open request, oldest first."""
         found: list[Transaction] = []
         for entry in self.table.values():
             found.extend(self.drop_superseded(entry))
@@ -363,11 +372,12 @@ class OpenRequests:
         return found
 
     def open_since(self, time_ns: i64, frame: i64, enough: i64) -> i64:
-        """Return how many requests were asked at ``time_ns`` or later, after packet ``frame``, and are still open.
+        """Return how many of the requests sent at ``time_ns`` or later, and after packet ``frame``, are still open.
 
-        Stops counting at ``enough``. Of identical requests, which have the place of the first, some may be overlooked.
+        Counting stops at ``enough``. Some identical requests may be overlooked: they stand at the place of their first one.
         """
-        # A lost answer leaves its request open, and every later one asks here: often the longest open show that it is fewer.
+        # After a lost answer its request stays open and each new request calls this. So the oldest are looked at first: they
+        # often show that fewer than ``enough`` are recent.
         spare: i64 = self.count - enough
         for transaction in self._table.values():
             if not 0 <= spare <= _FEW_OLD or (transaction.request_ns >= time_ns and transaction.request_frame > frame):
@@ -377,7 +387,7 @@ class OpenRequests:
             spare -= 1
         count: i64 = 0
         recent = self.latest
-        if recent is not None:  # what is identical to another one is in the table
+        if recent is not None:  # alone under its key: requests that share one are in the table
             if recent.request_ns < time_ns or recent.request_frame <= frame or enough == 0:
                 return 0
             count = 1
@@ -408,7 +418,7 @@ class OpenRequests:
         return size
 
     def hold_orphan(self, key: i64, answer: Transaction, ack: i64, packet: i64) -> Transaction | None:
-        """Keep an answer without request for a moment; return one that had to leave for it."""
+        """Hold an answer for its request; return the oldest held answer if there are too many, else None."""
         orphans = self.orphans
         if orphans is None:
             orphans = self.orphans = []
@@ -425,7 +435,7 @@ class OpenRequests:
         return None
 
     def release_orphan(self, orphan: Orphan) -> None:
-        """Stop holding an answer: its request turned up."""
+        """Stop holding an answer: its request has come."""
         if self.orphans is not None:
             self.orphans.remove(orphan)
             self.orphans = self.orphans or None
@@ -433,7 +443,7 @@ class OpenRequests:
     def passed_orphans(self, end_seq: i64) -> list[Transaction]:
         """Remove and return the held answers that acknowledge less than a request that ends at sequence number ``end_seq``.
 
-        What they answer came before that request, and was not seen: every later request ends further on.
+        Their own requests came before that one and were not captured: every later request ends further on.
         """
         passed: list[Transaction] = []
         kept: list[Orphan] = []
@@ -447,7 +457,10 @@ class OpenRequests:
         return passed
 
     def expired_orphans(self, time_ns: i64, packet: i64, unfinished: bool = False) -> list[Transaction]:
-        """Remove and return the held answers whose time is over; ``unfinished``: a message of the asking side is."""
+        """Remove and return the held answers whose time is over.
+
+        ``packet`` is how many packets of the connection were seen. ``unfinished``: a message of the asking side is unfinished.
+        """
         orphans = self.orphans
         times: i64 = UNFINISHED_HOLD if unfinished else 1
         gone: list[Transaction] = []
@@ -461,7 +474,7 @@ class OpenRequests:
 
 
 def _earliest_of(found: Transaction) -> Transaction:
-    """Take the oldest of several identical requests out of the chain that begins with ``found``, and return it."""
+    """Remove the oldest of several identical requests from the chain that begins with ``found``, and return it."""
     newer = oldest = found
     while oldest.earlier is not None:
         newer = oldest

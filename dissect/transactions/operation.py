@@ -1,4 +1,4 @@
-"""An operation: several transactions that belong together, such as a block download or a subscription with its pushes."""
+"""`Operation`: several transactions that belong together, such as a block download or a subscription with its pushes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.transactions.plus_operations import PlusOpen
     from dissect.transactions.transaction import Transaction
 
-#: Operations that may be open on one connection; the oldest gives way.
+#: The most operations open on one connection; of more, the oldest is closed.
 MAX_OPEN: Final = 64
 
 # What an operation is.
@@ -55,7 +55,7 @@ KINDS: Final[dict[str, str]] = {
     TRANSFER: "A client streams data into an object by S7comm-plus; the protocol does not say what kind of data.",
 }
 
-#: Those that carry blocks.
+#: Kinds that carry blocks.
 TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD))
 
 # How an operation ended.
@@ -74,33 +74,33 @@ RESULTS: Final[dict[str, str]] = {
     RUNNING: "A subscription or test job that was running when the connection or the capture ended.",
     NOT_CAPTURED: "What tells how it ended is not in the capture, mostly because only one direction was captured.",
 }
-#: Those in which nothing went wrong, as far as it was captured.
+#: Results without a failure, as far as was captured.
 NO_FAILURES: Final = frozenset((DONE, RUNNING, NOT_CAPTURED))
 
-#: The subject of a transfer while nothing that was captured says what is transferred.
+#: The subject of a transfer of which no step that names the block was captured.
 NAMELESS: Final = "name not captured"
 
-# What contradicts itself in an operation (`Operation.oddities`).
+# Contradictions in an operation (`Oddity.name`).
 WRONG_ID: Final = "wrong_id"
 BEYOND_END: Final = "beyond_end"
 WRONG_SIZE: Final = "wrong_size"
 CUT_SHORT: Final = "cut_short"
 
-#: What the name of a block ends with that has to be activated.
+#: The end of the name of a block that has to be activated.
 _PASSIVE: Final = f", {FILE_SYSTEMS['P']}"
-#: Transactions whose numbers are kept, and oddities.
+#: How many transaction numbers and oddities of an operation are kept.
 _KEPT: Final = 1000
 _MAX_ODDITIES: Final = 8
-#: Characters of what an operation is about.
+#: The most characters of the subject of an operation.
 MAX_SUBJECT: Final = 200
-#: Octets that are kept of one block or file while it is transferred, and of all of them together. Blocks of an S7-300/400
-#: have up to 64 KiB, files of an NC a few MiB.
+#: The most octets that are kept of one block or file while it is transferred, and of all of them together. Blocks of an
+#: S7-300/400 have up to 64 KiB, files of an NC a few MiB.
 MAX_CONTENT: Final = 8 * 1024 * 1024
 MAX_CONTENTS: Final = 64 * 1024 * 1024
 
 
 class Oddity:
-    """Something that contradicts itself in an operation: one of the names above, in words, and the packet it shows in."""
+    """A contradiction in an operation: ``name`` is one of the words above, ``frame`` the packet that shows it."""
 
     __slots__ = ("detail", "frame", "name")
 
@@ -114,7 +114,7 @@ class Activation:
     """What became of a block after its download: ``frame`` is the packet of the request that activated it, 0 for none yet.
 
     ``name`` is the block with the file system that it was loaded to, as the download named it; ``frames`` are the first and
-    last packet of the download, ``time_ns`` its end. ``deleted`` tells that a client deleted the block instead.
+    last packet of the download, ``time_ns`` is its end. ``deleted``: a client deleted the block instead.
     """
 
     __slots__ = ("deleted", "frame", "frames", "name", "time_ns")
@@ -128,24 +128,26 @@ class Activation:
 
     @property
     def due(self) -> bool:
-        """True while the block lies in the passive file system, where it does nothing before it is activated."""
+        """True while the block is in the passive file system, where it has no effect before it is activated."""
         return not self.frame and not self.deleted and self.name.endswith(_PASSIVE)
 
 
 class Operation:
     """Several transactions that belong together.
 
-    ``asked_by`` is the side of ``connection`` that began it; ``subject`` says what it is about, in text from the wire that is
-    not escaped. ``parts`` counts the transactions, of which ``transactions`` keeps the numbers (the first thousand);
-    ``pushes`` of them were sent unasked. ``octets`` is the size of what was carried: block content, joined answer, values.
-    ``announced`` is the size that was stated beforehand, -1 when none was. ``content`` is the answer or BSEND that came in
-    parts, joined, once it is whole; of a download or upload, what passed of the block or file once the operation is over (of
-    S7comm-plus the whole PDU that carries the blocks), of which ``dropped`` octets were too much to keep. It is empty for
-    other kinds. ``gap`` is the octets of it that came before the capture first lacked some of those who sent it, -1 where it
-    lacked none: a piece may be missing there. ``places`` are the parts of a joined answer: where each ends in ``content``, and
-    its packet. ``activation`` says what became of a block that was loaded whole. ``begun`` is False when the beginning of a
-    transfer is not in the capture, ``half_captured`` True when a request or answer of it is not, because only one direction
-    was captured. Times are nanoseconds since 1970.
+    ``asked_by`` is the side of ``connection`` that began it; ``subject`` says what it is about (text from the wire, not
+    escaped). ``parts`` counts the transactions; ``transactions`` keeps the numbers of the first thousand; ``pushes`` counts
+    those that are pushes. Times are nanoseconds since 1970. ``begun`` is False when the beginning of a transfer is not in the
+    capture; ``half_captured`` is True when requests or answers of it are not, because only one direction was captured.
+
+    ``octets`` is the size of what was carried: block content, joined answer, values. ``announced`` is the size stated
+    beforehand, -1 for none. ``content`` depends on the kind. For a long answer or a BSEND it is the joined payload, once that
+    is whole; ``places`` then has for each part where it ends in ``content``, and its packet. For a download or upload it is
+    what was captured of the block or file, once the operation is over (in S7comm-plus the whole PDU with the blocks);
+    ``dropped`` is how many more octets were too many to keep. For other kinds it is empty.
+
+    ``gap`` is how many octets of ``content`` came before the first gap in what the sender sent, where a piece may be missing;
+    -1 for no gap. ``activation`` says what became of a block that was loaded whole.
     """
 
     __slots__ = (
@@ -189,7 +191,7 @@ class Operation:
         self.kind = kind
         self.connection = connection
         self.asked_by = asked_by
-        self.key = key  # what tells it from others of its kind on the connection
+        self.key = key  # identifies it among the operations of its kind on the connection
         self.subject = ""
         self.begin_ns: i64 = begin_ns
         self.end_ns: i64 = begin_ns
@@ -212,11 +214,11 @@ class Operation:
         self.content = b""
         self.content_head: UserdataHead | None = None
         self.places: list[tuple[int, int]] = []
-        self.pieces: list[bytes] = []  # of a block while it is transferred
-        self.held = 0  # their octets
+        self.pieces: list[bytes] = []  # the pieces of a block while it is transferred
+        self.held = 0  # how many octets `pieces` have
         self.dropped = 0
         self.gap = -1
-        self.lacking = 0  # octets that the capture lacked of the sender of the pieces, when the latest one was taken
+        self.lacking = 0  # how many octets of the pieces' sender the capture lacked when the latest piece was taken
         self.activation: Activation | None = None
 
     def __repr__(self) -> str:
@@ -224,12 +226,12 @@ class Operation:
 
     @property
     def error_codes(self) -> CodeTable:
-        """The table that ``error_code`` is in: that of S7comm-plus or of S7comm."""
+        """The table of ``error_code``: that of S7comm-plus or that of S7comm."""
         return PLUS_CODES if self.connection.plus is not None else ERROR_CODES
 
     @property
     def error_coded(self) -> str:
-        """``error_code`` in hexadecimal, as it stands on the wire, and its name; empty for none."""
+        """``error_code`` in hexadecimal and its name; empty for none."""
         return self.error_codes.coded(self.error_code) if self.error_code else ""
 
     @property
@@ -238,7 +240,7 @@ class Operation:
         return self.end_ns - self.begin_ns
 
     def content_parts(self) -> list[Part]:
-        """Cut the joined answer or BSEND into parts, again at each call; empty where there is none (reference 4.3)."""
+        """Return the parts of the joined answer or BSEND, cut again at each call; empty for other kinds (reference 4.3)."""
         head = self.content_head
         if head is None:
             return []
@@ -247,7 +249,7 @@ class Operation:
         return parse_joined(head.group, head.subfunction, head.type, self.content)
 
     def frames_of(self, start: int, end: int) -> list[int]:
-        """Return the packets that carried these octets of a joined answer: first and last, of one packet that alone."""
+        """Return the first and last packet that carried these octets of a joined answer; just one if they are the same."""
         found = [frame for at, frame in self.places if at > start]
         ends = [frame for at, frame in self.places if at >= end]
         return sorted({found[0] if found else self.last_frame, ends[0] if ends else self.last_frame})
@@ -261,19 +263,19 @@ class Operation:
         self._reach(transaction.response_frame, transaction.response_ns)
 
     def _reach(self, frame: i64, time_ns: i64) -> None:
-        """Go on up to a packet and its time; frame 0 is none."""
+        """Extend the operation to packet ``frame`` at ``time_ns``; frame 0 means no packet."""
         if frame == 0:
             return
         self.last_frame = max(self.last_frame, frame)
         self.end_ns = max(self.end_ns, time_ns)
 
     def push(self, transaction: Transaction, octets: int) -> None:
-        """Count a push with so many octets as part of this operation."""
+        """Add a push with so many octets to this operation."""
         self.add(transaction)
         self.count_push(transaction, octets)
 
     def count_push(self, transaction: Transaction, octets: int) -> None:
-        """A part of this operation is a push with so many octets."""
+        """Count a transaction that was added already as a push with so many octets."""
         if self.pushes == 0:
             self.first_push_ns = transaction.response_ns
         self.last_push_ns = transaction.response_ns
@@ -282,36 +284,36 @@ class Operation:
 
     @property
     def push_interval_ns(self) -> int:
-        """Mean time from one push to the next, 0 where there are fewer than two; what stands around them does not count."""
+        """Mean time from one push to the next, 0 for fewer than two; other transactions do not count."""
         return int(self.last_push_ns - self.first_push_ns) // int(self.pushes - 1) if self.pushes > 1 else 0
 
     def odd(self, name: str, detail: str, frame: int) -> None:
-        """Note that something contradicts itself."""
+        """Note a contradiction."""
         if len(self.oddities) < _MAX_ODDITIES:
             self.oddities.append(Oddity(name, detail, frame))
 
 
 class OpenOperations:
-    """The operations of a connection that go on."""
+    """The operations that are under way on a connection."""
 
     __slots__ = ("halves", "joiner", "plus", "set_up", "these")
 
     def __init__(self) -> None:
         self.these: list[Operation] = []
-        self.halves: list[Transaction] = []  # steps of transfers in one direction, until they can be put in order
-        self.joiner: Joiner | None = None  # once something came in parts
-        self.plus: PlusOpen | None = None  # of S7comm-plus
-        self.set_up = False  # the first Setup communication was told
+        self.halves: list[Transaction] = []  # half-captured steps of transfers, until they can be put in order
+        self.joiner: Joiner | None = None  # there once something came in parts
+        self.plus: PlusOpen | None = None  # those of S7comm-plus
+        self.set_up = False  # the first Setup communication was made an operation
 
     def find(self, kind: str, key: str) -> Operation | None:
-        """Return the open operation of a kind with this key."""
+        """Return the open operation of a kind with this key, None when there is none."""
         for operation in self.these:
             if operation.kind == kind and operation.key == key:
                 return operation
         return None
 
     def latest(self, kind: str, asked_by: int) -> Operation | None:
-        """Return the open operation of a kind that began last, of those that a side asked for (-1: either)."""
+        """Return the latest open operation of a kind that side ``asked_by`` began (-1: either), None when there is none."""
         for operation in reversed(self.these):
             if operation.kind == kind and asked_by in (-1, operation.asked_by):
                 return operation
@@ -319,13 +321,13 @@ class OpenOperations:
 
 
 class OperationBook:
-    """Finished operations, numbered, waiting to be reported."""
+    """Begins and closes operations. ``over`` are those that are closed, numbered and not yet reported."""
 
     def __init__(self) -> None:
         self.count = 0
         self.over: list[Operation] = []
         self.evicted = 0
-        self._held = 0  # octets of the pieces of all transfers that go on
+        self._held = 0  # how many octets the pieces of all open transfers have
 
     def begin(self, kind: str, key: str, transaction: Transaction, subject: str) -> Operation:
         """Open an operation with its first transaction."""
@@ -347,14 +349,14 @@ class OperationBook:
         """Keep a piece of the block that an operation transfers, as far as there is room (`MAX_CONTENT`, `MAX_CONTENTS`)."""
         size = len(octets)
         if operation.dropped or operation.held + size > MAX_CONTENT or self._held + size > MAX_CONTENTS:
-            operation.dropped += size  # and so is all behind it: a block with a gap would be another block
+            operation.dropped += size  # so are all later pieces: `content` must not have a gap
             return
         operation.pieces.append(octets)
         operation.held += size
         self._held += size
 
     def close(self, operation: Operation, result: str, reason: str = "") -> None:
-        """An operation is over."""
+        """Close an operation with this result."""
         if operation.pieces:
             operation.content = b"".join(operation.pieces)
             operation.pieces = []
@@ -370,7 +372,7 @@ class OperationBook:
         self.over.append(operation)
 
     def break_off(self, operation: Operation, reason: str) -> None:
-        """An operation goes on no more; of one that was captured in one direction nobody knows how it ended."""
+        """Close an operation that did not end; its result is not known if only one direction was captured."""
         if operation.half_captured and not operation.connection.answered:
             self.close(operation, NOT_CAPTURED)
         else:
@@ -379,7 +381,10 @@ class OperationBook:
     def settle(
         self, operation: Operation, transaction: Transaction, went_well: str, went_wrong: str, code: int = -1
     ) -> None:
-        """Close an operation by what became of its last transaction, or of an item of it: its error, 0 for none."""
+        """Close an operation with ``went_well`` or ``went_wrong``, by the result of its last transaction.
+
+        ``code`` is the error of an item of that transaction, 0 for none; by default the error of the transaction counts.
+        """
         if code < 0:
             code = int(transaction.error_code)
         if transaction.unseen:

@@ -1,7 +1,7 @@
-"""From transactions to operations: which belong together, what came of them (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
+"""`Operations`: makes operations of transactions that belong together (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
 
-`Operations` gets every transaction except reads and writes, in the order in which they end, and collects the operations that
-are over in ``over``. It states facts; findings are made elsewhere. Downloads and uploads are followed by
+It takes every transaction except reads and writes, in the order in which they end, and collects finished operations in
+``over``. It only states facts; findings are made elsewhere. Downloads and uploads are followed by
 `dissect.transactions.transfers`.
 """
 
@@ -88,29 +88,29 @@ _ALARM_PUSHES: Final = frozenset((
 _ALARM_ABORTS: Final = frozenset((0, 4, 6, 8))
 _TEST_STARTS: Final = frozenset((BLOCK_STATUS_JOB, VARIABLE_STATUS, MODIFY_VARIABLE, FORCE_VARIABLES, BLOCK_STATUS_V2))
 
-#: Kinds that run until somebody stops them.
+#: Kinds that run until they are stopped.
 ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
-#: Where the header states the octets of the data block.
+#: Offset of the length of the data block in the header.
 _DATA_LENGTH_AT: Final = 8
-#: Protocols of connections that Setup communication is expected on: S7comm, and none when nothing was said.
+#: Protocols of connections where Setup communication is expected: S7comm, and connections without any message.
 _OURS: Final = frozenset(("", "s7comm"))
 
 
 def _went_well(transaction: Transaction) -> bool:
-    """Return whether a request was accepted; an answer whose request was not captured says so as well."""
+    """Return whether a request was accepted; an answer without its request counts if only that was captured."""
     answered = transaction.outcome == ANSWERED or (transaction.outcome == ORPHAN and half_captured(transaction))
     return answered and not transaction.error_code
 
 
 def subject_of(transaction: Transaction) -> str:
-    """Return what a request is about: the notes of its parts, or its function; text from the wire, not escaped."""
+    """Return what a request is about: the notes of its parts, or else its function; text from the wire, not escaped."""
     body = transaction.request_body
     notes = dict.fromkeys(body.notes) if body is not None else {}
     return ", ".join(notes)[:MAX_SUBJECT] or transaction.function_name
 
 
 def _joined(subject: str, more: str) -> str:
-    """Return what a subscription is about that is asked for again, with more or other messages: all that it was about."""
+    """Return the subject of a subscription that is requested again: the messages so far (``subject``) and ``more``."""
     words = dict.fromkeys(subject.split(", "))
     for word in more.removeprefix("events: ").split(", "):
         if word not in words and f"events: {word}" not in words:
@@ -119,7 +119,7 @@ def _joined(subject: str, more: str) -> str:
 
 
 def payload_size(transaction: Transaction) -> int:
-    """Return the octets of the payload of a userdata answer or push: of its data block but the head."""
+    """Return the size of the payload of a userdata answer or push: of its data block without the head."""
     if transaction.response_size < HEADER_SIZE:
         return 0
     stated = u16(transaction.response_buf, transaction.response_offset + _DATA_LENGTH_AT)
@@ -127,7 +127,7 @@ def payload_size(transaction: Transaction) -> int:
 
 
 def subscription_of(push: Transaction) -> Operation | None:
-    """Return the operation that a push of S7comm belongs to, None where no such one runs."""
+    """Return the open operation that a push of S7comm belongs to, None when there is none."""
     going = push.connection.operations
     head = push.parameters.userdata
     if head is None:
@@ -149,7 +149,7 @@ class Operations(OperationBook):
         self._transfers: Transfers | None = None
 
     def take(self, transaction: Transaction) -> None:
-        """Take a transaction that is over: it may begin an operation, belong to one, or end one."""
+        """Take a finished transaction: it may begin an operation, belong to one, or end one."""
         parameters = transaction.parameters
         head = parameters.userdata
         if head is not None:
@@ -161,13 +161,13 @@ class Operations(OperationBook):
             self._command(transaction)
         elif REQUEST_DOWNLOAD <= parameters.function <= END_UPLOAD:
             if self._transfers is None:
-                from dissect.transactions.transfers import Transfers  # late, as few captures have such things
+                from dissect.transactions.transfers import Transfers  # late, because few captures have transfers
 
                 self._transfers = Transfers(self)
             self._transfers.take(transaction)
 
     def end(self, connection: Connection, reason: str) -> None:
-        """A connection is over, ``reason`` is how (one of those of transactions): so are its operations."""
+        """A connection is over: close its operations. ``reason`` is one of those of transactions."""
         if connection.cr_seen and not connection.operations.set_up and connection.protocol in _OURS:
             self._never_set_up(connection, reason)
         if self._transfers is not None and connection.operations.halves:
@@ -181,7 +181,7 @@ class Operations(OperationBook):
     # ---- commands ---------------------------------------------------------------------------------------------------
 
     def _command(self, transaction: Transaction) -> None:
-        """A PLC is stopped or started, or blocks are activated or deleted; an answer alone names the stop only."""
+        """Take a command that stops or starts a PLC, or activates or deletes blocks; an answer alone only shows a stop."""
         body = transaction.request_body
         if transaction.function == PLC_STOP:
             if body is not None or half_captured(transaction):
@@ -237,10 +237,13 @@ class Operations(OperationBook):
             self.settle(self.begin(PASSWORD, "", transaction, ""), transaction, DONE, REFUSED)
 
     def _part_of_long_answer(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> bool:
-        """Follow an answer in parts: the first says that more is to come, each further one is asked for by sequence number."""
+        """Follow an answer in parts: the first says that more follow, which are then requested by its sequence number.
+
+        Return False for an answer in one part.
+        """
         more = told is not None and told.last_data_unit != 0
         if not more and not transaction.connection.operations.these:
-            return False  # nearly always: neither the first part of several nor a further one
+            return False  # an answer in one part, as nearly all are
         sequence = told.sequence if told is not None else head.sequence
         key = f"{head.group}/{head.subfunction}/{sequence}"
         operation = transaction.connection.operations.find(LONG_ANSWER, key)
@@ -260,13 +263,13 @@ class Operations(OperationBook):
             and not operation.content
             and transaction.connection.tcp.has_holes
         ):
-            self.close(operation, NOT_CAPTURED)  # a part is in a gap of the capture
+            self.close(operation, NOT_CAPTURED)  # a part is in a gap
         elif transaction.outcome == UNANSWERED or transaction.error_code or not more:
             self.settle(operation, transaction, DONE, FAILED)
         return True
 
     def _send(self, transaction: Transaction, head: UserdataHead) -> None:
-        """Follow a BSEND in pieces, each of which the partner answers; one that fits one PDU is no operation."""
+        """Follow a BSEND in pieces, each of which the partner answers; a BSEND in one PDU does not make an operation."""
         body = transaction.request_body
         if body is None:
             return
@@ -318,7 +321,7 @@ class Operations(OperationBook):
                 self.settle(stopped, transaction, DONE, FAILED)
 
     def _begin_job(self, kind: str, key: str, transaction: Transaction) -> None:
-        """Begin a job with the number that the PLC assigned; the one that had this number is over."""
+        """Begin a job with the number that the PLC assigned; an older job with this number is over."""
         accepted = _went_well(transaction)
         older = transaction.connection.operations.find(kind, key) if accepted else None
         if older is not None:
@@ -375,19 +378,19 @@ class Operations(OperationBook):
             self.settle(operation, transaction, DONE, REFUSED)
 
     def _push(self, transaction: Transaction) -> None:
-        """Something was sent unasked: find the subscription it belongs to."""
+        """Take a push: find the subscription that it belongs to."""
         operation = subscription_of(transaction)
         if operation is not None:
             operation.push(transaction, payload_size(transaction))
         elif not transaction.connection.mid_stream and not transaction.connection.tcp.has_holes:
             head = transaction.parameters.userdata
-            if head is None or not head.usend:  # a program sends on its own, nobody subscribes to that
+            if head is None or not head.usend:  # a USEND comes from the PLC's program, without a subscription
                 transaction.flags |= STRAY_PUSH
 
 
 def _join(operation: Operation, transaction: Transaction) -> None:
-    """Add a part of a long answer or BSEND; with the last one it is whole."""
-    from dissect.transactions.multipart import Joiner  # late, as few captures have such things
+    """Add a part of a long answer or BSEND; the last one gives the operation its ``content``."""
+    from dissect.transactions.multipart import Joiner  # late, because few captures have long answers
 
     going = operation.connection.operations
     if going.joiner is None:
@@ -402,7 +405,7 @@ def _join(operation: Operation, transaction: Transaction) -> None:
 
 
 def _hold_to_its_head(operation: Operation, frame: int) -> None:
-    """Note an SZL in parts that ends, in packet ``frame``, before all records came that its head states."""
+    """Note an SZL in parts that has fewer records than its head states; packet ``frame`` ends it."""
     from dissect.s7.szl import shortage, stated_size  # late: see `Pdu.body`
 
     octets = operation.content
@@ -415,7 +418,7 @@ def _hold_to_its_head(operation: Operation, frame: int) -> None:
 
 
 def _from_the_beginning(operation: Operation) -> None:
-    """Let an operation begin with its TCP connection, where that was captured."""
+    """Let an operation begin with the SYN of its TCP connection, if that was captured."""
     tcp = operation.connection.tcp
     if tcp.known_start:
         operation.begin_ns = int(tcp.first_ns)

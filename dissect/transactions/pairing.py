@@ -1,8 +1,10 @@
-"""Pairing: which response belongs to which request; transactions are opened, completed and closed (reference section 5).
+"""Pairing: finds the request that each answer belongs to; opens, completes and closes transactions (reference section 5).
 
-`Dialogue` is given every S7 PDU in order. It returns the transaction a PDU completes and puts those that end beside it (a
-request whose reference was used again, an orphan that waited long enough) into ``also``. It states facts, as `flags` of the
-transaction; what they are worth is judged elsewhere.
+`Dialogue` takes every PDU in order and returns the transaction that the PDU completes. Others may end with the same PDU, such
+as a request whose reference is used again, or an answer that was held for its request for too long; these go into ``also``.
+`Dialogue` only states facts, as `Transaction.flags`; the rules in `dissect.findings` judge them.
+
+The asking side of a transaction sends the request, the answering side the response.
 """
 
 from __future__ import annotations
@@ -56,23 +58,23 @@ from dissect.wire.build import COMPILED
 if TYPE_CHECKING:
     from dissect.transactions.side import Side
 
-#: Requests open at once per connection and side; the granted AmQ is 8 or less in practice.
+#: Requests open at once per connection and side; the granted AmQ (parallel jobs) is 8 or less in practice.
 MAX_OPEN: Final = 4096
-#: Requests open at once on all connections; when there are more, each side keeps only its latest `FEW_OPEN`.
+#: Requests open at once on all connections. Beyond that, each new request of a side with more than `FEW_OPEN` drops its oldest.
 MAX_OPEN_ALL: Final = 65536
 FEW_OPEN: Final = 16
-#: Sides that asked are sought out of those whose connection is over when there are this many; more than can be open.
+#: When `Dialogue.asking` has so many sides, those of closed connections are removed. It is more than can be open at once.
 _MANY_ASKING: Final = MAX_OPEN_ALL
 
-#: TCP waits longer than this before it sends again (RFC 6298, 2.4: a second; in practice 100 ms); what comes earlier was
-#: captured twice.
+#: TCP waits longer than this before it retransmits (RFC 6298, 2.4: a second; in practice 100 ms). A copy that comes earlier is
+#: a packet that was captured twice.
 _TWICE_NS: Final = 10_000_000
 
 #: Added to the reference of a userdata request: ROSCTR is part of the key.
 USERDATA_KEY: Final = 0x10000
 #: Added to the sequence number of an S7comm-plus request.
 PLUS_KEY: Final = 0x20000
-#: Added to what an SCD request is known by: its transaction number, or index and sub-index, of 25 bits together.
+#: Added to what identifies an SCD request: its transaction number, or its index and sub-index, together 25 bits.
 SCD_KEY: Final = 0x40000000
 
 
@@ -86,16 +88,16 @@ def key_of(rosctr: i64, pdu_ref: i64) -> i64:
 
 
 class Dialogue:
-    """Pairs the PDUs of all connections."""
+    """Pairs the PDUs of all connections. ``count`` is how many transactions were numbered so far."""
 
     def __init__(self) -> None:
         self.count: i64 = 0
         self.open: i64 = 0  # requests without answer on all connections
-        self.also: list[Transaction] = []
-        self.holding: list[Side] = []  # sides with an answer held since somebody last looked
-        self.several: bool = False  # beside the request at hand others may be open
-        self.watching: bool = False  # somebody looks after `asking`
-        self.asking: list[Side] = []  # sides that asked since somebody last looked, and are not `Side.watched`
+        self.also: list[Transaction] = []  # ended beside the PDU at hand; `Exchange.beside` reports and clears them
+        self.holding: list[Side] = []  # sides whose answer is held for its request, since the pipeline last looked
+        self.several: bool = False  # other requests were open when the side of the latest request sent it
+        self.watching: bool = False  # an `OverdueWatch` takes the sides from `asking`
+        self.asking: list[Side] = []  # sides that sent requests since it last looked, except those it watches already
 
     def ask(
         self,
@@ -109,7 +111,7 @@ class Dialogue:
         frame: i64,
         time_ns: i64,
     ) -> Transaction | None:
-        """A request: open a transaction. Returns it only when its answer was captured before it."""
+        """Take a request: open a transaction. Return it only when its answer was captured before it."""
         connection = side.connection
         side.requests += 1
         connection.last_request = parameters
@@ -185,7 +187,11 @@ class Dialogue:
         frame: i64,
         time_ns: i64,
     ) -> Transaction | None:
-        """An answer: complete the oldest request it fits, or hold it for a moment. Returns the completed transaction."""
+        """Take an answer; ``data_at`` is where its data block begins in ``buf``.
+
+        Complete the oldest open request that the answer fits and return its transaction. Without one hold the answer for a
+        moment and return None.
+        """
         requests = side.connection.open_requests[1 - side.index]
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         waiting = requests.latest
@@ -205,12 +211,12 @@ class Dialogue:
                 return waiting
         if (
             waiting is not None
-            and (waiting.request_ack - side.end_seq) & MASK < HALF_SPACE  # most are told from that
+            and (waiting.request_ack - side.end_seq) & MASK < HALF_SPACE  # part of `acknowledged`: enough for most
             and acknowledged(waiting, side.end_seq)
         ):
-            waiting = None  # the asking side had this answer before it asked
+            waiting = None  # the asking side had received this answer before it sent that request
         asking = side.peer
-        holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes` in place
+        holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes`, inlined
         if waiting is None or (
             holes
             and (
@@ -218,7 +224,7 @@ class Dialogue:
                 or contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
             )
         ):
-            # After a hole: the answer to the request that waits, or the request of this answer, may be in there.
+            # A gap may contain the answer to the open request, or the request of this answer.
             self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
             return None
         if waiting is requests.latest:  # nearly always
@@ -248,9 +254,9 @@ class Dialogue:
         data_at: i64,
         frame: i64,
     ) -> Transaction | None:
-        """Close and return the request that an answer belongs to, None for none, where a reference was used while it was open.
+        """Close and return the request that an answer belongs to, None for none, if its reference was used again while open.
 
-        ``waiting`` is the latest of those that are open under it.
+        ``waiting`` is the latest open request of that reference.
         """
         requests = side.connection.open_requests[1 - side.index]
         holes: bool = _holes(side)
@@ -259,7 +265,7 @@ class Dialogue:
         if side.connection.jobs_allowed(1 - side.index) > 1 and side.hole_frame < requests.first(waiting).request_frame:
             return self._take_oldest(side, key, waiting, rosctr, parameters, buf, at, size, data_at)
         if waiting.earlier is None and excludes(waiting, side.end_seq, side.last_ack):
-            # The asking side had this answer before it asked: it belongs to the request before that one, or to none.
+            # The answer cannot be that of `waiting`: it belongs to a request before that one, or to none.
             older = requests.take_superseded(waiting, side.end_seq, side.last_ack)
             if older is not None and holes and contradicts(older, rosctr, parameters, buf, at, size, data_at):
                 self._give_up(older, side, REFERENCE_REUSED)
@@ -271,7 +277,7 @@ class Dialogue:
             lost = requests.lose(waiting, frame, side.hole_frame)
             if lost is not None:
                 self._replace(lost, side)
-        for late in requests.drop_superseded(waiting):  # what was asked before it would have been answered by now
+        for late in requests.drop_superseded(waiting):  # requests sent before it would have been answered before it
             self._give_up(late, side, REFERENCE_REUSED)
         return requests.take(key, waiting)
 
@@ -287,7 +293,10 @@ class Dialogue:
         size: i64,
         data_at: i64,
     ) -> Transaction | None:
-        """Close and return the oldest request of a reference that an answer fits: the other end answers them in turn."""
+        """Close and return the oldest open request of a reference that an answer fits: answers come in the requests' order.
+
+        ``waiting`` is the latest of these requests.
+        """
         requests = side.connection.open_requests[1 - side.index]
         row = [one for one in requests.row(waiting) if not excludes(one, side.end_seq, side.last_ack)]
         if not row:
@@ -295,20 +304,20 @@ class Dialogue:
         chosen: Transaction | None = None
         latest_ns: i64 = row[len(row) - 1].request_ns
         for one in row:
-            if latest_ns - one.request_ns > REPEAT_NS:  # its client asked anew when it had given that one up
+            if latest_ns - one.request_ns > REPEAT_NS:  # the client gave it up before it sent the latest one
                 requests.close(key, one)
                 self._give_up(one, side, REFERENCE_REUSED)
             elif not contradicts(one, rosctr, parameters, buf, at, size, data_at):
                 chosen = one
                 break
             elif chosen is None and not _holes(side):
-                chosen = one  # if it fits none, the device is wrong
+                chosen = one  # taken if the answer fits none of them: without gaps, the device is wrong
         if chosen is not None:
             requests.close(key, chosen)
         return chosen
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
-        """Look at the answer that a request has got, and count it."""
+        """The transaction has its answer, with ``parameters``: check the answer and count it."""
         transaction.outcome = ANSWERED
         asked = transaction.parameters
         if (
@@ -332,12 +341,12 @@ class Dialogue:
         return side.connection.open_requests[1 - side.index].find(key) is not None
 
     def sent_again(self, side: Side, seq: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """``side`` sent ``size`` octets from ``seq`` on, not for the first time: note it of the request that it sent last."""
+        """``side`` retransmitted ``size`` octets from ``seq`` on: note that at its latest open request, if they end with it."""
         connection = side.connection
         half = side.stream
         half.repeats = False
         if (seq + size - half.next_seq) & MASK >= HALF_SPACE:
-            return  # what was sent last is not among them
+            return  # the latest octets of the side are not among them
         request = connection.open_requests[side.index].asked_last()
         if request is None or request.request_ns != connection.last_request_ns or not side.at_rest:
             return
@@ -354,7 +363,7 @@ class Dialogue:
     def tell(
         self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
     ) -> Transaction:
-        """An S7comm-plus request that gets no answer: a transaction of its own, with an asking half only."""
+        """Take an S7comm-plus request that wants no answer: it is a whole transaction by itself."""
         self.count += 1
         transaction = Transaction(self.count, side.connection, side.index, PLUS, pdu_ref, parameters)
         transaction.request_frame = frame
@@ -368,7 +377,7 @@ class Dialogue:
     def push(
         self, side: Side, pdu_ref: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
     ) -> Transaction:
-        """An unsolicited indication: a transaction of its own, with an answering half only."""
+        """Take an unsolicited indication: it is a whole transaction by itself, with a response and no request."""
         self.count += 1
         rosctr: i64 = parameters.rosctr
         transaction = Transaction(self.count, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
@@ -384,7 +393,7 @@ class Dialogue:
         return transaction
 
     def expire(self, side: Side, time_ns: i64) -> None:
-        """Give up held answers of ``side`` whose time is over; they go to ``also``."""
+        """Give up answers of ``side`` that were held for their request too long; they go to ``also``."""
         asking = side.peer
         requests = side.connection.open_requests[1 - side.index]
         if requests.orphans is None:
@@ -394,7 +403,7 @@ class Dialogue:
             self._give_up_orphan(transaction, side)
 
     def end(self, side: Side, reason: str) -> None:
-        """The connection of ``side`` ends: close everything open that ``side`` asked, and held answers to it."""
+        """The connection of ``side`` ends: close all open requests of ``side``, and the answers held for its requests."""
         connection = side.connection
         requests = connection.open_requests[side.index]
         answering = side.peer
@@ -408,7 +417,7 @@ class Dialogue:
             requests.orphans = None
 
     def _replace(self, replaced: Transaction, answering: Side | None) -> None:
-        """The reference of a request was used again while it waited: it and what waited before it stay unanswered."""
+        """The reference of an open request is used again: that request, and those that wait before it, stay unanswered."""
         requests = replaced.connection.open_requests[replaced.asked_by]
         for transaction in requests.drop_superseded(replaced):
             self._give_up(transaction, answering, REFERENCE_REUSED)
@@ -422,7 +431,7 @@ class Dialogue:
             self._give_up(transaction, answering, REFERENCE_REUSED)
 
     def _give_up(self, transaction: Transaction, answering: Side | None, reason: str) -> None:
-        """Close a request that got no answer; a hole on the answering side since it was asked explains it best."""
+        """Close a request without an answer; where the answering side has a gap since the request, that is the reason."""
         self.open -= 1
         if not wants_answer(transaction):
             transaction.outcome = PUSH
@@ -466,14 +475,14 @@ class Dialogue:
             self._give_up_orphan(pushed_out, side)
 
     def _give_up_orphan(self, transaction: Transaction, side: Side) -> None:
-        """No request turned up: the answer becomes a transaction of its own."""
+        """No request of a held answer came: the answer becomes a transaction by itself."""
         self.count += 1
         transaction.number = self.count
         if transaction.rosctr > USERDATA:
             check_other_answer(transaction)
         else:
             if transaction.rosctr != USERDATA:
-                transaction.rosctr = JOB  # what was asked, though nobody saw it
+                transaction.rosctr = JOB  # the ROSCTR of the request, which was not captured
             octets = transaction.response_octets
             transaction.error_code = error_code(transaction.response_rosctr, octets, transaction.parameters)
             transaction.has_errors = parse_pdu(octets).refused
@@ -501,21 +510,21 @@ class Dialogue:
 def _passed_over(side: Side, requests: OpenRequests, waiting: Transaction) -> bool:
     """Return whether an answer of ``side`` probably belongs to a later request than ``waiting``, of the same reference.
 
-    So it is where octets of both sides are missing after ``waiting``: its answer may be among them, and another request that
-    uses the reference again. As servers answer in turn, a request that was asked later and is answered tells that they are.
+    That is so where octets of both sides are missing after ``waiting``: they may include its answer, and another request that
+    uses the reference again. Servers answer in order, so they do include them if a request sent later is answered already.
     """
     asking = side.peer
     asked: i64 = waiting.request_frame
     if asking is None or side.hole_frame <= asked or requests.answered <= waiting.number:
         return False
-    # Missing already, or about to be told: the answer acknowledges octets that were not captured yet.
+    # The asking side has a gap, or one that is not given up yet: the answer acknowledges octets that were not captured.
     return asking.hole_frame > asked or 0 < (side.last_ack - asking.stream.next_seq) & MASK < HALF_SPACE
 
 
 def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:
-    """Return whether a request acknowledges octets of the answering side that are not passed on yet as whole messages.
+    """Return whether a request acknowledges octets of the answering side that were not passed on yet as whole messages.
 
-    Where the capture has shown none at all: octets that the request ``before`` it did not.
+    Where the capture has shown no octet of that side: octets that ``before``, the request before, did not acknowledge.
     """
     if answering.unfinished:
         return True
@@ -527,11 +536,11 @@ def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:
 
 
 def _is_beside(side: Side, request: Transaction, before: Transaction) -> bool:
-    """Return whether a client asks a request beside another of the same reference, which it still waits for.
+    """Return whether the client sent ``request`` while it still waits for the answer to ``before``, of the same reference.
 
-    So many may be open, and nothing is missing that may have been the answer to the other one. What is the same once more,
-    or comes when that one was given up, is something else: if both waited, each later answer would meet the request before its
-    own.
+    That needs room for another parallel job, and no gap that may hold the answer to ``before``. A request that is identical
+    to ``before``, or comes after the client gave ``before`` up, does not count. If both stayed open then, each later answer
+    would be paired with the request before its own.
     """
     connection = side.connection
     allowed: i64 = connection.jobs_allowed(side.index)
@@ -544,7 +553,7 @@ def _is_beside(side: Side, request: Transaction, before: Transaction) -> bool:
     if before.number == requests.anew:
         return False
     if requests.count >= allowed:
-        # What is long without answer was given up by its client.
+        # A request that has had no answer for long was given up by its client.
         since_ns: i64 = request.request_ns - GIVEN_UP_NS
         if allowed >= FEW_JOBS or requests.open_since(since_ns, peer.hole_frame, allowed) >= allowed:
             return False

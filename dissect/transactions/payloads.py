@@ -1,6 +1,6 @@
-"""SCD on its way: a message that was decoded, and the function of one in the form that pairing works with.
+"""What transactions hold of SCD: a decoded message, and its function in the form that pairing needs.
 
-What decodes it stands in `dissect.bindings`; here is only what a transaction has to hold.
+`dissect.bindings` decodes the messages.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ if TYPE_CHECKING:
     from dissect.scd.model import Pdo
     from dissect.scd.wording import Row
 
-#: What stands in `Parameters.rosctr` and `Transaction.rosctr` for SCD, which has none; never shown.
+#: The value of `Parameters.rosctr` and `Transaction.rosctr` for SCD, which has no ROSCTR; never shown.
 SCD: Final = 0xDC
 #: Added to the number of an SCD function, so that it never equals one of S7comm or S7comm-plus.
 _FUNCTION: Final = 0x40000
 
-#: What people call the protocol, in front of its functions.
+#: The name of the protocol, which precedes the names of its functions.
 TITLE: Final = "SCD"
 
 
 def is_scd_key(key: int) -> bool:
-    """Return whether a row of statistics is one of SCD."""
+    """Return whether ``key`` is that of a row of statistics about SCD."""
     return key >= _FUNCTION
 
 
 class ScdMessage:
-    """A piece of SCD found in traffic: ``message`` is what was decoded, ``binding`` the name of the rule that found it.
+    """An SCD message found in traffic: ``message`` is the decoded message, ``binding`` the name of the rule that found it.
 
-    Where nothing in the values can be odd they are decoded when somebody asks for them: ``later`` makes the message from
-    ``octets`` and its transaction number ``tid``.
+    A message whose values cannot be wrong is only decoded on demand: ``later`` makes it from ``octets`` and its transaction
+    number ``tid``.
 
-    ``frame`` and ``time_ns`` are those of the packet that completed it (nanoseconds since 1970), ``connection`` the number of
-    the connection and ``side`` the side that sent it. ``place`` names the S7 item or block it stood in, empty for a message of
-    its own; ``offset`` counts octets within item, block, datagram or TSDU. ``octets`` is the message as it was on the wire.
-    ``mapping`` is the PDO with the mapping it had when this one was sent, None for all else.
+    ``frame`` and ``time_ns`` are those of the packet that completed it (nanoseconds since 1970), ``connection`` is the number
+    of the connection, ``side`` the side that sent it. ``place`` names the S7 item or block that it was in, empty for a message
+    by itself; ``offset`` is its place in octets within that, or within the datagram or TSDU. ``octets`` is the message as on
+    the wire. ``mapping`` is the PDO with the mapping that it had when the message was sent, None for other messages.
     """
 
     __slots__ = (
@@ -87,7 +87,7 @@ class ScdMessage:
 
     @property
     def message(self) -> Message:
-        """What was decoded."""
+        """The decoded message."""
         made = self._message
         if made is None:
             later = self._later
@@ -97,14 +97,14 @@ class ScdMessage:
 
     @property
     def subject(self) -> str:
-        """What it is, in a few words: "read 0x6041:0 Слово состояния 1", "T1 Состояние 1"; safe to show."""
+        """The message in a few words: "read 0x6041:0 Слово состояния 1", "T1 Состояние 1"; safe to show."""
         from dissect.scd.wording import subject
 
         return subject(self.dictionary, self.message)
 
     @property
     def values(self) -> list[Row]:
-        """The decoded values for a person or a program, in the order of the message."""
+        """The decoded values, in the order of the message."""
         from dissect.scd.wording import rows
 
         return rows(self.dictionary, self.message)
@@ -116,8 +116,8 @@ class ScdMessage:
 class ScdParameters(Parameters):
     """The function of an SCD message: ``key`` is its row of statistics, ``name`` its name without the protocol.
 
-    ``index`` and ``sub`` are the object it addresses (-1 for none), ``err`` its ``scd_err_t``; ``refused`` tells that it is an
-    abort or carries an error; ``settled`` that nothing is left to judge when its transaction is over.
+    ``index`` and ``sub`` are the object it addresses (-1 for none), ``err`` its ``scd_err_t``. ``refused``: it is an abort or
+    carries an error. ``settled``: nothing is left to judge when its transaction is over.
     """
 
     __slots__ = ("err", "index", "name", "refused", "scd", "settled", "sub")
@@ -127,7 +127,7 @@ class ScdParameters(Parameters):
         self.function = _FUNCTION | key
         self.name: str = name
         self.scd: ScdMessage = scd
-        self.index: int = -1  # these are as wide as the dictionary's envelope makes them
+        self.index: int = -1  # this and the next two are as wide as the dictionary's envelope says
         self.sub: int = -1
         self.err: int = 0
         self.refused: bool = False
@@ -145,10 +145,10 @@ class ScdParameters(Parameters):
 
 
 class Backlog(Kept):
-    """What is kept of one direction of a bound TCP connection.
+    """The state of one direction of a TCP connection that carries SCD.
 
-    While the begin of a message is searched for, ``pending`` are places in ``octets`` where one may begin, with its size, and
-    ``scan`` is where the search goes on; ``owed`` octets are the rest of a content whose begin is missing.
+    While the beginning of a message is searched for, ``pending`` are places in ``octets`` where one may begin, with its size,
+    and ``scan`` is where the search goes on. ``owed`` is how many octets remain of a content whose beginning is missing.
     """
 
     __slots__ = ("owed", "pending", "scan")

@@ -1,6 +1,6 @@
 """Operations of S7comm-plus: sessions, subscriptions with their notifications, blocks loaded, read out and deleted, test jobs.
 
-Which transaction is which is known to `dissect.s7plus.events`.
+`dissect.s7plus.events` recognises which of these a transaction is about.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, FAILED, MAX_SUBJECT, NOT_CAPTURED, REFUSED, Operation, OperationBook
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
-#: Kinds of operations by events that begin one.
+#: Kinds of operations by the events that begin them.
 _KINDS: Final[dict[str, str]] = {
     SESSION: kinds.SESSION,
     SUBSCRIBED: kinds.CYCLIC,
@@ -56,20 +56,20 @@ _KINDS: Final[dict[str, str]] = {
     RESET: kinds.CONTROL,
     ORDERED: kinds.CONTROL,
 }
-#: Those that go on until their object is deleted; the others are over with their transaction.
+#: Events whose operations go on until their object is deleted; others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
-#: How the order numbers of panels begin: who gets a stream says of itself that it is one.
+#: The beginning of order numbers of panels. A device that gets a stream states its order number.
 _PANELS: Final = "6AV"
 _DELETE: Final = "delete "
 _LOAD: Final = "load "
-#: Reads of the same variables that make it polling, and different ones that are remembered.
+#: How many reads of the same variables are polling, and how many different reads are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
-#: Operations that go on, after which those that are over are sought.
+#: At so many open operations, those that the book has closed are removed.
 _MANY: Final = 1024
-#: Octets up to which everything that passed of an answer is kept; of a larger one that ends too soon the rest may have passed.
+#: Up to this size all captured octets of an answer are kept; if a larger one is incomplete, its rest may have been dropped.
 _ALL_KEPT: Final = MAX_PDU - 0x10004
-#: Octets of addresses that a poll is known by; of more there is a digest, as a request may have 8 MiB.
+#: A poll is identified by its addresses if they have up to so many octets, else by a digest: a request may have 8 MiB.
 _LARGEST: Final = 2048
 #: Where the body of a request begins (in version 3 behind the integrity part), and what ends the addresses in it.
 _BODY: Final = 18
@@ -79,10 +79,11 @@ _LAST: Final = 0xE8
 
 
 class Poll:
-    """How often the same variables were read, and the operation that this is, None at first.
+    """Reads of the same variables: how many there were, and their operation, None at first.
 
-    ``asked`` is what is asked for, empty where that is known by a digest; ``read`` what `dissect.s7plus.refusals.glimpse` says
-    of such a request. ``numbers`` are those of the transactions before the operation began.
+    ``asked`` are the addresses that are read, empty where the poll is identified by a digest; ``read`` is what
+    `dissect.s7plus.refusals.glimpse` returns for such a request. ``numbers`` are those of the transactions before the
+    operation began.
     """
 
     __slots__ = ("asked", "count", "frame", "numbers", "operation", "read", "time_ns")
@@ -98,10 +99,10 @@ class Poll:
 
 
 class PlusOpen:
-    """What goes on on a connection: operations by their object, and what is read, by what is asked for.
+    """What is under way on a connection: operations by their object, and polls by the addresses that they read.
 
-    The subscription that was notified last and what was read last mostly are the next ones as well: ``notified`` is the object
-    of ``pushing``, ``latest`` what was read.
+    The next notification or read mostly belongs to the same operation as the last one. So ``pushing`` is the subscription that
+    was notified last, ``notified`` its object, and ``latest`` the poll of the last read.
     """
 
     __slots__ = ("latest", "notified", "number", "objects", "polls", "pushing")
@@ -116,7 +117,7 @@ class PlusOpen:
 
 
 def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int:
-    """Let an operation begin with the first frame of its request; return the octets of that which were not kept."""
+    """Let an operation begin with the first frame of its request; return how many octets of the request were not kept."""
     begun = transaction.connection.begun
     found = begun.get((int(transaction.pdu_ref), int(transaction.request_frame))) if begun is not None else None
     if found is None:
@@ -126,15 +127,15 @@ def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int
 
 
 def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
-    """Return what a read asks for: its body up to the qualifier, which begins at ``end``; 0 where that is to be found."""
+    """Return the addresses that a read requests: its body up to the qualifier, which begins at ``end`` (0: not known)."""
     size: i64 = len(octets)
     begin: i64 = _BODY
     if size > 1 and octets[1] == V3:
         begin += INTEGRITY_SIZE
     if end > 0:
         return octets[begin:end]
-    at: i64 = begin + len(_QUALIFIER) - 1  # of the last octet that may be one of it
-    while at < size:  # several times as fast as `bytes.find`: what stands there says how far away it is at least
+    at: i64 = begin + len(_QUALIFIER) - 1  # where the last octet of the qualifier may be
+    while at < size:  # several times as fast as `bytes.find`: the octet there shows how far to go on at least
         octet: i64 = octets[at]
         if octet == _LAST and octets[at - len(_QUALIFIER) + 1 : at + 1] == _QUALIFIER:
             return octets[begin : at - len(_QUALIFIER) + 1]
@@ -152,14 +153,14 @@ class PlusOperations:
 
     def __init__(self, book: OperationBook) -> None:
         self._book = book
-        self._holding: dict[int, PlusOpen] = {}  # those with operations that go on, by connection
-        self._count = 0  # of these operations
+        self._holding: dict[int, PlusOpen] = {}  # connections with open operations, by number
+        self._count = 0  # how many operations these have
         self._most = _MANY
-        self._polling: dict[int, PlusOpen] = {}  # those that read, by connection
+        self._polling: dict[int, PlusOpen] = {}  # connections with polls, by number
         self._poll_count = 0
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
-        """Take an event of a transaction: it may begin an operation, or end one. ``code`` is the error it got, 0 for none."""
+        """Take an event of a transaction: it may begin an operation, or end one. ``code`` is its error, 0 for none."""
         if event.kind == DELETED:
             self._delete(event, transaction)
             return
@@ -189,7 +190,7 @@ class PlusOperations:
                 self._book.close(operation, NOT_CAPTURED)
                 return
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:
-            self._book.close(operation, DONE)  # no answer was wanted
+            self._book.close(operation, DONE)  # the request wanted no answer
         elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
             self._book.settle(operation, transaction, DONE, REFUSED, code)
         else:
@@ -207,13 +208,16 @@ class PlusOperations:
             self._book.settle(operation, transaction, DONE, FAILED)
 
     def _list(self, event: Event, transaction: Transaction) -> None:
-        """Name what a subscription asks for since its list was written."""
+        """Add the items of a newly written list to the subject of its subscription."""
         operation = _open_on(transaction.connection).objects.get(event.object_id)
         if operation is not None and not operation.result and f" {event.text}," not in f" {operation.subject},":
             operation.subject = f"{operation.subject}, {event.text}"[:MAX_SUBJECT]
 
     def notified(self, subscription: i64, transaction: Transaction) -> bool:
-        """Count a notification for its subscription; True for the first of one that was made before the capture."""
+        """Add a notification to the operation of its subscription; return True if that begins the operation.
+
+        It does for the first notification of a subscription that was made before the capture began.
+        """
         here = _open_on(transaction.connection)
         operation = here.pushing
         if operation is None or here.notified != subscription:
@@ -229,7 +233,7 @@ class PlusOperations:
     def _begin_before(self, subscription: int, transaction: Transaction) -> bool:
         """Begin an operation with the first notification of a subscription that was made before the capture began.
 
-        Returns False where it may have been made later, or there are too many.
+        Return False if it may have been made later, or too many operations are open.
         """
         connection = transaction.connection
         if not connection.mid_stream or subscription < 0 or len(connection.operations.these) >= kinds.MAX_OPEN:
@@ -245,7 +249,7 @@ class PlusOperations:
         return True
 
     def _remember(self, object_id: int, transaction: Transaction, operation: Operation) -> None:
-        """Keep an operation until its object is deleted. What the book has closed by itself leaves when there are many."""
+        """Keep an operation until its object is deleted."""
         if self._count >= self._most:
             self._sweep()
         here = _open_on(transaction.connection)
@@ -256,7 +260,7 @@ class PlusOperations:
         self._holding[here.number] = here
 
     def _sweep(self) -> None:
-        """Forget what the book has closed by itself."""
+        """Forget the operations that the book has closed itself."""
         self._count = 0
         for number, here in list(self._holding.items()):
             here.pushing = None
@@ -267,9 +271,9 @@ class PlusOperations:
         self._most = max(_MANY, 2 * self._count)
 
     def polled(self, session: PlusSession, transaction: Transaction) -> i64:
-        """Take a read of variables: the third of the same ones, each soon after the other, begins an operation.
+        """Take a read of variables: the third read of the same ones begins an operation.
 
-        Returns what `dissect.s7plus.refusals.glimpse` says of its request.
+        Return what `dissect.s7plus.refusals.glimpse` returns for its request.
         """
         octets = transaction.request_octets
         here = _open_on(transaction.connection)
@@ -293,7 +297,7 @@ class PlusOperations:
         return poll.read
 
     def _first(self, here: PlusOpen, key: bytes, poll: Poll) -> None:
-        """Take what was not read before on this connection."""
+        """Take the first read of these variables on a connection."""
         if self._poll_count >= MAX_POLLS:
             self._forget_poll()
         if len(here.polls) == 0:
@@ -302,7 +306,7 @@ class PlusOperations:
         self._poll_count += 1
 
     def _again(self, poll: Poll, session: PlusSession, transaction: Transaction) -> None:
-        """Count what was read before."""
+        """Take a further read of the same variables."""
         poll.count += 1
         operation = poll.operation
         if operation is not None:
@@ -321,7 +325,7 @@ class PlusOperations:
             poll.numbers.append(int(transaction.number))
 
     def end(self, connection: Connection) -> None:
-        """A connection is over: what is open there is closed by the book."""
+        """A connection is over: forget its operations, which the book closes, and its polls."""
         here = connection.operations.plus
         if here is None:
             return
@@ -332,7 +336,7 @@ class PlusOperations:
         connection.operations.plus = None
 
     def _forget_poll(self) -> None:
-        """Forget the first poll of the connection that polled first."""
+        """Forget the oldest poll of the connection that began to poll first."""
         number = next(iter(self._polling))
         here = self._polling[number]
         del here.polls[next(iter(here.polls))]
@@ -343,14 +347,14 @@ class PlusOperations:
 
 
 def _addresses(poll: Poll, transaction: Transaction) -> list[Address]:
-    """Return what is read."""
+    """Return the addresses that a poll reads; ``transaction`` is one of its reads."""
     if poll.asked and poll.read >> PLACE:
         return addresses_of(poll.asked)
     return parse_contents(parsed(transaction.request_octets), False).addresses
 
 
 def _open_on(connection: Connection) -> PlusOpen:
-    """Return what goes on on a connection."""
+    """Return what is under way on a connection."""
     going = connection.operations
     here = going.plus
     if here is None:

@@ -1,4 +1,4 @@
-"""The keep-alive probes that were counted of a connection: how many, and the packets they stand in."""
+"""`Probes`: the keep-alive probes of a connection, counted, with the packets of the first and the last."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from mypy_extensions import i64
 
 
 class Probes:
-    """How many probes there were, the packets of the first and the last, and when the last one came; false for none.
+    """How many probes there were, the packets of the first and the last, and the time of the last; false for none.
 
-    ``filled`` counts those that carry a byte, which was sent before; the others are empty.
+    ``filled`` counts those that carry an octet, which was sent before; the others are empty.
     """
 
     __slots__ = ("count", "filled", "first_frame", "last_frame", "last_ns")
@@ -25,12 +25,12 @@ class Probes:
 
     @property
     def frames(self) -> list[int]:
-        """The packets of the first and the last one."""
+        """The packets of the first and the last probe."""
         first, last = int(self.first_frame), int(self.last_frame)
         return [first] if first == last else [first, last]
 
     def add(self, frame: i64, time_ns: i64, filled: bool) -> None:
-        """Count one, packet ``frame``."""
+        """Count the probe in packet ``frame``; ``filled``: it carries an octet."""
         if self.count == 0:
             self.first_frame = frame
         self.count += 1
@@ -40,7 +40,7 @@ class Probes:
         self.last_ns = time_ns
 
     def join(self, other: Probes | None) -> Probes:
-        """Count those of ``other`` as well, and return itself."""
+        """Add the probes of ``other``, and return ``self``."""
         if other is not None and other.count:
             if self.count == 0 or other.first_frame < self.first_frame:
                 self.first_frame = other.first_frame

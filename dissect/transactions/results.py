@@ -1,9 +1,9 @@
-"""What a transaction knows of its answer: facts about it, what it refuses, and items of other functions than reads and writes.
+"""What is known about an answer: facts, refusals, and the items of userdata functions.
 
-`dissect.transactions.transaction` looks at every answer, and leaves what it saw as facts: `Transaction.flags`, `has_errors`.
-What they are worth is judged in `dissect.findings`. `userdata_results` joins the items of subscriptions (reference 4.7) and
-test functions (4.8) with their values, and is only called when somebody looks. It works on parsed parameters and the octets of
-PDUs, so that a transaction and a session read from a file say the same.
+`dissect.transactions.transaction` checks every answer and keeps what it finds as facts: `Transaction.flags`, `has_errors`. The
+rules in `dissect.findings` judge these. `userdata_results` joins the items of subscriptions (reference 4.7) and test functions
+(4.8) with their values; it is only called on demand. It takes parsed parameters and the octets of PDUs, so that it gives the
+same for a transaction of a capture and for one of a session file.
 """
 
 from __future__ import annotations
@@ -49,39 +49,40 @@ if TYPE_CHECKING:
 FUNCTION_MISMATCH: Final = 1
 COUNT_MISMATCH: Final = 2
 SIZE_MISMATCH: Final = 4
-MISMATCHES: Final = FUNCTION_MISMATCH | COUNT_MISMATCH | SIZE_MISMATCH  # the answer is to something else
-REORDERED: Final = 8
-BAD_DATA: Final = 16
-EXPECTED: Final = 32  # a half is missing, and no wonder: mid-stream start, one direction only, or a hole
-BAD_REQUEST: Final = 64
-WRITE_SIZE: Final = 128  # data of a write have another size than their item
+MISMATCHES: Final = FUNCTION_MISMATCH | COUNT_MISMATCH | SIZE_MISMATCH  # the answer does not fit the request
+REORDERED: Final = 8  # the answer was captured before its request
+BAD_DATA: Final = 16  # the data block of the answer does not fit its items
+EXPECTED: Final = 32  # the capture explains why a half is missing: mid-stream start, one direction only, or a gap
+BAD_REQUEST: Final = 64  # the data block of a write request does not fit its items
+WRITE_SIZE: Final = 128  # the data of a write have a different size from their item
 NOT_LOADED: Final = 512  # a block is activated that was not loaded on this connection
 STRAY_PUSH: Final = 1024  # a push that belongs to no subscription of this connection
 ODD_DATA_CODE: Final = 256  # data of a read came with a different transport size from what CPUs answer with
-UNCONFIRMED: Final = 2048  # the good answer to a write lacks return codes
+UNCONFIRMED: Final = 2048  # the positive answer to a write has fewer return codes than items
 STILL_OPEN: Final = 4096  # the capture ended before the answer was due, so that nothing is wrong
 
 
 def went_wrong(transaction: Transaction) -> bool:
-    """Tell whether a transaction failed, or was answered by something that does not fit its request."""
+    """Return whether a transaction failed, or has an answer that does not fit its request."""
     return transaction.failed or transaction.flags & MISMATCHES != 0
 
 
 def wants_answer(transaction: Transaction) -> bool:
-    """Tell whether a request asks for an answer. One of S7comm-plus may not; before version 3 it is answered all the same."""
+    """Return whether a request wants an answer. In S7comm-plus it may not; before version 3 it is answered all the same."""
     request = transaction.plus_request
     return request is None or request.wants_response
 
 
 def half_captured(transaction: Transaction) -> bool:
-    """Tell whether the other half of a transaction is missing because of the capture: one direction, mid-stream, a hole."""
+    """Return whether the capture explains why a half of a transaction is missing: one direction, mid-stream start, a gap."""
     return transaction.flags & EXPECTED != 0
 
 
 def check_other_answer(transaction: Transaction) -> None:
-    """Look at the return value of an S7comm-plus answer, at what an SCD message says of itself, at codes of alarms in userdata.
+    """Look for errors in an answer that is not an Ack or Ack_Data: S7comm-plus, SCD, or userdata about alarms.
 
-    In S7comm-plus a negative value, or a partial error, is an error; in SCD an abort or a negative ``scd_err_t``.
+    In S7comm-plus a negative return value or a partial error is an error, in SCD an abort or a negative ``scd_err_t``, in
+    userdata a return code of an alarm.
     """
     told = transaction.response_parameters
     if transaction.response_rosctr == USERDATA:
@@ -101,7 +102,7 @@ def check_other_answer(transaction: Transaction) -> None:
 
 
 def check_notification(transaction: Transaction) -> None:
-    """Look whether an S7comm-plus notification refuses items of its subscription."""
+    """Note whether an S7comm-plus notification refuses items of its subscription."""
     if transaction.is_plus:
         octets = transaction.response_octets
         transaction.skimmed = glimpse(octets)
@@ -110,9 +111,9 @@ def check_notification(transaction: Transaction) -> None:
 
 
 def mismatch(request: Parameters, answer: Parameters) -> bool:
-    """Return whether an answer names something else than its request: the function, for userdata group and subfunction.
+    """Return whether an answer names a different function from its request.
 
-    For SCD it is the service and the object it is about.
+    For userdata that is a different group or subfunction, for SCD a different service or object.
     """
     if answer.function < 0:
         return False  # an Ack without parameters
@@ -130,7 +131,10 @@ def mismatch(request: Parameters, answer: Parameters) -> bool:
 
 
 def check_written(parameters: Parameters, buf: bytes, at: i64, size: i64) -> i64:
-    """Check the data block of a write request against its items; return flags. Errors in its lengths were reported already."""
+    """Check the data block of a write request against its items; return flags.
+
+    A PDU whose lengths are wrong gets none: it was reported already.
+    """
     data_at: i64 = at + HEADER_SIZE + len(parameters.octets)
     if parameters.malformed or data_at + u16(buf, at + 8) != at + size:
         return 0
@@ -166,9 +170,11 @@ TEST_ITEMS: Final = frozenset((VARIABLE_STATUS, *TEST_WRITES))
 #: Return code in a push: the value has not changed since the last one (reference 4.7).
 UNCHANGED: Final = 0xFE
 
-#: Octets before the items: reserved, count, time base and factor in a request, reserved and count in what is sent.
+#: Octets before the items of a request: reserved, count, time base and factor.
 _ASKED_HEAD: Final = 4
+#: Octets before the items of a push: reserved and count; in a test function only the count.
 _SENT_HEAD: Final = 2
+#: Octets before the blocks of a test function: their sizes.
 _TEST_SIZES: Final = 4
 
 
@@ -177,11 +183,11 @@ HEADER: Final = "header"
 PARAMETER: Final = "parameter"
 RETURN_VALUE: Final = "return value"  # of S7comm-plus
 ITEM: Final = "item"
-ALARM: Final = "alarm"  # that was to be acknowledged, locked or unlocked
+ALARM: Final = "alarm"  # one that the request acknowledges, locks or unlocks
 MESSAGE: Final = "message"  # of SCD
 
 
-#: Code of an error that is the lack of a return code.
+#: Code of an error that means: the answer has no return code.
 NO_CODE: Final = -1
 NO_CODE_TEXTS: Final = (
     "No return code",
@@ -190,12 +196,12 @@ NO_CODE_TEXTS: Final = (
 
 
 class TransactionError:
-    """One thing the answer says no to.
+    """One thing that an answer refuses.
 
-    ``part`` is the part of the answer that says so: `HEADER`, `PARAMETER`, `RETURN_VALUE`, `ITEM`, `ALARM` or `MESSAGE`.
-    ``item`` is the number of the item or alarm, counted from 1, 0 for the other parts. ``code`` is the number on the
-    wire, `NO_CODE` where the answer has none for a written item, ``name`` and ``text`` its name and sentence; ``address`` is
-    the item's address, or the event id of the alarm, where there is one.
+    ``part`` is the part of the answer with the error: `HEADER`, `PARAMETER`, `RETURN_VALUE`, `ITEM`, `ALARM` or `MESSAGE`.
+    ``item`` is the number of the item or alarm, counted from 1; 0 for the other parts. ``code`` is the number on the wire, or
+    `NO_CODE` where the answer has none for a written item; ``name`` and ``text`` are its name and sentence. ``address`` is the
+    item's address, or the event id of the alarm, where there is one.
     """
 
     __slots__ = ("address", "code", "item", "name", "part", "text")
@@ -210,12 +216,12 @@ class TransactionError:
 
     @property
     def where(self) -> str:
-        """The part for a person and for JSON: its name, with the number of an item or alarm: ``header``, ``item 2``."""
+        """The part as people and JSON get it: its name, and the number of an item or alarm (``header``, ``item 2``)."""
         return f"{self.part} {self.item}" if self.item else self.part
 
     @property
     def coded(self) -> str:
-        """Its code in hexadecimal, as it stands on the wire, and its name; the name alone where there is no code."""
+        """The code in hexadecimal and its name; the name alone where there is no code."""
         if self.code == NO_CODE:
             return self.name
         return coded(f"0x{self.code:02x}" if self.part in (ITEM, ALARM) else f"0x{self.code:04x}", self.name)
@@ -234,7 +240,7 @@ class TransactionError:
 
 
 def alarm_errors(transaction: Transaction) -> list[TransactionError]:
-    """Return which alarms an answer refuses to acknowledge, lock or unlock; none for other functions."""
+    """Return the errors of alarms that an answer refuses to acknowledge, lock or unlock; none for other functions."""
     told = transaction.response_parameters
     head = told.userdata if told is not None else None
     if head is None or head.error_code or not answers_by_alarm(head):
@@ -255,7 +261,7 @@ def alarm_errors(transaction: Transaction) -> list[TransactionError]:
 
 
 class SentAgain:
-    """A request that was sent again by TCP: how many times, and the latest packet with its time."""
+    """How often TCP retransmitted a request; ``frame`` and ``time_ns`` are packet and time of the latest retransmission."""
 
     __slots__ = ("frame", "time_ns", "times")
 
@@ -273,7 +279,7 @@ class SentAgain:
 
 
 class Subscription:
-    """What a job was asked to send: its items, and the PDU that named them; ``head`` is that of its parameters."""
+    """A subscription: the items that a job sends, and the PDU that requested them; ``head`` is that of its parameters."""
 
     __slots__ = ("head", "items", "request")
 
@@ -284,19 +290,19 @@ class Subscription:
 
     @property
     def written(self) -> list[DataItem]:
-        """The values that the items were modified or forced to, read from the request at each call; none for other jobs."""
+        """The values that the request modifies or forces its items to, read again at each call; none for other jobs."""
         return _test_values(self.head, self.request, len(self.items)) if self.head.group == GROUP_TEST else []
 
 
 def has_items(head: UserdataHead) -> bool:
-    """Return whether a userdata PDU is about items: of a cyclic service or of a test function on variables."""
+    """Return whether a userdata PDU has items: those of a cyclic service or of a test function on variables."""
     if head.group == GROUP_CYCLIC:
         return head.subfunction in CYCLIC_ITEMS
     return head.group == GROUP_TEST and head.subfunction in TEST_ITEMS
 
 
 def _test_data(payload: bytes) -> bytes:
-    """Return the data block of a programmer command, behind its sizes and parameter block."""
+    """Return the data block of a programmer command, which comes after its sizes and its parameter block."""
     if len(payload) < _TEST_SIZES:
         return b""
     at: i64 = _TEST_SIZES + u16(payload, 0)
@@ -320,8 +326,8 @@ def userdata_results(
 ) -> list[ItemResult]:
     """Join the items of a cyclic service or test function with their values.
 
-    ``request`` and ``response`` are PDUs, empty where there is none, with their parameters. A push has no request: its items
-    are those that were ``subscribed``; where these are not known its values stand without addresses.
+    ``request`` and ``response`` are PDUs, empty where there is none; ``asked`` and ``told`` are their parameters. A push has no
+    request: its items are those ``subscribed``; where these are not known, its values have no addresses.
     """
     asks = asked.userdata if asked is not None and request else None
     tells = told.userdata if told is not None and response else None
@@ -345,7 +351,7 @@ def userdata_results(
 
 
 def _test_values(head: UserdataHead, request: bytes, count: int) -> list[DataItem]:
-    """Return the values that a request to modify or force variables carries behind their addresses."""
+    """Return the values of a request to modify or force variables, which come after the addresses."""
     if head.subfunction not in TEST_WRITES or not count:
         return []
     data = _test_data(userdata_payload(request))
@@ -353,7 +359,7 @@ def _test_values(head: UserdataHead, request: bytes, count: int) -> list[DataIte
 
 
 def _test_results(head: UserdataHead, items: list[Item], data: bytes) -> list[ItemResult]:
-    """Return what a push of a test function says: values, or the return codes of what was written."""
+    """Return the results of a push of a test function: values, or the return codes of written items."""
     if head.type != PUSH or len(data) < _SENT_HEAD:
         return read_results(items, [])
     count: i64 = u16(data, 0)

@@ -1,4 +1,4 @@
-"""A stretch of octets that belong to no TPKT, until decoding resumes or the connection is over."""
+"""`Stray`: consecutive octets that belong to no TPKT, until decoding resumes or the connection is over."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from mypy_extensions import i64
 
 
 class Stray:
-    """Where a stretch began, and up to which packet it goes.
+    """Stray octets: where they begin, and the last packet with some of them.
 
-    ``first`` is its first octet; ``skipped`` and ``framed`` are what the framer had counted before it, ``seen`` what it had
-    skipped when that was last looked at. ``garbage``: an octet stands where a TPKT ought to begin, not only a header with a
-    wrong length. ``told``: it is that long that it was told before its end.
+    ``first`` is the first octet. ``skipped`` and ``framed`` are what the framer had counted before it, ``seen`` what it had
+    skipped when `follow_stray` last looked. ``garbage``: a wrong octet is where a TPKT ought to begin, not just a header with a
+    wrong length. ``told``: they were reported before their end, because there are so many.
     """
 
     __slots__ = ("first", "first_frame", "framed", "garbage", "last_frame", "last_ns", "seen", "skipped", "told")
@@ -28,6 +28,6 @@ class Stray:
 
     @property
     def frames(self) -> list[int]:
-        """Its first and its last packet."""
+        """The first and the last packet."""
         first, last = int(self.first_frame), int(self.last_frame)
         return [first] if first == last else [first, last]

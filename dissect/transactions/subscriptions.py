@@ -1,7 +1,7 @@
-"""Which items a push is about: those of the request that began the job it belongs to (reference 4.7 and 4.8).
+"""Finds the items of a push: those of the request that began its job (reference 4.7 and 4.8).
 
-A job is known by the sequence number of the answer that began it. Bounded: a connection keeps its latest jobs, and each has no
-more items than fit one request.
+A job is identified by the sequence number of the answer that began it. A connection keeps only its latest jobs, and each job
+has no more items than fit one request.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from dissect.transactions.results import (
 )
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
-#: Jobs of one connection that are remembered.
+#: How many jobs of a connection are remembered.
 MAX_JOBS: Final = 64
 
 
 def follow(transaction: Transaction) -> None:
-    """Take a userdata transaction that is over: remember what it subscribes to, or give a push its items.
+    """Take a finished userdata transaction: remember what it subscribes to, or give a push its items.
 
-    An item or area that was refused makes the transaction one with errors.
+    If an item or area was refused, the transaction gets ``has_errors``.
     """
     head = transaction.parameters.userdata
     if head is None:
@@ -57,13 +57,13 @@ def follow(transaction: Transaction) -> None:
 
 
 def _key(transaction: Transaction, head: UserdataHead, job: i64) -> int:
-    """Return what a job is known by: who asked, the kind of service (a test function each its own), the number."""
+    """Return the key of a job: the asking side, the group (for a test function also which one), the job's number."""
     kind: i64 = head.subfunction if head.group == GROUP_TEST else 0
     return ((transaction.asked_by << 8 | head.group) << 8 | kind) << 8 | job
 
 
 def _forget(transaction: Transaction) -> None:
-    """A test job was replaced: its items are not those of its first request any more."""
+    """A test job was replaced, and its items are no longer those of its first request: forget the side's test jobs."""
     jobs = transaction.connection.subscriptions
     for key in list(jobs):
         if key >> 16 == transaction.asked_by << 8 | GROUP_TEST:

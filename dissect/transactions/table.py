@@ -1,9 +1,9 @@
-"""The table of TCP connections: from the addresses in a packet to the side of a connection it belongs to.
+"""`ConnectionTable`: finds the side of a connection by the addresses and ports of a packet that it sent.
 
-Strategy: at most one dictionary lookup for each packet, and a bound on everything. Connection attempts without a response
-wait in a small table of their own, so that a port scan cannot push out connections that carry traffic. When too many
-connections are open, the longest idle ones have to leave. `IdleSearch` finds them ahead of time, a few with each connection
-that opens, because a live capture must not stall while thousands of connections are searched.
+Each packet costs at most one dictionary lookup, and everything is bounded. Connection attempts without a response wait in a
+small table of their own, so that a port scan cannot push out connections that carry traffic. When too many connections are
+open, those idle for longest are evicted. `IdleSearch` finds them ahead of time, a few with each connection that opens, because
+a live capture must not stall while thousands of connections are searched.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 from dissect.wire.octets import u16
 
-#: Connections looked at in one step.
+#: How many connections `IdleSearch.step` looks at.
 LOOK_AT_ONCE: Final = 64
-#: The longest idle ones that a round finds; the next round has to begin while this many of them are left.
+#: How many of the longest idle connections a round finds; the next round begins when fewer than `_FEW_LEFT` are left.
 MAX_FOUND: Final = 512
 _FEW_LEFT: Final = 160
 #: How many of those found are looked at for one that is still idle.
@@ -47,16 +47,17 @@ class _Idle:
         self.first_frame = side.tcp.first_frame
 
     def less(self, other: _Idle) -> bool:
-        """Return whether it is less idle than ``other``; of two that are equally so, the one that began later is."""
+        """Return whether it is less idle than ``other``; of two with the same time the one that began later is."""
         if self.last_ns == other.last_ns:
             return self.first_frame > other.first_frame
         return self.last_ns > other.last_ns
 
 
 def _sink(heap: list[_Idle], at: i64, size: i64) -> None:
-    """Let the entry at ``at`` sink to its place in the first ``size`` of a heap, of which the least idle is the first.
+    """Move the entry at ``at`` down to its place among the first ``size`` of a heap, whose root is the least idle one.
 
-    By hand, because `heapq` compares tuples of int objects, which took more than all else of a connection that opens.
+    Written by hand, because `heapq` would compare tuples of int objects, which took longer than all else when a connection
+    opens.
     """
     entry = heap[at]
     below: i64 = 2 * at + 1
@@ -75,15 +76,15 @@ def _sink(heap: list[_Idle], at: i64, size: i64) -> None:
 class IdleSearch:
     """Looks through the open connections in rounds, `LOOK_AT_ONCE` with each `step`, and keeps the longest idle of a round.
 
-    `take` gives one of them that is idle still. ``looks`` counts the connections looked at.
+    `take` returns one of those that is still idle. ``looks`` counts the connections looked at.
     """
 
     def __init__(self) -> None:
         self.looks: i64 = 0
-        self._sides: list[Side] = []  # of the round under way
+        self._sides: list[Side] = []  # the sides that the current round looks through; empty between rounds
         self._at: i64 = 0
-        self._longest: list[_Idle] = []  # a heap once it is full, the least idle first
-        self._found: list[_Idle] = []  # of the last whole round, the longest idle last
+        self._longest: list[_Idle] = []  # the longest idle so far; a heap with the least idle first once it is full
+        self._found: list[_Idle] = []  # the result of the last whole round, the longest idle last
 
     @property
     def running_out(self) -> bool:
@@ -97,7 +98,7 @@ class IdleSearch:
         self._longest = []
 
     def step(self) -> None:
-        """Look at the next connections of a round, if one is under way."""
+        """Look at the next connections of the current round, if there is one."""
         sides = self._sides
         count: i64 = len(sides)
         if count == 0:
@@ -109,10 +110,10 @@ class IdleSearch:
             side = sides[at]
             at += 1
             if side.index:
-                continue  # the other side of it stands for the connection
+                continue  # side 0 stands for the connection
             looked += 1
             if side.peer is None:
-                continue  # over
+                continue  # the connection is over
             if len(longest) < MAX_FOUND:
                 longest.append(_Idle(side))
                 if len(longest) == MAX_FOUND:
@@ -121,7 +122,7 @@ class IdleSearch:
             least = longest[0]
             tcp = side.tcp
             if tcp.last_ns > least.last_ns or (tcp.last_ns == least.last_ns and tcp.first_frame > least.first_frame):
-                continue  # less idle than all of those, as most are
+                continue  # less idle than all in the heap, as most are
             least.look(side)
             _sink(longest, 0, MAX_FOUND)
         self._at = at
@@ -130,13 +131,13 @@ class IdleSearch:
             self._end_round()
 
     def _order(self) -> None:
-        """Make a heap of what was found."""
+        """Make `_longest` a heap."""
         size: i64 = len(self._longest)
         for place in range(size // 2 - 1, -1, -1):
             _sink(self._longest, place, size)
 
     def _end_round(self) -> None:
-        """Everything was looked at: put what was found in order."""
+        """All connections were looked at: sort the longest idle ones."""
         if len(self._longest) < MAX_FOUND:
             self._order()
         heap = self._longest
@@ -152,14 +153,15 @@ class IdleSearch:
         self._sides = []
 
     def finish(self) -> None:
-        """Look through the rest of a round."""
+        """Look through the rest of the current round."""
         while self._sides:
             self.step()
 
     def take(self) -> Side | None:
         """Return the longest idle connection that was found, None when there is none.
 
-        One that carried something since it was looked at stays, unless many in a row did: then the longest idle of them leaves.
+        Connections with packets since the search looked at them are skipped. When `_TRIED` in a row have, the longest idle of
+        these is returned.
         """
         best: Side | None = None
         tried: i64 = 0
@@ -177,35 +179,35 @@ class IdleSearch:
 
 
 MAX_CONNECTIONS: Final = 8192
-#: The search for idle connections begins when there is room for so many more, and has to be over when as many are too much.
+#: The search for idle connections begins so many below `MAX_CONNECTIONS`, and is finished at once so many above it.
 RESERVE: Final = 512
-#: Connections that leave with one that opens.
+#: The most connections that are evicted when one opens.
 LEAVE_AT_ONCE: Final = 2
 MAX_HALF_OPEN: Final = 4096
-#: A client repeats a SYN after a second or later (RFC 6298), less what timers are off by; with the second repetition an
-#: attempt is given up here.
+#: A client repeats a SYN after at least a second (RFC 6298), less some tolerance. At the second repetition the attempt counts
+#: as unanswered.
 _REPEATED_NS: Final = 900_000_000
 _GIVEN_UP: Final = 2
 #: A closed connection is kept this long, because captures show packets out of order.
 LINGER_NS: Final = 1_000_000_000
 MAX_LINGERING: Final = 2048
-#: One whose end is in doubt (`dissect.tcp.doubt`) is kept so long, for what its sides send then: they may poll slowly.
+#: A closed connection whose end is in doubt (`dissect.tcp.doubt`) is kept this long, because its sides may poll slowly.
 DOUBT_NS: Final = 10_000_000_000
 
-#: VLAN tags that are known of a capture, and how many more keys one direction of a connection may have in other VLANs.
+#: How many VLANs of a capture are remembered, and how many more keys a connection may have in other VLANs.
 MAX_TAGS: Final = 64
 MAX_ALSO: Final = 4
 
 _PORTS: Final = 4
 _VLAN: Final = 8
-#: Octets of a key of IPv4.
+#: The size of an IPv4 key without VLAN.
 _KEY4: Final = 8 + _PORTS
-#: Sides that are found without the dictionary, at first; four times as many whenever more than that are open.
+#: The first size of the list by which `find` avoids the dictionary; it grows fourfold whenever more sides are open.
 _PLACES: Final = 4096
 
 
 class Attempt:
-    """A SYN without an answer so far: its packet, and the latest one in which it was sent again, ``repeats`` times."""
+    """A SYN without an answer so far: its first packet, its latest, and ``repeats``, how often it was sent again."""
 
     __slots__ = ("frame", "last_frame", "last_ns", "link", "repeats", "seq", "time_ns", "told")
 
@@ -235,7 +237,7 @@ class Attempt:
 
 
 def reverse_key(key: bytes) -> bytes:
-    """Return the key of the other direction: addresses and ports change places, a VLAN stays."""
+    """Return the key of the other direction: addresses and ports swapped, the same VLAN."""
     size = 4 if len(key) in (8 + _PORTS, 8 + _PORTS + _VLAN) else 16
     ports = 2 * size
     return b"%b%b%b%b%b" % (
@@ -248,7 +250,7 @@ def reverse_key(key: bytes) -> bytes:
 
 
 def base_and_tag(key: bytes) -> tuple[bytes, bytes]:
-    """Return the addresses and ports of a key, and its VLAN, which is empty for an untagged packet."""
+    """Return the addresses and ports of a key, then its VLAN, which is empty for an untagged packet."""
     size: i64 = len(key)
     if size == _KEY4 + _VLAN or size == 32 + _PORTS + _VLAN:
         return key[: size - _VLAN], key[size - _VLAN :]
@@ -256,7 +258,7 @@ def base_and_tag(key: bytes) -> tuple[bytes, bytes]:
 
 
 def keys_of(tcp: TcpConnection) -> list[bytes]:
-    """Return the keys of the packets that side 0 of a connection sends: that of its VLAN, then those of the other ones."""
+    """Return the keys of the packets that side 0 of a connection sends: that of its own VLAN, then those in other VLANs."""
     first, second = tcp.ends
     base = first.address + second.address + first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
     return [base + (int(vlan).to_bytes(_VLAN, "big") if vlan else b"") for vlan in (tcp.vlan, *tcp.also)]
@@ -270,21 +272,22 @@ def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
 
 
 class ConnectionTable:
-    """Open connections by the key of either direction, and by those that it has in other VLANs besides (`add`).
+    """Open connections by the keys of both directions, and by further keys of packets in other VLANs (`add`).
 
-    A new connection begins with the protocol ``first``. ``evicted`` and ``half_open_evicted`` count what had to leave because
-    the table was full.
+    A key is the addresses and ports of a packet as they stand in it, then the VLAN if it has one. A new connection begins with
+    the protocol ``first``. ``evicted`` and ``half_open_evicted`` count connections and attempts dropped because there were too
+    many.
     """
 
     def __init__(self, first: Protocol | None = None) -> None:
         self._first: Protocol = first if first is not None else Protocol()
         self.sides: dict[bytes, Side] = {}
-        self.tags: dict[bytes, None] = {}  # VLANs of keys, once there is one
-        self._more: i64 = 0  # of the keys in `sides` those that are another one of their side
+        self.tags: dict[bytes, None] = {}  # the VLANs of keys, empty before the first VLAN
+        self._more: i64 = 0  # how many keys in `sides` are further ones, in other VLANs
         # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
         self._half_open: OrderedDict[bytes, Attempt] = OrderedDict()
         self._lingering: deque[Side] = deque()
-        self._doubted: deque[Side] = deque()  # those of them whose end is in doubt
+        self._doubted: deque[Side] = deque()  # closed connections as well, whose end is in doubt
         self._places: list[Side | None] = [None] * _PLACES
         self._mask: i64 = _PLACES - 1
         self._idle: IdleSearch = IdleSearch()
@@ -299,9 +302,9 @@ class ConnectionTable:
         return table
 
     def find(self, buf: bytes, at: i64) -> Side | None:
-        """Return the side that `sides` has for the IPv4 addresses and ports at ``at``, as they stand in a key.
+        """Return the side that `sides` has for the key at ``at``: the IPv4 addresses and ports of an untagged packet.
 
-        What was found last for a packet with the same hash is tried first, which needs no bytes of its own.
+        The side found last for a key with the same hash is tried first, for which no bytes object is needed.
         """
         addresses: i64 = read_i64_be(buf, at)
         ports: i64 = i64(read_i32_be(buf, at + 8))
@@ -324,7 +327,7 @@ class ConnectionTable:
             self._places[side.place] = None
 
     def _take_place(self, key: bytes) -> None:
-        """Another connection takes a key: what had it is found no more."""
+        """Another connection takes ``key``: the side that had it is no longer found by `find`."""
         before = self.sides.get(key)
         if before is not None:
             self._leave_place(before)
@@ -332,17 +335,17 @@ class ConnectionTable:
                 self._more -= 1
 
     def note_tag(self, tag: bytes) -> None:
-        """A packet has this VLAN, or none; of too many VLANs the one that was seen first is forgotten."""
+        """Remember the VLAN of a packet (empty for none); when there are too many, the one seen first is forgotten."""
         tags = self.tags
         if not tags:
-            tags[b""] = None  # of packets that came before the first VLAN nobody has asked
+            tags[b""] = None  # untagged packets before the first VLAN did not call this
         if tag not in tags:
             if len(tags) > MAX_TAGS:
                 del tags[list(tags)[1]]
             tags[tag] = None
 
     def add(self, side: Side, key: bytes) -> None:
-        """Packets of ``side`` have been captured in another VLAN as well: there it is found by ``key``, that nobody has."""
+        """Packets of ``side`` were captured in another VLAN as well: find it by ``key`` too, which is still free."""
         base, tag = base_and_tag(key)
         for sender, own in ((side, key), (side.peer, reverse_key(base) + tag)):
             attempt = self.attempt(own)
@@ -358,15 +361,16 @@ class ConnectionTable:
             side.tcp.note_vlan(int.from_bytes(tag, "big"))
 
     def note_syn(self, key: bytes, seq: i64, frame: i64, time_ns: i64, link: bytes = b"") -> Attempt | None:
-        """Remember a connection attempt until the other side answers or data follows; ``link`` as `TcpConnection.note_link`.
+        """Remember a connection attempt until the other side answers or data follows.
 
-        Return the attempt with this key that is now known to stay without an answer, once.
+        ``link`` is as in `TcpConnection.note_link`. Return an attempt with this key that now counts as unanswered, else None;
+        each attempt is returned only once.
         """
         known = self._half_open.get(key)
         if known is not None and known.seq == seq:
             known.again(frame, time_ns)
             return known if known.give_up(_GIVEN_UP) else None
-        # Another number is another attempt, and that is the one an answer counts from.
+        # Another sequence number is another attempt, which an answer then belongs to.
         self._half_open[key] = Attempt(seq, frame, time_ns, link)
         if len(self._half_open) > MAX_HALF_OPEN:
             self._half_open.popitem(last=False)
@@ -374,15 +378,15 @@ class ConnectionTable:
         return known if known is not None and known.give_up(1) else None
 
     def unanswered(self) -> list[tuple[bytes, Attempt]]:
-        """Return the attempts that were repeated and are still without an answer, with their keys; each once."""
+        """Return the repeated attempts that are still unanswered, with their keys; each only once."""
         return [(key, attempt) for key, attempt in self._half_open.items() if attempt.give_up(1)]
 
     def attempt(self, key: bytes) -> Attempt | None:
-        """Return the connection attempt with this key."""
+        """Return the connection attempt with this key, None when there is none."""
         return self._half_open.get(key)
 
     def _take_syn(self, key: bytes) -> Attempt | None:
-        """Forget a connection attempt and return it, None where there was none; `pop` takes three times as long."""
+        """Forget a connection attempt and return it, None when there was none; `pop` would take three times as long."""
         half_open = self._half_open
         if not half_open or key not in half_open:
             return None
@@ -391,7 +395,7 @@ class ConnectionTable:
         return syn
 
     def forget_syn(self, key: bytes) -> None:
-        """A connection attempt is none: what was there before goes on."""
+        """Forget a connection attempt: the connection that was there before goes on."""
         self._take_syn(key)
 
     def refused(self, key: bytes) -> bool:
@@ -422,17 +426,17 @@ class ConnectionTable:
         self._take_place(first)
         self._take_place(second)
         self.sides[side1.key] = side1
-        self.sides[side0.key] = side0  # last: it stands for the connection, also where both ends have the same address
+        self.sides[side0.key] = side0  # last, so that side 0 is found where both ends have the same address and port
         if len(self.sides) > len(self._places):
             self._places = [None] * (4 * len(self._places))
             self._mask = len(self._places) - 1
         return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:
-        """Forget a connection; where another one took its place already, that one stays.
+        """Forget a connection, but not another one that has taken its keys already.
 
-        Its sides forget each other: they are the only cycle of references there is, and without it nothing waits for the
-        garbage collector, whose pauses grow with what is open.
+        Its sides forget each other. They are the only cycle of references; without it all memory is freed at once, and not by
+        the garbage collector, whose pauses grow with the number of open connections.
         """
         peer = side.peer
         self._remove(side)
@@ -456,11 +460,11 @@ class ConnectionTable:
         return len(self._lingering) > 0 or len(self._doubted) > 0
 
     def linger(self, side: Side) -> None:
-        """The connection of ``side`` is closed: keep it for a moment."""
+        """The connection of ``side`` is closed: keep it for `LINGER_NS`, or `DOUBT_NS` if its end is in doubt."""
         (self._lingering if side.tcp.doubt is None else self._doubted).append(side)
 
     def closed(self, time_ns: i64, everything: bool = False) -> list[Side]:
-        """Return one side of each closed connection whose moment is over, and stop keeping it."""
+        """Return one side of each closed connection that was kept long enough (``everything``: of all), and drop it."""
         gone: list[Side] = []
         for lingering, pause_ns in ((self._lingering, LINGER_NS), (self._doubted, DOUBT_NS)):
             while lingering:
@@ -475,7 +479,7 @@ class ConnectionTable:
         return gone
 
     def overflow(self) -> list[Side]:
-        """Return one side of each connection that has to leave because too many are open; call it before each `open`."""
+        """Return one side of each connection to evict because too many are open; call this before each `open`."""
         held: i64 = len(self.sides) - self._more
         if held <= 2 * (MAX_CONNECTIONS - RESERVE):
             return []

@@ -1,7 +1,7 @@
-"""A transaction: a request and its answer, either half of which may be missing, and a first look at that answer.
+"""`Transaction`: a request and its answer, either of which may be missing, and the first check of the answer.
 
-`check_answer` looks at every answer (reference 5.1 and 7.3), by stepping over its items in place: objects are made when
-somebody asks for `Transaction.results`.
+`check_answer` checks every answer (reference 5.1 and 7.3). It steps over the items without making objects of them; those are
+made only when `Transaction.results` is called.
 """
 
 from __future__ import annotations
@@ -105,16 +105,16 @@ REASON_TEXTS: Final[dict[str, str]] = {
 }
 
 
-@mypyc_attr(free_list_len=1)  # the memory of one that is gone serves the next: most are over before another one begins
+@mypyc_attr(free_list_len=1)  # the next object reuses the memory of the last: most are freed before another one is made
 class Transaction:
     """A request and its answer.
 
-    Sides are 0 and 1 of ``connection``; ``asked_by`` is the side whose request this is (for an orphan answer and a push: the
-    side it was sent to). Times are nanoseconds since 1970; frames count from 1, 0 means there is none. ``outcome`` is one of
-    the numbers above, ``reason`` says why a request stayed unanswered. ``flags`` gathers what was odd (`flag` values).
+    Sides are 0 and 1 of ``connection``; ``asked_by`` is the side that sent the request (for an orphan answer and a push: the
+    side it was sent to). Times are nanoseconds since 1970; frames count from 1, and 0 means that there is none. ``outcome`` is
+    one of the numbers above, ``reason`` says why a request stayed unanswered. ``flags`` are facts (`transactions.results`).
 
-    The octets of both PDUs are kept as (buffer, offset, size) and read only on demand; `results` are kept after the
-    first look, because a refusal is looked at by rules and outputs alike.
+    The octets of both PDUs are kept as (buffer, offset, size) and parsed only on demand. `results` are kept once they were
+    read, because rules and outputs both need those of a refusal.
     """
 
     __slots__ = (
@@ -162,8 +162,8 @@ class Transaction:
         self.rosctr: i64 = rosctr
         self.pdu_ref: i64 = pdu_ref
         self.parameters: Parameters = parameters  # of the request; of the answer when there is no request
-        self.request_ack: i64 = -1  # TCP acknowledgement it came with, -1 for none
-        self.request_seq: i64 = -1  # where its last segment begins, if its reference was in use then; else -1
+        self.request_ack: i64 = -1  # TCP acknowledgement that the request came with, -1 for none
+        self.request_seq: i64 = -1  # where its last segment begins, if its reference was still open then; else -1
         self.request_frame: i64 = 0
         self.request_ns: i64 = 0
         self.request_buf: bytes = b""
@@ -181,14 +181,14 @@ class Transaction:
         self.error_code: i64 = 0  # header class and code, or the userdata error code
         self.has_errors: bool = False
         self.flags: i64 = 0
-        self.skimmed: i64 = -1  # what `dissect.s7plus.refusals.glimpse` said of the answer, -1 for none
-        self.superseded: Transaction | None = None  # asked before it by the same reference, its answer not seen yet
-        self.earlier: Transaction | None = None  # an identical request with the same reference, still open
-        self.subscribed: Subscription | None = None  # of a push: what asked for it, where that is known
+        self.skimmed: i64 = -1  # what `dissect.s7plus.refusals.glimpse` returned for the answer, -1 for none
+        self.superseded: Transaction | None = None  # an older open request of the same reference (see `OpenRequests`)
+        self.earlier: Transaction | None = None  # an older open request of the same reference that is identical
+        self.subscribed: Subscription | None = None  # of a push: the subscription it belongs to, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
-        self.again: SentAgain | None = None  # of a request that TCP sent more than once
+        self.again: SentAgain | None = None  # of a request that TCP retransmitted
         self._results: list[ItemResult] | None = None
-        self.known_body: Body | None = None  # of the request, once it was cut
+        self.known_body: Body | None = None  # the parts of the request, once `request_body` was read
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
@@ -196,7 +196,7 @@ class Transaction:
     def set_response(
         self, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
     ) -> None:
-        """Keep the answer: a PDU of ``size`` octets at ``at`` of ``buf``, which came whole with packet ``frame``."""
+        """Keep the answer: the PDU ``buf[at:at + size]``, which packet ``frame`` completed."""
         self.response_frame = frame
         self.response_ns = time_ns
         self.response_buf = buf
@@ -212,7 +212,7 @@ class Transaction:
 
     @property
     def function(self) -> int:
-        """Function code, one octet, in S7comm-plus two; an Ack without parameters has that of the request, -1 for none."""
+        """Function code of the request, else of the answer: one octet, in S7comm-plus two; -1 for none."""
         parameters = self.parameters
         if isinstance(parameters, PlusParameters):
             return parameters.code
@@ -220,17 +220,17 @@ class Transaction:
 
     @property
     def is_plus(self) -> bool:
-        """True for S7comm-plus, whose ``request`` and ``response`` are `plus_request` and `plus_response`."""
+        """True for S7comm-plus; its request and response are `plus_request` and `plus_response`."""
         return self.rosctr == PLUS
 
     @property
     def is_scd(self) -> bool:
-        """True for SCD, whose request and answer are in `scd`."""
+        """True for SCD; its request and answer are in `scd`."""
         return self.rosctr == SCD
 
     @property
     def scd(self) -> list[ScdMessage]:
-        """The SCD of a transaction: its request and answer, or what stood in the items of an S7 transaction."""
+        """The SCD messages: request and answer of an SCD transaction, or those that an S7 transaction carried."""
         if self.carried is not None:
             return self.carried
         found: list[ScdMessage] = []
@@ -245,7 +245,7 @@ class Transaction:
 
     @property
     def function_name(self) -> str:
-        """Name of the function, for userdata of group and subfunction."""
+        """Name of the function; for userdata that of the group and subfunction."""
         return self.parameters.function_name
 
     @property
@@ -255,29 +255,29 @@ class Transaction:
 
     @property
     def missed(self) -> bool:
-        """True when no answer came though it was due: the one rule for what counts as unanswered."""
+        """True when no answer came though one was due. This is the only rule for what counts as unanswered."""
         return self.outcome == UNANSWERED and not self.flags & STILL_OPEN
 
     @property
     def unseen(self) -> bool:
-        """True when nothing of the answering side was captured: it may have answered."""
+        """True when there is no answer because nothing of the answering side was captured: it may have answered."""
         return self.outcome == UNANSWERED and self.flags & EXPECTED != 0
 
     @property
     def failed(self) -> bool:
-        """True when the answer says no to anything, or was `missed`."""
+        """True when the answer refuses anything, or was `missed`."""
         return self.has_errors or self.missed
 
     @property
     def request_octets(self) -> bytes:
-        """The request's S7 PDU, empty when there is none."""
+        """The octets of the request's PDU, empty when there is none."""
         if self.request_offset == 0 and self.request_size == len(self.request_buf):
             return self.request_buf  # no copy
         return self.request_buf[self.request_offset : self.request_offset + self.request_size]
 
     @property
     def response_octets(self) -> bytes:
-        """The answer's S7 PDU, empty when there is none."""
+        """The octets of the answer's PDU, empty when there is none."""
         if self.response_offset == 0 and self.response_size == len(self.response_buf):
             return self.response_buf  # no copy
         return self.response_buf[self.response_offset : self.response_offset + self.response_size]
@@ -293,7 +293,7 @@ class Transaction:
 
     @property
     def request_body(self) -> Body | None:
-        """The parts of the S7comm request (`Pdu.body`), None when there is none; kept, as several rules and outputs ask."""
+        """The parts of the S7comm request (`Pdu.body`), None when there is none; kept for the next call."""
         if self.known_body is None and (request := self.request) is not None:
             self.known_body = request.body
         return self.known_body
@@ -326,23 +326,23 @@ class Transaction:
         )
 
     def plus_halves(self, said: bool = False) -> tuple[Half | None, Half | None]:
-        """Read both PDUs of S7comm-plus without secrets, None for one not there; ``said``: no attributes but those of lines."""
+        """Read both S7comm-plus PDUs without secrets, None for a missing one; ``said``: only attributes that lines show."""
         asked, told, read = self.plus_request, self.plus_response, said_half if said else shown_half
         return (read(asked) if asked is not None else None, read(told) if told is not None else None)
 
     def plus_items(self) -> list[PlusItem]:
-        """Return every item of an S7comm-plus read, write or notification joined with its answer, read again at each call.
+        """Return every item of an S7comm-plus read, write or notification joined with its answer; empty for other functions.
 
-        Empty for other functions.
+        The items are read again at each call.
         """
         asked, told = self.plus_halves()
         return join_items(asked, told, self.connection.plus)
 
     def results(self) -> list[ItemResult]:
-        """Return every item joined with what became of it, in wire order; empty for functions without items.
+        """Return every item joined with its value and return code, in wire order; empty for functions without items.
 
-        Of a read or write, of a cyclic service (in a push by what was `subscribed`), of a test function on variables. Once the
-        transaction is complete this is the same list at each call: do not change it.
+        Reads, writes, cyclic services and test functions on variables have items; those of a push are named by `subscribed`.
+        Once the transaction is complete each call returns the same list: do not change it.
         """
         if self._results is not None:
             return self._results
@@ -397,7 +397,7 @@ class Transaction:
 
     @property
     def frames(self) -> list[int]:
-        """The packets of request and answer, those that were captured."""
+        """The packet numbers of request and answer, as far as they were captured."""
         if self.request_frame == 0:
             return [self.response_frame] if self.response_frame else []
         if self.response_frame == 0:
@@ -406,7 +406,7 @@ class Transaction:
 
     @property
     def errors(self) -> list[TransactionError]:
-        """Everything the answer says no to, in wire order: header, parameter, items. Empty when all is well."""
+        """Everything that the answer refuses, in wire order: header, parameter, items. Empty when it refuses nothing."""
         if not self.has_errors:
             return []
         if self.is_scd:
@@ -425,7 +425,7 @@ class Transaction:
         if self.rosctr == USERDATA:
             errors += alarm_errors(self)
         results = self.results()
-        for number in range(1, len(results) + 1):  # `enumerate` from 1 is a call for each answer
+        for number in range(1, len(results) + 1):  # not `enumerate`: with a start value mypyc calls it
             result, code = results[number - 1], results[number - 1].return_code
             address = result.item.address if result.item is not None else ""
             if result.refused:
@@ -437,7 +437,7 @@ class Transaction:
         return errors
 
     def _plus_item_errors(self) -> list[TransactionError]:
-        """Return the refusals of single items, where not everything was refused at once."""
+        """Return the refusals of single items; none when the request was refused as a whole."""
         if self.error_code and self.error_code != PARTIAL_ERROR:
             return []
         refusals = skim_refusals(self.response_octets) if self.request_size == 0 else None
@@ -457,7 +457,7 @@ class Transaction:
         ]
 
     def _notified_error(self, reference: int, kind: int) -> TransactionError:
-        """Return the refusal of an item of a subscription; its values, which came beside it, are not read for that."""
+        """Return the refusal of an item of a subscription, without reading the values that came with it."""
         session = self.connection.plus
         address = session.address_of(subscription_of(self.response_octets), reference) if session is not None else None
         label = session.label(address) if session is not None and address is not None else f"item {reference}"
@@ -472,7 +472,7 @@ class Transaction:
 
 
 def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
-    """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins."""
+    """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins in `response_buf`."""
     buf = transaction.response_buf
     at: i64 = transaction.response_offset
     end: i64 = at + transaction.response_size
@@ -504,13 +504,13 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
 
 
 def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
-    """Step through the data items of a read answer: return codes, sizes against the request, octets against the block."""
+    """Step through the data items of a read answer: check return codes, sizes against the request, and the block's length."""
     parameters = transaction.parameters
     expected = count == parameters.item_count
     if expected and begin_alike(parameters.good_answer, buf, at, end):
         return
     if not expected and not parameters.malformed:
-        transaction.flags |= COUNT_MISMATCH  # what a broken request asks for nobody can say
+        transaction.flags |= COUNT_MISMATCH  # not for a malformed request, whose item count proves nothing
     items = parameters.items
     known: i64 = len(items)
     good = expected and known == count
@@ -545,7 +545,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
 
 
 def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size: i64, end: i64) -> bool:
-    """Compare ``size``, the octets of a data item, with those that were asked for; return whether that is all to be asked."""
+    """Compare ``size``, the octets of a data item, with those requested; return whether they agree and nothing else varies."""
     if item.size < 0:
         _check_areas(transaction, item, buf, at, min(at + size, end))
         return False
@@ -556,7 +556,7 @@ def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size:
 
 
 def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end: i64) -> None:
-    """Look at the return codes of the areas in the answer to a DBREAD item."""
+    """Check the return codes of the areas in the answer to a DBREAD item."""
     areas = item.areas
     if areas is None or not areas:
         return
@@ -569,7 +569,7 @@ def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end:
 
 
 def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
-    """Look at the return codes of a write answer: one octet for each item."""
+    """Check the return codes of a write answer, one octet for each item."""
     if end - at < transaction.parameters.item_count and transaction.error_code == 0:
         transaction.flags |= UNCONFIRMED
         transaction.has_errors = True
@@ -584,9 +584,9 @@ def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end:
 
 
 def check_data_codes(transaction: Transaction) -> None:
-    """Compare the transport sizes of a read answer with those CPUs answer with, for each distinct request once.
+    """Compare the transport sizes of a read answer with those that CPUs use; done once for each distinct request.
 
-    A request of which every item was refused is looked at again with its next answer.
+    A request whose items were all refused is checked again with its next answer.
     """
     if transaction.response_rosctr != ACK_DATA or transaction.flags & (COUNT_MISMATCH | BAD_DATA | FUNCTION_MISMATCH):
         return

@@ -1,11 +1,12 @@
-"""Downloads and uploads: who requests which piece, and whether all of it arrived (reference 3.7 and 3.8).
+"""`Transfers`: follows downloads and uploads step by step, and checks whether all pieces arrived (reference 3.7 and 3.8).
 
-In a download the PLC requests the pieces with jobs of its own; python-snap7's client sends them unrequested instead. Both are
-one operation, begun by the request that names the block. Where that request is not in the capture, the first piece begins it.
+In a download the PLC requests the pieces with jobs of its own; python-snap7's client sends them without a request instead. In
+both cases the download is one operation. It begins with the request that names the block, or with the first piece where that
+request is not in the capture.
 
 Where only one direction of a connection was captured, every step is half a transaction: a request without its answer, or an
-answer without its request. The requests are given up when the connection ends and the answers before that, so these halves
-wait and are followed in the order of their packets. An answer does not name the block; it belongs to the latest transfer.
+answer without its request. Requests are only given up when the connection ends, answers earlier. So these halves wait until
+they can be followed in the order of their packets. An answer does not name the block; it belongs to the latest transfer.
 """
 
 from __future__ import annotations
@@ -52,31 +53,31 @@ from dissect.wire.part import Part
 
 _NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)
 _MAX_NAME: Final = 200
-#: Bodies of requests that are kept for the next one that says the same, and octets of their parameters.
+#: How many bodies of requests are kept for identical requests, and the most octets of their parameters.
 _MAX_BODIES: Final = 32
 _MAX_OCTETS: Final = 128
-#: Steps of one connection captured in one direction that wait for its end, and octets of all that wait. Of more than that the
-#: order may be wrong.
+#: The most half-captured steps of a connection that wait for its end, and the most octets of all that wait. If there are more,
+#: they may be followed in the wrong order.
 MAX_HALVES: Final = 16384
 MAX_HALF_OCTETS: Final = 16 * 1024 * 1024
 _OBJECT: Final = 512
-#: Jobs whose answers say something of a transfer; those of the others need not be read.
+#: Jobs with an answer that holds data of the transfer; answers to other jobs are not read.
 _TELLING_ANSWERS: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD_PIECE))
-#: What a message that ends a transfer says when all went well.
+#: The error code of a message that ends a transfer without an error.
 _GOOD: Final = 0
 
 
 class Transfers:
-    """Follows the transfers of all connections, and puts them into a book of operations."""
+    """Follows the transfers of all connections, and enters them into a book of operations."""
 
     def __init__(self, book: OperationBook) -> None:
         self._book = book
-        self._bodies: dict[bytes, Body] = {}  # of jobs without data, by their parameters: each piece is asked for alike
+        self._bodies: dict[bytes, Body] = {}  # of jobs without data, by parameters: requests for pieces are identical
         self._half_octets = 0
-        self._ordered = True  # what is followed now is followed when it came
+        self._ordered = True  # False while steps that waited are followed
 
     def take(self, transaction: Transaction) -> None:
-        """Take a job that is over: a step of a transfer, or none."""
+        """Take a finished job, which may be a step of a transfer."""
         connection = transaction.connection
         if half_captured(transaction) and not connection.answered:
             self._wait(transaction)
@@ -94,7 +95,7 @@ class Transfers:
         self._half_octets += size
 
     def follow_halves(self, connection: Connection) -> None:
-        """Follow the steps of a connection that wait: it is over, or both of its directions were captured after all."""
+        """Follow the waiting steps of a connection: it is over, or both of its directions were captured after all."""
         waiting = connection.operations.halves
         connection.operations.halves = []
         self._ordered = False
@@ -128,7 +129,7 @@ class Transfers:
             self._end_upload(transaction, body)
 
     def _asked(self, transaction: Transaction) -> Body | None:
-        """Return the body of the request, None when there is none; of one asked before with the same octets it is the same."""
+        """Return the body of the request, None when there is none; identical requests share one body."""
         octets = transaction.parameters.octets
         if transaction.rosctr != JOB or transaction.request_size != HEADER_SIZE + len(octets):
             return transaction.request_body
@@ -163,7 +164,7 @@ class Transfers:
         return operation
 
     def _begin_late(self, kind: str, key: str, transaction: Transaction, name: str, asked_by: int) -> Operation:
-        """Begin a transfer with one of its pieces: what came before is not in the capture."""
+        """Begin a transfer with one of its pieces, because earlier steps are not in the capture."""
         operation = self._begin(kind, key, transaction, name)
         operation.asked_by = asked_by
         operation.lacking = _lacking(operation)
@@ -176,7 +177,7 @@ class Transfers:
             operation.half_captured = True
 
     def _find_download(self, transaction: Transaction, body: Body) -> Operation | None:
-        """Return the download a step belongs to; the first step that names the block gives one without a name its name."""
+        """Return the download that a step belongs to; the first step that names the block names a download without a name."""
         going = transaction.connection.operations
         name = _name(body)
         if not transaction.request_frame:
@@ -221,7 +222,7 @@ class Transfers:
             return
         self._check_size(operation, transaction)
         if not transaction.request_frame and not transaction.error_code:
-            self._book.close(operation, NOT_CAPTURED)  # whether the PLC reported an error says the request
+            self._book.close(operation, NOT_CAPTURED)  # only the request would show whether the PLC reported an error
         else:
             self._book.settle(operation, transaction, DONE, FAILED)
         if operation.result == DONE:
@@ -232,7 +233,7 @@ class Transfers:
                 loaded[operation.key] = operation.activation
 
     def _gather(self, operation: Operation, piece: Part | None, pdu: Pdu | None) -> None:
-        """Take the piece of a block that a PDU carries."""
+        """Take the piece of a block that a PDU carries, and note where pieces may be missing."""
         if piece is None or pdu is None:
             return
         size = max(piece.number("length"), 0)
@@ -242,7 +243,7 @@ class Transfers:
             operation.gap = int(operation.octets)
         if operation.gap < 0 and len(octets) < size:
             operation.gap = int(operation.octets) + len(octets)
-        # Steps that waited for the end of their connection no longer say where the gap was: the first piece is sure.
+        # Once steps have waited, it is not known between which pieces a gap was: only the first piece surely precedes it.
         operation.lacking = lacking if self._ordered else 0
         operation.octets += size
         if operation.subject == NAMELESS and is_header(octets):
@@ -252,7 +253,7 @@ class Transfers:
     def _check_size(self, operation: Operation, transaction: Transaction) -> None:
         frame = _frame(transaction)
         if operation.connection.tcp.has_holes or operation.half_captured or not operation.begun:
-            return  # pieces, or what was announced, may be in what is missing
+            return  # pieces, or the announced size, may be missing from the capture
         if not operation.complete:
             operation.odd(CUT_SHORT, f"ended after {operation.octets} bytes although more was announced", frame)
         elif operation.announced >= 0 and operation.octets != operation.announced:
@@ -273,7 +274,7 @@ class Transfers:
             self._book.settle(operation, transaction, DONE, REFUSED)
 
     def _find_upload(self, transaction: Transaction, body: Body) -> Operation | None:
-        """Return the upload a step belongs to; a step that names another id than the only one going on is odd."""
+        """Return the upload that a step belongs to, None for none; note a step whose id is not that of the open upload."""
         operations = transaction.connection.operations
         latest = operations.latest(UPLOAD, int(transaction.asked_by))
         if not transaction.request_frame:
@@ -320,24 +321,24 @@ class Transfers:
         self._book.settle(operation, transaction, DONE, FAILED)
 
 
-#: In the key of an upload whose id was not captured.
+#: The id in the key of an upload whose id was not captured.
 _NO_ID: Final = "-1"
 
 
 def _lacking(operation: Operation) -> int:
-    """Return how many octets the capture lacks so far of the side that sends the pieces: a piece may be among them."""
+    """Return how many octets the capture lacks so far of the side that sends the pieces; they may include pieces."""
     sender = operation.asked_by if operation.kind == DOWNLOAD else 1 - operation.asked_by
     stream = operation.connection.tcp.streams[sender]
     return int(stream.position) - int(stream.octets)
 
 
 def _upload_key(transaction: Transaction, body: Body) -> str:
-    """Return the key of the upload whose id a body states."""
+    """Return the key of the upload with the id that ``body`` states."""
     return f"{transaction.asked_by}/{body.number('upload_id')}"
 
 
 def _name(body: Body) -> str:
-    """Return the block or file that a step names, for a person and as a key."""
+    """Return the block or file that a step names, as text and key; empty for none."""
     for part in body.parameters:
         if part.layout in _NAMES:
             return part.note[:_MAX_NAME]
@@ -345,35 +346,35 @@ def _name(body: Body) -> str:
 
 
 def _goes_on(transaction: Transaction) -> bool:
-    """Return whether further steps may follow a first one: it was accepted, or half of it is not in the capture."""
+    """Return whether further steps may follow a first step: it was accepted, or half of it is not in the capture."""
     return not transaction.error_code and (transaction.outcome == ANSWERED or half_captured(transaction))
 
 
 def _begins_late(transaction: Transaction) -> bool:
-    """Return whether this step shows a transfer that goes on, of which earlier steps may be missing from the capture."""
+    """Return whether a step may begin a transfer whose earlier steps are missing from the capture."""
     if transaction.outcome == UNANSWERED and not transaction.unseen:
-        return False  # it is given up late: its transfer may be over
+        return False  # an unanswered request comes here late: its transfer may be over
     connection = transaction.connection
     return connection.mid_stream or connection.tcp.has_holes or half_captured(transaction)
 
 
 def _frame(transaction: Transaction) -> int:
-    """Return the packet that a step begins with, as far as it was captured."""
+    """Return the first packet of a step that was captured."""
     return int(transaction.request_frame or transaction.response_frame)
 
 
 def _held(transaction: Transaction) -> int:
-    """Return the octets that a step takes while it waits, the object itself included."""
+    """Return how many octets of memory a waiting step takes."""
     return _OBJECT + len(transaction.request_buf) + len(transaction.response_buf)
 
 
 def _last(transaction: Transaction, answer: Body) -> bool:
-    """Return whether an answer says that no more follows."""
+    """Return whether an answer says that no more pieces follow."""
     return transaction.outcome != UNANSWERED and answer.number("more") != 1
 
 
 def follow_blocks(transaction: Transaction, body: Body) -> None:
-    """Blocks are activated or deleted: note what becomes of those that were loaded, and one that was not loaded before."""
+    """Take a service that activates or deletes blocks: note it at loaded blocks; flag activating one that was not loaded."""
     connection = transaction.connection
     loaded = connection.traits.loaded
     service = body.text("service")
@@ -384,13 +385,13 @@ def follow_blocks(transaction: Transaction, body: Body) -> None:
         if part.layout is not PI_BLOCK:
             continue
         name = part.note.removeprefix("block ")
-        # Who deletes a block from both file systems deletes what waits in the passive one.
+        # A block deleted from both file systems is also deleted from the passive one, where it waits.
         known = loaded.get(name if links else name.replace(FILE_SYSTEMS["B"], FILE_SYSTEMS["P"]))
         if known is None:
             if links and not (connection.mid_stream or connection.tcp.has_holes or half_captured(transaction)):
                 transaction.flags |= NOT_LOADED
         elif transaction.error_code or transaction.outcome == UNANSWERED:
-            continue  # nothing became of it
+            continue  # the service had no effect
         elif not links:
             known.deleted = True
         else:

@@ -1,1 +1,1 @@
-"""What every room shares: codes, layouts, malformed facts, octets."""
+"""What all packages below `dissect` share: codes, layouts, faults of octets, texts, files."""

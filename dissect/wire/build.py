@@ -1,8 +1,8 @@
-"""Which build of the engine runs: compiled by mypyc, or the same source interpreted."""
+"""`COMPILED`: whether the engine runs compiled by mypyc, or as the same source interpreted."""
 
 from __future__ import annotations
 
 from typing import Final
 
-#: True in the compiled build. This module is compiled with the hot ones, so its own file tells the truth.
+#: True in the compiled build. This module is compiled whenever the hot ones are, so its own file name shows it.
 COMPILED: Final[bool] = not __file__.endswith(".py")

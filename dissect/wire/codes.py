@@ -1,7 +1,7 @@
-"""Open enumerations: a code, its name and one sentence, each written once.
+"""Tables of codes: number, name and one sentence of each code, written once.
 
-Parsers, Scapy layers, reports and documentation all read the same rows. A number that is not in a table is a value like any
-other, never an error: it is shown as a number.
+Parsers, Scapy layers, reports and documentation all read the same rows. A number that is not in a table is not an error; it is
+shown as a number.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from dissect.wire.text import hex_number
 
 
 class Code:
-    """One row: the number on the wire, its short name, one sentence that says what it means.
+    """One row: the number on the wire, its short name, and one sentence that explains it.
 
-    ``effect`` is what a request of this function does to who gets it, in tables of functions (`dissect.s7.tables`); empty else.
+    ``effect`` is what a request with this function does to its receiver, in tables of functions (`dissect.s7.tables`); else
+    empty.
     """
 
     __slots__ = ("effect", "name", "number", "text")
@@ -31,7 +32,7 @@ class Code:
         return f"Code({self.number:#x}, {self.name!r})"
 
 
-#: Number, name, sentence, and of functions their effect.
+#: Number, name and sentence of each row; for functions also their effect.
 Rows = list[tuple[int, str, str]] | list[tuple[int, str, str, str]]
 
 
@@ -39,7 +40,7 @@ Rows = list[tuple[int, str, str]] | list[tuple[int, str, str, str]]
 class CodeTable:
     """The rows of one field, looked up by number.
 
-    ``digits`` is the count of hexadecimal digits an unknown number is shown with (2 for one octet, 4 for two).
+    ``digits`` is how many hexadecimal digits a number is shown with (2 for one octet, 4 for two).
     """
 
     __slots__ = ("_listed", "_made", "digits", "title")
@@ -52,7 +53,7 @@ class CodeTable:
 
     @property
     def _rows(self) -> dict[int, Code]:
-        """The rows by number, made when somebody first asks: most tables are never asked in a run."""
+        """The rows by number, made at the first use: most tables are not used in a run."""
         listed = self._listed
         if listed is not None:
             self._listed = None
@@ -69,30 +70,30 @@ class CodeTable:
         return iter(self._rows.values())
 
     def get(self, number: int) -> Code | None:
-        """Return the row of ``number``, or None when the table does not know it."""
+        """Return the row of ``number``, None when the table does not have it."""
         return self._rows.get(number)
 
     def name(self, number: int) -> str:
-        """Return the name of ``number``; an unknown number names itself, for example ``0x2f``."""
+        """Return the name of ``number``; for an unknown number its hexadecimal form, for example ``0x2f``."""
         row = self._rows.get(number)
         return row.name if row is not None else self.hex(number)
 
     def text(self, number: int) -> str:
-        """Return the sentence of ``number``, empty when the table does not know it."""
+        """Return the sentence of ``number``, empty when the table does not have it."""
         row = self._rows.get(number)
         return row.text if row is not None else ""
 
     def effect(self, number: int) -> str:
-        """Return what a request with ``number`` does, empty when the table does not know it."""
+        """Return what a request with ``number`` does, empty when the table does not have it."""
         row = self._rows.get(number)
         return row.effect if row is not None else ""
 
     def hex(self, number: int) -> str:
-        """Return ``number`` as the field is written, for example ``0x04``."""
+        """Return ``number`` in hexadecimal with the table's digits, for example ``0x04``."""
         return hex_number(number, self.digits)
 
     def coded(self, number: int) -> str:
-        """Return ``number`` as the field is written and its name, for example ``0x0a Object does not exist``."""
+        """Return ``number`` in hexadecimal and its name, for example ``0x0a Object does not exist``."""
         return coded(self.hex(number), self.name(number))
 
     def names(self) -> dict[int, str]:
@@ -101,5 +102,5 @@ class CodeTable:
 
 
 def coded(code: str, name: str) -> str:
-    """Return a code with its name, ``0x0a Object does not exist``; one that no table knows names itself: it is unknown."""
+    """Return a code with its name: ``0x0a Object does not exist``; a name that is only hexadecimal means an unknown code."""
     return f"{code} (unknown code)" if name.startswith("0x") else f"{code} {name}"

@@ -1,7 +1,7 @@
-"""Numbers and octets as ASCII, written into the buffer that a compiled line is put together in.
+"""Writes numbers and octets as ASCII into a buffer, for compiled code that puts together a line.
 
-Two decimal digits are looked up and stored at once, eight hexadecimal ones made by one calculation: no text is allocated,
-measured or joined on the way. Interpreted, a call costs more than a text does, so that this is for compiled callers.
+Two decimal digits are looked up and stored at once, eight hexadecimal digits are made by one calculation; no string is made on
+the way. This is for compiled callers: interpreted, the calls cost more than strings.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from dissect.wire.text import Clock
 
 _TWO: Final = "".join([f"{number:02d}" for number in range(100)]).encode("ascii")
 _TWO_HEX: Final = bytes(range(256)).hex().encode("ascii")
-#: Of each octet four characters, of which the first are its decimal number and a comma.
+#: Four characters for each octet: its decimal number, a comma, blanks.
 _WITH_COMMA: Final = "".join([f"{octet},".ljust(4) for octet in range(256)]).encode("ascii")
 _COMMA: Final = 0x2C
 _ZERO: Final = 0x30
 MINUS: Final = 0x2D
-#: A product and a shift in the place of a division, whose rounding down of negative numbers costs more than the division:
-#: by 100 for numbers below 10,000, by 10,000 for numbers below `_QUICK`.
+#: Factors and shifts that replace a division, because Python's rounding of negative numbers costs more than the division
+#: itself: by 100 for numbers below 10,000, and by 10,000 for numbers below `_QUICK`.
 _BY_100: Final = 5243
 _BY_100_BITS: Final = 19
 _BY_10_000: Final = 3_518_437_209
@@ -35,7 +35,7 @@ _Z: Final = 0x5A
 
 
 def write_decimal(out: BytesWriter, number: i64) -> None:
-    """Write ``str(number)``, of more than -2**63."""
+    """Write ``str(number)``; ``number`` must be greater than -2**63."""
     if number < 0:
         out.append(MINUS)
         number = -number
@@ -56,7 +56,7 @@ def write_decimal(out: BytesWriter, number: i64) -> None:
 
 
 def write_digits(out: BytesWriter, number: i64, count: i64) -> None:
-    """Write a number that is not negative with ``count`` digits, zeros in front of those that it has."""
+    """Write a number that is not negative with ``count`` digits, padded with zeros."""
     if count > 4:
         above: i64 = number // 10_000 if number >= _QUICK else number * _BY_10_000 >> _BY_10_000_BITS
         write_digits(out, above, count - 4)
@@ -74,7 +74,7 @@ def write_digits(out: BytesWriter, number: i64, count: i64) -> None:
 
 
 def _write_four(out: BytesWriter, number: i64) -> None:
-    """Write four digits: two pairs side by side, of each the tens (by 103 / 1024) before the ones."""
+    """Write four digits: two pairs are divided by ten at once (times 103, shifted by 10), in two halves of one number."""
     hundreds: i64 = number * _BY_100 >> _BY_100_BITS
     pairs: i64 = hundreds | number - 100 * hundreds << 16
     tens: i64 = pairs * 103 >> 10 & 0x000F000F
@@ -82,7 +82,7 @@ def _write_four(out: BytesWriter, number: i64) -> None:
 
 
 def write_octets(out: BytesWriter, octets: bytes, at: i64, end: i64) -> None:
-    """Write each of ``octets[at:end]`` as a decimal number and a comma; IndexError where these are not there."""
+    """Write each of ``octets[at:end]`` as a decimal number and a comma; IndexError when they are not there."""
     while at < end:
         octet: i64 = octets[at]
         if octet >= 100:
@@ -96,9 +96,9 @@ def write_octets(out: BytesWriter, octets: bytes, at: i64, end: i64) -> None:
 
 
 def write_hexadecimal(out: BytesWriter, octets: bytes, at: i64, end: i64) -> None:
-    """Write ``octets[at:end].hex()``; IndexError where these are not there."""
+    """Write ``octets[at:end].hex()``; IndexError when they are not there."""
     while at + 4 <= end:
-        # Each half octet gets an octet of its own; those above nine then go from behind "9" on to "a".
+        # Spread the eight half octets over eight octets, then add "0", and for those above nine the distance to "a".
         spread: i64 = i64(read_i32_be(octets, at)) & 0xFFFFFFFF
         spread = (spread << 16 | spread) & 0x0000FFFF0000FFFF
         spread = (spread << 8 | spread) & 0x00FF00FF00FF00FF
@@ -113,14 +113,14 @@ def write_hexadecimal(out: BytesWriter, octets: bytes, at: i64, end: i64) -> Non
 
 
 def write_escape(out: BytesWriter, unit: i64) -> None:
-    r"""Write a unit of UTF-16 as JSON escapes it, for example ``\u00e4``."""
+    r"""Write a UTF-16 code unit as a JSON escape, for example ``\u00e4``."""
     out.write(b"\\u")
     write_i16_le(out, read_i16_le(_TWO_HEX, unit >> 8 << 1))
     write_i16_le(out, read_i16_le(_TWO_HEX, (unit & 0xFF) << 1))
 
 
 class Times:
-    """Writes times as `Clock.iso` does; remembers the octets of the second before, because packets come many to a second."""
+    """Writes times as `Clock.iso` does; keeps the octets of the last second, because many packets come in each second."""
 
     __slots__ = ("_clock", "_octets", "_second")
 
@@ -141,7 +141,7 @@ class Times:
 
 
 class Moments:
-    """Writes times as `Clock.moment` of ``clock`` does, with the second before as `Times` has it."""
+    """Writes times as `Clock.moment` of ``clock`` does; keeps the octets of the last second, as `Times` does."""
 
     __slots__ = ("_clock", "_octets", "_second")
 

@@ -1,20 +1,20 @@
-"""The hex view of a PDU: offset, sixteen octets, and what they print as."""
+"""The hex view of a PDU: lines of offset, sixteen octets, and the same octets as text."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Final
 
-#: What each octet prints as.
+#: The character that shows each octet.
 _PRINTED: Final = bytes([octet if 0x20 <= octet < 0x7F else ord(".") for octet in range(256)])
-#: What stands before an offset with so many digits.
+#: The blanks before an offset, by its number of digits.
 _BLANKS: Final[list[str]] = [" " * (5 - digits) for digits in range(5)]
 
 
 def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = (), indent: str = "") -> list[str]:
     """Return one line for every sixteen octets, after ``indent``; ``start`` is the offset shown for the first.
 
-    Offsets are decimal, as in the field tree; octets that are not printable ASCII show as a dot. ``hidden`` are (offset, end)
+    Offsets are decimal, as in the field tree. An octet that is not printable ASCII shows as a dot. ``hidden`` are (begin, end)
     of octets that show as stars.
     """
     lines: list[str] = []
@@ -41,7 +41,7 @@ def hexdump(octets: bytes, start: int = 0, hidden: Sequence[tuple[int, int]] = (
 
 
 def _starred(left: str, right: str, text: str, begin: int, end: int) -> tuple[str, str, str]:
-    """Return the columns of a line with stars for the octets from ``begin`` to ``end`` of it, as far as there are any."""
+    """Return the columns of a line with stars for its octets from ``begin`` to ``end``, as far as it has these."""
     end = min(end, len(text))
     if begin >= end:
         return left, right, text

@@ -1,6 +1,6 @@
-"""JSON laid out over several lines, as the standard library lays it out with ``indent``, in a third of its time.
+"""JSON over several lines, as the standard library writes it with ``indent``, in a third of its time.
 
-There, a layout is written by generators of Python, one for each level of each value.
+The standard library uses a Python generator for each level of each value.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from dissect.wire.text import JsonTexts, json_text
 _CONSTANTS: Final[dict[object, str]] = {None: "null", True: "true", False: "false"}
 
 
-#: Names are few, and come again at the same depth: what stands before and behind each is put together once.
+#: How many names are kept per depth, each with the text before and after it: names are few, and are repeated.
 _MAX_NAMES: Final = 4096
 
 
-#: Characters from which a text is looked for among those before: sentences and advice, not times and addresses.
+#: Only texts of at least so many characters are kept for reuse: sentences and advice, not times and addresses.
 _LONG: Final = 40
 
 
@@ -32,7 +32,7 @@ class JsonPage:
         self._parts: list[str] = []
         self._indent = " " * indent
         self._before = ""
-        # By depth: how a line begins there, and names with what stands before and behind them.
+        # By depth: the beginning of a line there, and names with the text before and after them.
         self._lines: list[str] = ["\n"]
         self._names: list[dict[str, str]] = [{}]
         self._texts: JsonTexts = JsonTexts()
@@ -48,7 +48,7 @@ class JsonPage:
         return "".join(self._parts)
 
     def _lay(self, value: object, depth: i64) -> None:
-        """Add the pieces of a value whose lines begin as those of ``depth``."""
+        """Add the pieces of a value whose lines have the indentation of ``depth``."""
         if isinstance(value, str):
             self._parts.append(json_text(value) if len(value) < _LONG else self._texts.of(value))
         elif value is None or isinstance(value, bool):
@@ -63,7 +63,7 @@ class JsonPage:
             self._parts.append(json.dumps(value).replace("\x7f", "\\u007f"))
 
     def _deeper(self, depth: i64) -> None:
-        """See that there is what lines of ``depth`` have in common."""
+        """Make sure that `_lines` and `_names` have an entry for ``depth``."""
         if depth == len(self._lines):
             self._lines.append(self._lines[depth - 1] + self._indent)
             self._names.append({})
@@ -99,9 +99,9 @@ class JsonPage:
 
 
 def _named(names: dict[str, str], key: object, inner: str) -> str:
-    """Return how a line with this key begins, and keep it where the key is a text."""
+    """Return the beginning of a line with this key, and keep it if the key is a text."""
     if not isinstance(key, str):
-        # What is no text as a key becomes one in ways of its own.
+        # The standard library converts other keys to text in its own ways.
         return f"{inner}{json.dumps({key: 0})[1:-4]}: "
     name = f"{inner}{json_text(key)}: "
     if len(names) < _MAX_NAMES:

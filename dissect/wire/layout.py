@@ -1,8 +1,8 @@
-"""One description of each fixed header, read by every face of the package.
+"""`Layout` and `Field`: one description of each header, which everything that shows or builds it uses.
 
 A `Layout` is a list of `Field`s without conditions and without loops. The Scapy layers, the field tree, the hex view, the
-documentation and the comparison with Wireshark are made from it. What follows what is plain Python in the parsers; a test
-holds the parsers' octet arithmetic to these layouts.
+documentation and the comparison with Wireshark are made from it. The order of headers and parts is plain Python in the parsers;
+a test compares the parsers' octet arithmetic with these layouts.
 """
 
 from __future__ import annotations
@@ -13,66 +13,67 @@ from typing import Final
 from dissect.wire.codes import CodeTable
 from dissect.wire.varint import read_varint
 
-#: Size of a field that takes what is left of its part: a text or octets whose length stands elsewhere.
+#: Size of a field that takes the rest of its part: a text or octets whose length is stated elsewhere.
 REST: Final = -1
 
 # What a length or count field counts (`Field.counts`), so that a builder can fill it in.
 COUNTS_REST: Final = "rest"  # the octets that follow it within its own part
 COUNTS_PARTS: Final = "parts"  # the octets of all parts that follow it in its block
-COUNTS_BUT_LAST: Final = "but last"  # the same without the last of them
+COUNTS_BUT_LAST: Final = "but last"  # the same without the last part
 
-# What a field holds (`Field.holds`), for all who hide, mask, replace or compare contents.
+# What a field holds (`Field.holds`), for code that hides, masks, replaces or compares contents.
 HOLDS_SECRET: Final = "secret"  # noqa: S105 - a kind of content: a password, or what can be turned back into one
-HOLDS_ADDRESS: Final = "address"  # of IPv4
+HOLDS_ADDRESS: Final = "address"  # an IPv4 address
 HOLDS_MAC: Final = "MAC address"
-HOLDS_NAME: Final = "name"  # text by which somebody called a device, a module or a plant
+HOLDS_NAME: Final = "name"  # name that somebody gave a device, a module or a plant
 HOLDS_SERIAL: Final = "serial number"
-HOLDS_BLOCK_TEXT: Final = "block text"  # author, family or name of a block, and who asks
-HOLDS_PATH: Final = "path"  # of a file
-HOLDS_ARGUMENT: Final = "argument"  # text that a service is given
+HOLDS_BLOCK_TEXT: Final = "block text"  # author, family or name of a block, or the user that makes a request
+HOLDS_PATH: Final = "path"  # path of a file
+HOLDS_ARGUMENT: Final = "argument"  # text argument of a service
 HOLDS_SERVICE: Final = "service"  # name of a PI service
-HOLDS_VALUE: Final = "value"  # what the process or its program does
-HOLDS_CODE: Final = "code"  # of a block, or the content of a file
+HOLDS_VALUE: Final = "value"  # value of the process or its program
+HOLDS_CODE: Final = "code"  # code of a block, or the content of a file
 HOLDS_TIME: Final = "time"  # date or time of day
-HOLDS_REFERENCE: Final = "reference"  # a number that counts, another one in each recording of the same session
+HOLDS_REFERENCE: Final = "reference"  # a counter, different in each recording of the same session
 HOLDS_NUMBER: Final = "number"  # a number, kind or length written as text or in bits; the same in every plant
 HOLDS_PRODUCT: Final = "product"  # text of the protocol or the product
 HOLDS_FLAGS: Final = "flags"  # bits without a text of their own
 
-#: Names of fields whose number a person reads as a count or a size, wherever they stand.
+#: Names of fields that are counts or sizes in any layout, and so are shown in decimal.
 _DECIMAL: Final = frozenset((
     "class_", "count", "credit", "credit_extended", "data_length", "data_unit_ref", "db", "eot", "item_count",
     "last_data_unit", "length", "li", "max_amq_called", "max_amq_calling", "next_nr", "param_length", "pdu_length",
     "sequence", "tpdu_nr", "version",
 ))  # fmt: skip
 
-#: Tells a person what octets say, for example a time; None when they say nothing of the kind.
+#: Returns the meaning of octets as text, for example a time; None when they have none.
 Means = Callable[[bytes], "str | None"]
-#: Tells a person what a number says, for example a version; empty when it says nothing of the kind.
+#: Returns the meaning of a number as text, for example a version; empty when it has none.
 Says = Callable[[int], str]
 
 
 def plain(_: bytes) -> str | None:
-    """Say nothing about octets: they are shown as they are."""
+    """Return None: these octets have no meaning beside themselves."""
     return None
 
 
 def latin(octets: bytes) -> str | None:
-    """Return octets that hold a text, padded with blanks or zeros."""
+    """Return octets as Latin-1 text, without blanks and zeros at the end."""
     return octets.decode("latin-1").rstrip(" \0")
 
 
 class Field:
     """One field of a header or of another part of a message.
 
-    ``size`` is in octets, `REST` for all that is left of the part, or a kind of number of variable size
-    (dissect.wire.varint). ``bits`` is (mask, shift) when the field is only a part of
-    its octets; fields sharing octets follow each other and all but the first have ``shares=True``. ``wireshark`` is
-    Wireshark's field name, empty where it has none. A field with ``means`` holds octets (a text, a time), not a number.
-    ``says`` tells a person what the number means where no table does. ``decimal``: a person reads its number as a count or a
-    size. ``counts`` tells what a length field counts: one of the constants above, the name of a layout whose parts after it
-    are counted, or empty. ``holds`` is one of the kinds above; empty for a plain number, and for octets of unknown meaning.
-    ``label`` is the name for a person: without the underscore that Python's keywords need.
+    ``size`` is in octets, `REST` for all that is left of the part, or a kind of number of variable size (dissect.wire.varint).
+    ``bits`` is (mask, shift) when the field is only a part of its octets. Fields that share octets follow each other; all but
+    the first have ``shares=True``. ``wireshark`` is Wireshark's field name, empty where it has none.
+
+    ``codes`` is the table of its numbers; ``says`` gives the meaning of a number that has no table. A field with ``means``
+    holds octets (a text, a time), not a number. ``decimal``: the number is a count or a size, and shown in decimal. ``counts``
+    is what a length field counts: one of the constants above, the name of a layout whose parts after it are counted, or empty.
+    ``holds`` is one of the kinds above; empty for a plain number, and for octets of unknown meaning. ``label`` is the name for
+    people: ``name`` without the underscore that Python's keywords need.
     """
 
     __slots__ = (
@@ -121,7 +122,7 @@ class Field:
         self.says: Says | None = says
 
     def read(self, octets: bytes, offset: int) -> int:
-        """Return the field's value in ``octets``, its octets starting at ``offset`` (big-endian)."""
+        """Return the field's number; its octets begin at ``offset`` of ``octets`` (big-endian)."""
         size = self.size
         if size == 1:
             value = octets[offset]
@@ -135,22 +136,22 @@ class Field:
         return value
 
     def number_meaning(self, value: int) -> str:
-        """Return what a number says to a person beside itself; empty when there is nothing to say."""
+        """Return the meaning of a number as text; empty for none."""
         if self.says is not None:
             return self.says(value)
         row = self.codes.get(value) if self.codes is not None else None
         return row.name if row is not None else ""
 
     def octets_meaning(self, octets: bytes) -> str:
-        """Return what octets say to a person beside themselves; empty when there is nothing to say."""
+        """Return the meaning of octets as text; empty for none."""
         told = self.means(octets) if self.means is not None else None
         return told if told is not None else ""
 
 
 class FieldValue:
-    """A field read from octets: its place and its meaning.
+    """A field that was read, at ``offset`` to ``end``.
 
-    ``value`` is its number; a field that holds octets has them in ``octets`` and 0 for a number, any other has None there.
+    ``value`` is its number and ``octets`` is None; a field that holds octets has them in ``octets``, and ``value`` is 0.
     """
 
     __slots__ = ("end", "field", "octets", "offset", "value")
@@ -164,7 +165,7 @@ class FieldValue:
 
     @property
     def meaning(self) -> str:
-        """What the value says to a person beside the number or octets themselves; empty when there is nothing to say."""
+        """The meaning of the number or the octets as text; empty for none."""
         if self.octets is not None:
             return self.field.octets_meaning(self.octets)
         return self.field.number_meaning(self.value)
@@ -173,9 +174,8 @@ class FieldValue:
 class Layout:
     """A fixed header, or a part with one field of open size at its end: its name, its source, its fields in wire order.
 
-    ``size`` is that of the fixed fields; with numbers of variable size the part is larger. ``open`` tells whether the last
-    field takes the rest of the part. ``numbers`` are the fields of fixed size in front of any other, by name, each with where
-    it begins.
+    ``size`` is that of the fixed fields; with numbers of variable size the part is larger. ``open``: the last field takes the
+    rest of the part. ``numbers`` are the fields before the first one without a fixed size, by name, each with its offset.
     """
 
     __slots__ = ("fields", "name", "numbers", "open", "size", "source")
@@ -197,7 +197,7 @@ class Layout:
             self.numbers.setdefault(field.name, (start, field))
 
     def places(self, holds: str) -> list[tuple[int, int]]:
-        """Return (begin, end) of the fixed fields that hold ``holds``, counted from where the part begins."""
+        """Return (begin, end) of the fixed fields whose `Field.holds` is ``holds``, from the beginning of the part."""
         found: list[tuple[int, int]] = []
         at = 0
         for field in self.fields:
@@ -211,7 +211,7 @@ class Layout:
         return found
 
     def read(self, octets: bytes, offset: int = 0, end: int = -1) -> list[FieldValue]:
-        """Return the fields that lie whole in ``octets[offset:end]``; a header cut short gives its first fields."""
+        """Return the fields that lie whole in ``octets[offset:end]``; of a header cut short these are the first ones."""
         if end < 0 or end > len(octets):
             end = len(octets)
         values: list[FieldValue] = []
@@ -234,14 +234,14 @@ class Layout:
         return values
 
     def find(self, name: str, octets: bytes, offset: int, end: int) -> FieldValue | None:
-        """Return what `read` has first under a name, one of ``numbers``; None where it does not lie whole there."""
+        """Return the first field with this name, which is in ``numbers``; None if it does not lie whole there."""
         start, field = self.numbers[name]
         start += offset
         behind = start + field.size
         return _value(field, octets, start, behind) if behind <= min(end, len(octets)) else None
 
     def number(self, name: str, octets: bytes, offset: int, end: int) -> int:
-        """Return the value of what `find` returns, -1 where that is None, without making it."""
+        """Return the value of the field that `find` returns, -1 where that is None, without making a `FieldValue`."""
         start, field = self.numbers[name]
         start += offset
         if start + field.size > min(end, len(octets)):
@@ -249,7 +249,7 @@ class Layout:
         return field.read(octets, start) if field.means is None else 0
 
     def text(self, name: str, octets: bytes, offset: int, end: int) -> str:
-        """Return the meaning of what `find` returns, empty where that is None, without making it."""
+        """Return the meaning of the field that `find` returns, empty where that is None, without making a `FieldValue`."""
         start, field = self.numbers[name]
         start += offset
         behind = start + field.size

@@ -1,4 +1,4 @@
-"""Malformed: what a parser tells when the octets contradict themselves. Wire data never raises."""
+"""`Malformed`: what a parser reports when octets contradict themselves. Octets from the wire never raise an error."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ REASONS: Final = (
     "length_below",     # a length field is smaller than what must follow it
     "bad_value",        # a field holds a value the standard forbids
     "trailing_octets",  # octets are left over where nothing may follow
-    "count_mismatch",   # a count field and what stands there differ
+    "count_mismatch",   # a count field and the number of elements differ
     "unknown_type",     # a type octet that is in no table, so what follows cannot be read
     "bad_compression",  # compressed octets that do not inflate, or end before or after the end of what they hold
     "too_large",        # compressed octets that become more than a bound allows
 )  # fmt: skip
 
-#: Whose length field set the limit that was broken.
+#: The length fields that may set the limit that was broken (`Malformed.limit`).
 LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item", "packet", "pdu")
-#: What that length field is the length of, in words.
+#: What each of these is the length of, in words.
 _CONTAINERS: Final = {
     "snaplen": "the capture",
     "ip": "the IP packet",
@@ -32,21 +32,21 @@ _CONTAINERS: Final = {
     "packet": "the packet",
     "pdu": "the rest of the PDU",
 }
-#: How the names of fields end that count something; others are lengths in bytes.
+#: The end of the names of fields that are counts; others are lengths in bytes.
 _COUNTS: Final = "count"
-#: What fields with short names are called, and which values they may have that have more than one.
+#: Names for people of fields with short names, and the values of fields that may have several.
 _SPOKEN: Final = {"li": "length indicator"}
 _EXPECTED: Final = {"li": "1 to 254"}
-#: How those begin that say how deep something stands in something else.
+#: The beginning of the names of fields that are a depth of nesting.
 _DEPTH: Final = "depth of "
 
 
 class Malformed:
-    """One fact: in ``layer`` at ``offset`` (absolute within the TPDU or TSDU) something does not fit.
+    """One fault: in ``layer`` at ``offset`` (from the beginning of the TPDU or TSDU) something does not fit.
 
-    ``needed`` and ``available`` are sizes in octets (or counts, for ``count_mismatch``; ``needed`` is one where a count is
-    beyond). ``limit`` names the length field that set the bound (one of `LIMITS`). What was read before the fault is kept by
-    the parser that reports it.
+    ``needed`` and ``available`` are sizes in octets, for ``count_mismatch`` counts; for a count that is ``length_beyond`` only
+    ``needed`` is a count. ``limit`` names the length field that set the bound (one of `LIMITS`). The parser that reports the
+    fault keeps what it read before.
     """
 
     __slots__ = ("available", "field", "layer", "limit", "needed", "offset", "reason")
@@ -63,7 +63,7 @@ class Malformed:
         self.limit = limit
 
     def at(self, offset: int) -> Malformed:
-        """Return the same fact with another offset, for who counts from another place."""
+        """Return the same fault with another offset, for callers that count from another place."""
         return Malformed(self.layer, self.reason, self.field, offset, self.needed, self.available, self.limit)
 
     def __str__(self) -> str:
@@ -98,7 +98,7 @@ class Malformed:
         return f"{where} is {self.available}, expected {expected}"
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fact as JSON-ready values, keys in a fixed order."""
+        """Return the fault as JSON-ready values, keys in a fixed order."""
         return {
             "layer": self.layer,
             "reason": self.reason,

@@ -1,4 +1,4 @@
-"""What compiled code does without int objects: big-endian reads by index, 1 to 3 ns each, and counts by number."""
+"""Big-endian reads (1 to 3 ns each) and counters that make no int objects when compiled."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
 
-#: Up to so many octets a comparison of eight at a time takes less than a copy.
+#: Up to so many octets, comparing eight at a time is faster than a copy.
 _SHORT: Final = 64
 
 
@@ -17,7 +17,7 @@ def u16(octets: bytes, at: i64) -> i64:
     """Return the two octets at ``at`` as a number; IndexError when they are not there."""
     if COMPILED:
         return i64(read_i16_be(octets, at)) & 0xFFFF
-    return octets[at] << 8 | octets[at + 1]  # interpreted, two calls less
+    return octets[at] << 8 | octets[at + 1]  # saves two calls when interpreted
 
 
 def u24(octets: bytes, at: i64) -> i64:
@@ -31,7 +31,7 @@ def u32(octets: bytes, at: i64) -> i64:
 
 
 def same(octets: bytes, buf: bytes, at: i64, end: i64) -> bool:
-    """Return whether ``buf[at:end]``, which is there, is ``octets``; compiled, what is short is compared where it stands."""
+    """Return whether ``buf[at:end]``, which must be there, equals ``octets``; short ones are compared without a copy."""
     size: i64 = len(octets)
     if size != end - at:
         return False
@@ -46,10 +46,10 @@ def same(octets: bytes, buf: bytes, at: i64, end: i64) -> bool:
 
 
 class Tally:
-    """How often each number below ``size`` came.
+    """Counts how often each number below ``size`` came.
 
-    ``often`` and ``also`` come far more often than the others: counting them makes no int object, which compiled is most of
-    what counting costs. Who knows that it is one of these counts it in place, by ``often_count`` and ``also_count``.
+    ``often`` and ``also`` come far more often than the others. Counting them makes no int object, which is most of the cost in
+    compiled code. A caller that knows that a number is one of these adds to ``often_count`` or ``also_count`` itself.
     """
 
     __slots__ = ("_also", "_counts", "_often", "also_count", "often_count")
@@ -71,12 +71,12 @@ class Tally:
             self._counts[number] = self._counts[number] + 1  # `+=` on an element of a list is slower (mypyc)
 
     def counts(self) -> list[int]:
-        """Return the counts by number, as a list of its own."""
+        """Return the counts by number, as a new list."""
         counts = self._counts.copy()
         counts[self._often] += self.often_count
         counts[self._also] += self.also_count
         return counts
 
     def add_counts(self, more: list[int]) -> None:
-        """Add what another one of the same size counted."""
+        """Add the counts of another tally of the same size."""
         self._counts = [one + other for one, other in zip(self._counts, more, strict=True)]

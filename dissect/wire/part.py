@@ -1,8 +1,8 @@
-"""Parts of a message: what a `Layout` describes, found at a place. A message is cut into parts without gaps.
+"""`Part`: a piece of a message that a `Layout` describes. A message is cut into parts without gaps.
 
-The parsers of message bodies walk over a block of octets with a `Cursor` and take one part after another; which part follows
-which is plain Python there. Everything that shows a body (field tree, JSON, Scapy layers, the comparison with Wireshark)
-goes over the parts and knows nothing else.
+The parsers of message bodies go over a block of octets with a `Cursor` and take one part after another; the order of the parts
+is plain Python there. Everything that shows a body (field tree, JSON, Scapy layers, the comparison with Wireshark) goes over
+the parts and needs nothing else.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from typing import Final
 from dissect.wire.layout import REST, Field, FieldValue, Layout
 from dissect.wire.malformed import Malformed
 
-#: Octets whose meaning is not known, or whose meaning depends on something else than this message.
+#: Octets whose meaning is not known, or depends on more than this message.
 OCTETS: Final = Layout("octets", "content of unknown structure", [Field("octets", REST, "As on the wire.")])
-#: Octets that stand where nothing may follow.
+#: Octets where nothing may follow.
 SURPLUS: Final = Layout("surplus bytes", "nothing is expected here", [Field("octets", REST, "As on the wire.")])
-#: The octet that makes an odd item even.
+#: The octet that makes the size of an odd item even.
 FILL: Final = Layout(
     "fill", "reference section 3.5", [Field("fill", 1, "Makes an odd item even.", "s7comm.data.fillbyte")]
 )
 
 
 class Part:
-    """A part of a message: ``octets[offset:end]``, read as ``layout`` says.
+    """A part of a message: ``octets[offset:end]``, read by ``layout``.
 
-    ``values`` are the fields that lie whole in it; ``note`` says in a few words what the part is about, where its parser
-    knows (``SZL 0x0011``); it is text from the wire and not escaped. ``depth`` is how many parts enclose it.
+    ``values`` are the fields that lie whole in it. ``note`` says in a few words what the part is about (``SZL 0x0011``), if its
+    parser knows; it may hold text from the wire, which is not escaped. ``depth`` is how many parts enclose it.
     """
 
     __slots__ = ("_octets", "_values", "depth", "end", "layout", "note", "offset")
@@ -50,20 +50,20 @@ class Part:
         return values
 
     def read(self) -> list[FieldValue]:
-        """Return the fields without keeping them, for who goes over many parts once."""
+        """Return the fields without keeping them, for callers that go over many parts once."""
         return self._values if self._values is not None else self.layout.read(self._octets, self.offset, self.end)
 
     def find(self, name: str) -> FieldValue | None:
         """Return the field called ``name``, None when the part was cut before it or has none."""
         if self._values is None and name in self.layout.numbers:
-            return self.layout.find(name, self._octets, self.offset, self.end)  # a note takes few fields of many
+            return self.layout.find(name, self._octets, self.offset, self.end)  # reads only this field
         for value in self.values:
             if value.field.name == name:
                 return value
         return None
 
     def holding(self, holds: str) -> FieldValue | None:
-        """Return the first field that holds ``holds`` (`Field.holds`), None when the part was cut before it or has none."""
+        """Return the first field whose `Field.holds` is ``holds``, None when the part was cut before it or has none."""
         for value in self.values:
             if value.field.holds == holds:
                 return value
@@ -77,7 +77,7 @@ class Part:
         return -1 if found is None else found.value
 
     def leading(self, size: int) -> int:
-        """Return the number in the first ``size`` octets, whatever fields share them, -1 when the part was cut before it."""
+        """Return the number in the first ``size`` octets, whatever their fields, -1 when the part is shorter."""
         if self.end - self.offset < size:
             return -1
         number = 0
@@ -91,7 +91,7 @@ class Part:
         return b"" if found is None or found.octets is None else found.octets
 
     def text(self, name: str) -> str:
-        """Return what a field says to a person, empty when it is not there."""
+        """Return the meaning of a field as text, empty when it is not there."""
         if self._values is None and name in self.layout.numbers:
             return self.layout.text(name, self._octets, self.offset, self.end)
         found = self.find(name)
@@ -99,10 +99,10 @@ class Part:
 
 
 class Cursor:
-    """Walks over ``octets[at:end]`` and cuts parts from it; what does not fit is reported in ``malformed``.
+    """Goes over ``octets[at:end]`` and cuts parts from it; what does not fit is reported in ``malformed``.
 
-    ``limit`` is whose length set the end (`dissect.wire.malformed.LIMITS`). After the first part that does not fit, every
-    further `take` returns None, so that a parser needs to look only where it depends on a value.
+    ``limit`` names the length field that set the end (`dissect.wire.malformed.LIMITS`). After the first part that does not fit,
+    each further `take` returns None. So a parser needs to check a part only where it depends on a value in it.
     """
 
     __slots__ = ("at", "end", "limit", "malformed", "octets", "parts")
@@ -117,14 +117,14 @@ class Cursor:
 
     @property
     def left(self) -> int:
-        """Octets that are still there."""
+        """How many octets are left."""
         return self.end - self.at
 
     def take(self, layout: Layout, size: int = REST, note: str = "") -> Part | None:
-        """Cut the next part; None when it does not fit.
+        """Cut and return the next part; None when it does not fit.
 
-        ``size`` is that of the whole part where the layout is `Layout.open`, all that is left by default. What is there of a
-        part that does not fit is cut all the same, and reported as too short.
+        ``size`` is the size of the part if its layout is `Layout.open`; by default all octets that are left. If a part does not
+        fit, the octets that are left become a part all the same, and it is reported as too short.
         """
         wanted = layout.size
         if layout.open:
@@ -146,7 +146,7 @@ class Cursor:
             self.at = self.end
 
     def tell(self, reason: str, field: str, needed: int, available: int) -> None:
-        """Tell that something does not fit here (`Malformed`)."""
+        """Report that something does not fit here (`Malformed`)."""
         self.malformed.append(Malformed("s7", reason, field, self.at, needed, available, self.limit))
 
     def take_fill(self, size: int) -> None:
@@ -155,12 +155,12 @@ class Cursor:
             self.take(FILL)
 
     def rest(self, note: str = "") -> None:
-        """Cut what is left as octets of unknown meaning."""
+        """Cut the octets that are left as a part of unknown meaning."""
         if self.left:
             self.take(OCTETS, self.left, note)
 
     def finish(self) -> None:
-        """Tell of octets that are left over where nothing may follow, and cut them."""
+        """Report octets that are left over where nothing may follow, and cut them."""
         if self.left:
             self.tell("trailing_octets", "end", 0, self.left)
             self.take(SURPLUS, self.left)

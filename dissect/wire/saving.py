@@ -1,8 +1,8 @@
-"""Writing a file that a person named: one way for every command.
+"""Writes a file that the user named, in the same way for every command.
 
-A regular file, or one that is not there yet, is written beside its place under a name that ends with ``.part`` and takes its
-place when it is whole; so it is there whole or not at all. A symbolic link stays, and what it points to is replaced. Anything
-else, a device, a FIFO, a socket of the system, is opened and written to: it is never replaced.
+A regular file, or a new one, is written under a temporary name in the same folder, which ends with ``.part``, and then renamed;
+so it is there whole or not at all. A symbolic link stays; the file that it points to is replaced. Anything else, such as a
+device or a FIFO, is opened and written to, and never replaced.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-#: What a file that is not finished ends with.
+#: The end of the name of an unfinished file.
 PART: Final = ".part"
-#: Octets of a file's name that its unfinished name keeps: names may be 255 octets long.
+#: How many octets of a file's name its temporary name keeps: a name may have at most 255.
 _KEPT: Final = 100
 _numbers: Final = itertools.count(1)
 
 
 def is_special(path: str | os.PathLike[str]) -> bool:
-    """Return whether ``path`` is there and no regular file: a device or a FIFO, which is written to and never replaced.
+    """Return whether ``path`` is something to write to that is never replaced, such as a device or a FIFO.
 
-    A folder is none: it cannot be written to. Raises `OSError` where that cannot be found out, unless nothing is there.
+    False for a regular file, a folder, and where nothing is. `OSError` when that cannot be found out.
     """
     try:
         mode = os.stat(path).st_mode  # noqa: PTH116 - text or path alike
@@ -35,10 +35,10 @@ def is_special(path: str | os.PathLike[str]) -> bool:
 
 
 class Saving:
-    """An output while it is written, as a context: write to ``path``, which takes its place when the block ends well.
+    """A context in which an output is written: write to ``path``, which is renamed to the output when the block ends well.
 
-    When the block raises, nothing is left of it and what was there before stays. ``mode`` are the rights of a new file, less
-    the umask; one that is replaced keeps its own. Raises `OSError`, which names the output as the user did.
+    When the block raises, ``path`` is removed, and a file that was there before stays. ``mode`` is the mode of a new file, less
+    the umask; a file that is replaced keeps its mode. An `OSError` names the output as the user did.
     """
 
     def __init__(self, output: str | os.PathLike[str], mode: int = 0o666) -> None:
@@ -48,7 +48,7 @@ class Saving:
         if self.special:
             self.path = self.output
             return
-        if not self.output:  # which would stand for the folder where one is
+        if not self.output:  # an empty path would mean the current folder
             raise FileNotFoundError(2, "the name is empty; was a variable of the shell not set?", "OUT")
         self._target = os.path.realpath(self.output)
         folder, name = os.path.split(self._target)
@@ -89,7 +89,7 @@ class Saving:
 
 
 def save(output: str | os.PathLike[str], octets: bytes, mode: int = 0o666) -> None:
-    """Write ``octets`` to ``output`` as `Saving` does, to the disk before it takes its place. Raises `OSError`."""
+    """Write ``octets`` to ``output`` as `Saving` does, and sync them to the disk before the rename. Raises `OSError`."""
     with Saving(output, mode) as saving:
         try:
             flags = os.O_WRONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
@@ -109,9 +109,10 @@ def save(output: str | os.PathLike[str], octets: bytes, mode: int = 0o666) -> No
 
 
 def expect_place(output: str | os.PathLike[str]) -> None:
-    """Raise the `OSError` that `save` would raise, before a long capture is read for it: its folder is not there, or read-only.
+    """Raise the `OSError` that `save` would raise, before a long capture is read: the folder is missing, or read-only.
 
-    Only making a file tells for sure; it is gone at once. A device or FIFO is not opened: that alone may do something.
+    Only creating a file proves that it can be done; the file is removed at once. A device or FIFO is not opened, because that
+    alone may have an effect.
     """
     saving = Saving(output)
     if saving.special:
@@ -124,10 +125,10 @@ def expect_place(output: str | os.PathLike[str]) -> None:
 
 
 class SavingFolder:
-    """A folder of outputs while it is written, as a context: make files in ``path``, which takes its place when all went well.
+    """A context in which a folder of outputs is written: make files in ``path``, which is renamed when the block ends well.
 
-    When the block raises, nothing is left of it and what was there before stays. A folder that was there is replaced as a
-    whole; whether it may be is up to the caller. Raises `OSError`, which names the output as the user did.
+    When the block raises, ``path`` is removed, and a folder that was there before stays. Otherwise that folder is replaced as a
+    whole; the caller decides whether it may be. An `OSError` names the output as the user did.
     """
 
     def __init__(self, output: str | os.PathLike[str]) -> None:

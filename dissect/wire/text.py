@@ -1,8 +1,8 @@
-"""How text from outside, times and durations are written, once for every output.
+"""How all outputs write text from outside, numbers, times and durations.
 
-Text from outside is made safe to show: nothing that a device or a file name says may control a terminal, a spreadsheet or
-mislead the eye. Durations have the same units everywhere. Times are nanoseconds since 1970, written with integer arithmetic
-throughout: no rounding, and no year in which it fails. Only the offset of a local time comes from the system's time zones.
+Text from outside is made safe to show: nothing in the data of a device or in a file name may control a terminal or a
+spreadsheet, or mislead the reader. Durations have the same units everywhere. Times are nanoseconds since 1970 and written with
+integer arithmetic, so without rounding, and for any year. Only the offset of a local time comes from the system's time zones.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
 
-#: The function of the library, found without a look into a table.
+#: The function of the standard library, as a constant that is found without a lookup.
 _ENCODE: Final = encode_basestring_ascii
-#: Categories that are not shown as they are: control, format (bidi overrides, zero widths), surrogate, private, unassigned,
-#: line and paragraph separators.
+#: Unicode categories that are escaped: control, format (bidi overrides, zero widths), surrogate, private, unassigned, line and
+#: paragraph separators.
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))
-#: Surrogates and, next to them, private characters: all of them hidden, which takes no look at their category.
+#: The range of surrogates and of the private characters that follow them; all are escaped, so no category is looked up.
 _SURROGATES: Final = 0xD800
 _PRIVATE_END: Final = 0xF900
 
-#: What a spreadsheet takes for the beginning of a formula; some take the full-width forms for it too.
+#: Characters that begin a formula in a spreadsheet; in some the full-width forms do as well.
 _FORMULA: Final = "=+-@\uff1d\uff0b\uff0d\uff20"
-# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
-#: The same behind a semicolon, which separates cells where the comma separates decimals.
+# These patterns are strings, which `re` compiles and keeps at their first use, because most runs use none.
+#: The same after a semicolon, which separates cells in countries with a decimal comma.
 _LATER_FORMULA: Final = "(;\\s*)(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
 _DEFUSED: Final = "(;\\s*)'(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
 _NUMBER: Final = r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?"
 
-#: Numbers below 1000, as they are and with three digits: most of what the bulk outputs write are digits, and `str` takes
-#: several times as long as looking them up.
+#: Numbers as text, without leading zeros, with two and with three digits: looking them up is several times as fast as `str`,
+#: and bulk outputs mostly write digits.
 SHORT: Final[list[str]] = [str(number) for number in range(1000)]
 TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
 THREE: Final[list[str]] = [f"{number:03d}" for number in range(1000)]
-#: The same with a point behind.
+#: The same with a point after the number.
 POINT: Final[list[str]] = [f"{number}." for number in range(1000)]
-#: Characters of the longest text that `JsonTexts` keeps, and how many of them.
+#: The longest text that `JsonTexts` keeps, in characters, and how many texts it keeps.
 _LONGEST: Final = 200
 _MAX_TEXTS: Final = 4096
 #: Bytes as two hexadecimal digits.
@@ -74,7 +74,7 @@ def hexadecimal(octets: bytes) -> str:
 
 
 def hex_number(number: i64, digits: i64) -> str:
-    """Return a number that is not negative with ``0x`` before it, in at least so many ``digits``."""
+    """Return a number that is not negative in hexadecimal, with ``0x`` and at least ``digits`` digits."""
     if digits == 1 and number < 16:
         return f"0x{HEX[number][1:]}"
     if digits == 2 and number < 0x100:
@@ -87,8 +87,8 @@ def hex_number(number: i64, digits: i64) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Return ``text`` on one line with everything that does not simply print escaped (``\x1b``, ``\u202e`` …)."""
-    if text.isprintable():  # to Python, characters of no hidden category
+    r"""Return ``text`` on one line, with everything escaped that is not printable (``\x1b``, ``\u202e`` …)."""
+    if text.isprintable():  # True if no character is of a category in `_HIDDEN`
         return text
     parts: list[str] = []
     for character in text:
@@ -102,24 +102,24 @@ def _escape(character: str) -> str:
     if not _SURROGATES <= code < _PRIVATE_END and unicodedata.category(character) not in _HIDDEN:
         return character
     if 0xDC80 <= code <= 0xDCFF:
-        code -= 0xDC00  # an octet that is no UTF-8, as Python holds it in file names
+        code -= 0xDC00  # an octet that is not UTF-8, as Python keeps it in file names (surrogateescape)
     if code < 0x100:
         return f"\\x{HEX[code]}"
     return f"\\u{HEX[code >> 8]}{HEX[code & 0xFF]}" if code < 0x10000 else f"\\U{code:08x}"
 
 
-#: What `_escape` makes of the first 256 characters: texts from the wire that do not print are mostly padding and octets.
+#: `_escape` of the first 256 characters: unprintable texts from the wire are mostly padding and octets.
 _LATIN: Final[list[str]] = [_escape(chr(code)) for code in range(256)]
 
 
 def json_text(value: str) -> str:
-    """Return a JSON string: ASCII only, and DEL, which JSON would leave as it is, escaped like every other control."""
+    """Return a JSON string in ASCII; DEL, which the standard library leaves, is escaped like other control characters."""
     text = _ENCODE(value)
     return text.replace("\x7f", "\\u007f") if "\x7f" in text else text
 
 
 class JsonTexts:
-    """Texts as JSON strings (`json_text`); those that come again and again are escaped once, long ones are not kept."""
+    """Makes JSON strings (`json_text`) of texts, and keeps all but long ones, so that repeated texts are escaped once."""
 
     __slots__ = ("_known",)
 
@@ -140,14 +140,14 @@ class JsonTexts:
 
 
 def encodable(text: str) -> str:
-    r"""Return ``text`` with what UTF-8 cannot hold escaped: a file name's octet 0xFF becomes ``\xff``. All else stays."""
+    r"""Return ``text`` with only the characters escaped that UTF-8 cannot hold: a file name's octet 0xFF becomes ``\xff``."""
     if text.isascii():
         return text
     return "".join([_escape(character) if 0xD800 <= ord(character) <= 0xDFFF else character for character in text])
 
 
 def reason(error: BaseException) -> str:
-    """Return why something failed, on one line for a person: of a system's refusal the words, and the file it is about."""
+    """Return why something failed, on one line for people; for an error of the system with the file that it is about."""
     if isinstance(error, OSError) and error.strerror:
         about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""
         return printable(f"{about}{error.strerror}")
@@ -155,7 +155,7 @@ def reason(error: BaseException) -> str:
 
 
 def titled(name: str, about: str) -> str:
-    """Return a name and what it is about; a word that ends the one and begins the other stands once: ``read SZL 0x0011 …``."""
+    """Return ``name about``; a word that ends ``name`` and begins ``about`` is written once: ``read SZL 0x0011 …``."""
     last = name.rpartition(" ")[2]
     if last and about.startswith(f"{last} "):
         about = about.removeprefix(last).lstrip()
@@ -168,16 +168,16 @@ def count(number: int, one: str, many: str = "") -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Return ``text`` made `printable`, cut after ``most`` of its characters with a note of how many there are."""
+    """Return `printable` text, cut after ``most`` characters with a note of how many there are."""
     if len(text) <= most:
         return printable(text)
     return f"{printable(text[:most])}… ({len(text)} characters)"
 
 
 def cell(text: str) -> str:
-    """Return ``text`` as a spreadsheet cell that is never taken for a formula; numbers stay numbers."""
+    """Return ``text`` as a spreadsheet cell that is never a formula; numbers stay numbers."""
     safe = printable(text)
-    begun = safe.lstrip()  # some spreadsheets leave blanks out
+    begun = safe.lstrip()  # some spreadsheets ignore leading blanks
     if begun and begun[0] in _FORMULA and not re.fullmatch(_NUMBER, begun):
         safe = "'" + safe
     return re.sub(_LATER_FORMULA, r"\1'", safe) if ";" in safe else safe
@@ -191,7 +191,7 @@ def uncell(text: str) -> str:
 
 
 _NS_PER_S: Final = 1_000_000_000
-#: What `short_duration` adds to hundredths of a millisecond, and the durations that it is for.
+#: What `short_duration` adds to hundredths of a millisecond, and the range of durations that it is for, in nanoseconds.
 HUNDREDTHS: Final = 1000
 _SHORT_LEAST: Final = 10_000
 _SHORT_END: Final = 99_995_000
@@ -226,9 +226,10 @@ def duration_text(ns: int) -> str:
 
 
 def short_duration(ns: i64) -> i64:
-    """Return what stands for most answer times, from 10 µs to 99.99 ms: microseconds, or hundredths of a millisecond.
+    """Return the digits of a duration from 10 µs to 99.99 ms, as most answer times are.
 
-    The former are below `HUNDREDTHS`, which is added to the latter. 0 for other durations, and where rounding meets a tie.
+    A number below `HUNDREDTHS` is microseconds. Any other is `HUNDREDTHS` plus hundredths of a millisecond. 0 for other
+    durations, and where rounding would have to decide a tie.
     """
     if ns < _SHORT_LEAST or ns >= _SHORT_END:
         return 0
@@ -238,7 +239,7 @@ def short_duration(ns: i64) -> i64:
 
 
 def over_limit(ns: int, limit_ns: int) -> str:
-    """Say how long something took that was to take no longer than a limit; where both look alike, by how much it did."""
+    """Return how long something took, and its limit; where both are the same text, by how much it was over the limit."""
     took, limit = duration_text(ns), duration_text(limit_ns)
     return (
         f"{took}, the limit is {limit}"
@@ -248,7 +249,7 @@ def over_limit(ns: int, limit_ns: int) -> str:
 
 
 def distance_text(ns: int) -> str:
-    """Say how far back something lies, for example ``965 µs earlier``; what came after is ``1.20 s later``."""
+    """Return how long before something was, for example ``965 µs earlier``; if it came after, ``1.20 s later``."""
     return f"{duration_text(ns)} earlier" if ns >= 0 else f"{duration_text(-ns)} later"
 
 
@@ -256,7 +257,7 @@ _S_PER_DAY: Final = 86400
 
 
 def civil(days: int) -> tuple[int, int, int]:
-    """Return (year, month, day) of a day counted from 1970-01-01, Gregorian calendar, any year."""
+    """Return (year, month, day) of the day that is ``days`` after 1970-01-01; Gregorian calendar, any year."""
     shifted = days + 719468
     era, of_era = divmod(shifted, 146097)
     year_of_era = (of_era - of_era // 1460 + of_era // 36524 - of_era // 146096) // 365
@@ -268,9 +269,9 @@ def civil(days: int) -> tuple[int, int, int]:
 
 
 class Clock:
-    """Writes times; remembers the text of the second before, because packets come many to a second.
+    """Writes times; keeps the text of the last second, because many packets come in each second.
 
-    With ``local`` `moment` is in the time zone of this machine (``TZ``), else in UTC; `iso` is always in UTC.
+    With ``local``, `moment` uses the time zone of this machine (``TZ``), else UTC; `iso` always uses UTC.
     """
 
     __slots__ = ("_local_second", "_local_text", "_moment", "_second", "_text", "_zone", "local")
@@ -282,7 +283,7 @@ class Clock:
         self._zone: str = "UTC"
         self._second: i64 = 0
         self._text: str = "1970-01-01T00:00:00."
-        self._moment: str = ""  # the same for a person, once that is asked for
+        self._moment: str = ""  # the same as `moment` writes it, made on demand
 
     def iso(self, time_ns: i64) -> str:
         """Return ISO 8601 in UTC with nanoseconds, for example ``2016-02-08T14:51:37.916123000Z``."""
@@ -291,14 +292,14 @@ class Clock:
         return f"{begin}{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z"
 
     def iso_second(self, time_ns: i64) -> str:
-        """Return `iso` up to the point between seconds and nanoseconds, for who puts it together with more."""
+        """Return `iso` up to the point before the nanoseconds, for callers that write the rest themselves."""
         second: i64 = time_ns // _NS_PER_S
         if second != self._second:
             self._turn(second)
         return self._text
 
     def _turn(self, second: i64) -> None:
-        """Write another second."""
+        """Make the text of another second."""
         day: i64 = second // _S_PER_DAY
         rest: i64 = second % _S_PER_DAY
         year, month, of_month = civil(day)
@@ -308,7 +309,7 @@ class Clock:
         self._second = second
 
     def moment(self, time_ns: i64) -> str:
-        """Return a time for a person, with its zone: ``2016-02-08 14:51:37.916123 UTC``, local ``… +01:00``."""
+        """Return a time for people, with its zone: ``2016-02-08 14:51:37.916123 UTC``, local ``… +01:00``."""
         if not self.local:
             second: i64 = time_ns // _NS_PER_S
             if second != self._second:
@@ -326,7 +327,7 @@ class Clock:
         return self.moment(time_ns).split(" ")[1]
 
     def zone(self, time_ns: i64) -> str:
-        """Return the zone of what `moment` gives for this time: ``UTC``, or an offset such as ``+01:00``."""
+        """Return the zone that `moment` writes for this time: ``UTC``, or an offset such as ``+01:00``."""
         if self.local:
             self._localise(time_ns)
         return self._zone

@@ -1,7 +1,7 @@
-"""Numbers of variable size (VLQ), as S7comm-plus writes them: seven bits an octet, the highest first (docs/s7plus.md).
+"""Numbers of variable size (VLQ) of S7comm-plus: seven bits per octet, the highest first (docs/s7plus.md).
 
-Bit 7 of an octet says that more follow. A 32-bit number takes at most five octets. A 64-bit number takes at most nine, and the
-ninth gives eight bits. Signed numbers are two's complement: bit 6 of the first octet is the sign.
+Bit 7 of an octet says that more octets follow. A 32-bit number has at most five octets. A 64-bit number has at most nine; the
+ninth has eight bits of the number. Signed numbers are two's complement: bit 6 of the first octet is the sign.
 """
 
 from __future__ import annotations
@@ -10,22 +10,22 @@ from typing import Final
 
 from mypy_extensions import i64
 
-# Kinds of numbers; below `REST` of dissect.wire.layout, so that they may stand for the size of a field.
+# Kinds of numbers; less than `REST` of dissect.wire.layout, so that they can be used as the size of a field.
 VLQ: Final = -2
 VLQ64: Final = -3
 SIGNED: Final = -4
 SIGNED64: Final = -5
 
-#: Most octets of a number that takes seven bits from each.
+#: The most octets with seven bits of the number each.
 _LONGEST_32: Final = 5
 _LONGEST_64: Final = 8
 
 
 def read_varint(octets: bytes, at: int, end: int, kind: int) -> tuple[int, int]:
-    """Read the number at ``at``, before ``end`` and of a ``kind`` above. Returns (number, where it ends).
+    """Read the number of a ``kind`` above at ``at``; return it, and where it ends.
 
-    Returns (-1, -1) when it does not end before ``end`` or within the octets that its kind has. Bits beyond 32 of a short
-    kind are dropped, as receivers do.
+    Return (-1, -1) when it does not end before ``end``, or has more octets than its kind may. Bits beyond 32 of a 32-bit kind
+    are dropped, as receivers do.
     """
     wide = kind == VLQ64 or kind == SIGNED64
     signed = kind == SIGNED or kind == SIGNED64
@@ -33,7 +33,7 @@ def read_varint(octets: bytes, at: int, end: int, kind: int) -> tuple[int, int]:
     stop = min(last, end)
     value = 0
     if signed and at < end and octets[at] & 0x40:
-        value = -1  # its bits above the seven of the first octet are all set, bit 6 itself among those that are read
+        value = -1  # sign extension: all bits above those read are set
     while at < stop:
         octet = octets[at]
         value = (value << 7) | (octet & 0x7F)
@@ -48,7 +48,7 @@ def read_varint(octets: bytes, at: int, end: int, kind: int) -> tuple[int, int]:
 
 
 def pass_varint(octets: bytes, at: i64, end: i64, wide: bool) -> i64:
-    """Return where the number at ``at`` ends, which is ``wide`` with 64 bits; -1 where `read_varint` finds none."""
+    """Return where the number at ``at`` ends, -1 where `read_varint` finds none; ``wide``: it has 64 bits."""
     longest: i64 = _LONGEST_64 if wide else _LONGEST_32
     last: i64 = at + longest
     stop: i64 = min(last, end)
@@ -61,14 +61,14 @@ def pass_varint(octets: bytes, at: i64, end: i64, wide: bool) -> i64:
 
 
 def build_varint(value: int, kind: int) -> bytes:
-    """Return the octets of ``value``, as few as there can be. Raises ValueError for one that its kind cannot hold."""
+    """Return the shortest octets of ``value``. ValueError when its kind cannot hold it."""
     wide = kind == VLQ64 or kind == SIGNED64
     signed = kind == SIGNED or kind == SIGNED64
     bits = 64 if wide else 32
     least, most = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
     if not least <= value <= most:
         raise ValueError(f"{value} does not fit into {bits} bits{', signed' if signed else ''}")
-    # Bits that must stand in it: of a signed number one more, the sign.
+    # The bits that are needed; a signed number needs one more, for the sign.
     needed = (value if value >= 0 else ~value).bit_length() + (1 if signed else 0)
     count = max(1, (needed + 6) // 7)
     if count > _LONGEST_64:

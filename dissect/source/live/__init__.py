@@ -1,14 +1,14 @@
-"""Packets as they pass: from ``dumpcap``, from the kernel's own ring, or from a pipe on standard input.
+"""Live sources of packets: ``dumpcap``, the kernel's own packet ring, or a pipe on standard input.
 
-`opening.open_live` chooses between them; each gives a `reader.LiveReader`, which is a `Reader` that never waits long, tells
-what was lost, and can be stopped. All of it only receives.
+`opening.open_live` chooses between them. Each gives a `reader.LiveReader`: a `Reader` that never waits long, reports what was
+lost, and can be stopped. None of them sends anything.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-#: The size of the kernel's buffer in MiB, unless another one is asked for, and at most. They stand here because commands say
-#: them in their help, before anything is imported that captures.
+#: The default and the largest size of the kernel's buffer, in MiB. They are here because the help of commands shows them,
+#: before anything is imported that captures.
 BUFFER_MIB: Final = 32
 MAX_BUFFER_MIB: Final = 1024

@@ -11,7 +11,7 @@ from typing import Final
 
 from dissect.wire.text import shortened
 
-#: The group that Linux distributions give the right to run dumpcap to.
+#: The group whose members may run dumpcap on Linux distributions.
 _GROUP: Final = "wireshark"
 _MORE: Final = "more: s7dissect help live"
 _AS_ROOT: Final = (
@@ -29,7 +29,7 @@ def dumpcap_missing() -> tuple[str, ...]:
 
 
 def dumpcap_permission(program: str) -> tuple[str, ...]:
-    """Return how this user is allowed to capture with the dumpcap at ``program``."""
+    """Return how to allow this user to capture with the dumpcap at ``program``."""
     if sys.platform == "darwin":
         return ("install ChmodBPF, which comes with Wireshark, and log in again",)
     if _is_root():
@@ -46,7 +46,7 @@ def dumpcap_permission(program: str) -> tuple[str, ...]:
 
 
 def ring_permission() -> tuple[str, ...]:
-    """Return how this user is allowed to open the ring."""
+    """Return how to allow this user to open the ring."""
     if _is_root():
         return _AS_ROOT
     user = _user()
@@ -65,22 +65,22 @@ def unknown_interface(names: list[str]) -> tuple[str, ...]:
 
 
 def interface_down(name: str) -> tuple[str, ...]:
-    """Return how an interface is switched on."""
+    """Return how to switch an interface on."""
     return (f"sudo ip link set {name} up",)
 
 
 def shown(expression: str) -> str:
-    """Return a capture filter as it is shown in a message."""
+    """Return a capture filter in quotes and shortened, for a message."""
     return f"'{shortened(expression, 80)}'"
 
 
 def find_unusable(program: str) -> str:
-    """Return the path of a program that is there but may not be run by this user, or an empty string."""
+    """Return the path of a program that exists, even if this user may not run it; empty when there is none."""
     return shutil.which(program, mode=os.F_OK) or ""
 
 
 def _gate_group(program: str) -> str:
-    """Return the group that alone, beside the owner, may run ``program``; empty when anybody may or nobody else."""
+    """Return the group whose members may run ``program``, where other users may not; empty when there is no such group."""
     try:
         status = Path(program).stat()
         import grp

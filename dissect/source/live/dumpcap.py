@@ -1,8 +1,8 @@
-"""``dumpcap`` as a child that writes pcapng into a pipe: it has the right to capture, this process needs none.
+"""`DumpcapReader`: reads pcapng from ``dumpcap``, a child process that may capture, so that this one needs no privileges.
 
-What dumpcap 4.0 gives (tried): the section and the interface at once, packets as its own buffer from the kernel is handed over
-(every 250 ms at the latest), and one Interface Statistics Block with the packets lost, at its end only. While it runs nothing
-tells how many packets the kernel dropped; the interface's own count can be read at any time.
+dumpcap 4.0 (as tried) writes the section and the interface at once, then packets whenever the kernel hands over a buffer (every
+250 ms at the latest), and only at its end one Interface Statistics Block with the packets lost. While it runs, the packets
+dropped by the kernel are not known; those lost by the interface can be read at any time.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from dissect.wire.text import printable
 
 PROGRAM: Final = "dumpcap"
 
-#: How long dumpcap may take to open an interface, and to end when asked, in seconds.
+#: How long dumpcap may take to open an interface, and to end on request, in seconds.
 _START_S: Final = 10.0
 _END_S: Final = 2.0
-#: Octets of what it says on stderr that are kept: the last ones.
+#: How many of the last octets of its stderr are kept.
 _MAX_SAID: Final = 8192
-#: Octets the pipe holds (what an unprivileged process may ask for), so that dumpcap is not kept waiting.
+#: The size of the pipe in octets, the most that an unprivileged process may set, so that dumpcap need not wait.
 _PIPE_SIZE: Final = 1 << 20
-#: Lines of stderr that say nothing.
+#: Beginnings of lines of stderr that are not errors.
 _CHATTER: Final = ("Capturing on ", "File: ", "Packets captured: ", "Packets received/dropped ", "Packets: ")
 
 
 def find_program() -> str:
-    """Return the path of dumpcap; `LiveError` when there is none, or none that may be run."""
+    """Return the path of dumpcap; `UnavailableError` when there is none, or none that this user may run."""
     path = shutil.which(PROGRAM)
     if path:
         return path
@@ -50,7 +50,7 @@ def find_program() -> str:
 
 
 def trouble(interface: str) -> LiveError | None:
-    """Return why dumpcap cannot capture on ``interface``, None when it can: it is asked, and opens it."""
+    """Return why dumpcap cannot capture on ``interface``, None when it can; for this, dumpcap opens the interface."""
     try:
         program = find_program()
     except LiveError as error:
@@ -60,7 +60,7 @@ def trouble(interface: str) -> LiveError | None:
 
 
 def _widen(descriptor: int) -> None:
-    """Give a pipe more room where the system can; a smaller one does as well."""
+    """Make a pipe larger where the system can; the default size works as well."""
     with suppress(ImportError, AttributeError, OSError):
         import fcntl
 
@@ -68,7 +68,7 @@ def _widen(descriptor: int) -> None:
 
 
 class DumpcapReader(PipeReader):
-    """Packets of ``interface`` by way of dumpcap. `open_dumpcap` makes one."""
+    """Reads packets of ``interface`` from dumpcap. `open_dumpcap` makes one."""
 
     def __init__(self, child: subprocess.Popen[bytes], interface: str, wait_ms: int) -> None:
         pipe = child.stdout
@@ -94,7 +94,7 @@ class DumpcapReader(PipeReader):
 
     @property
     def drops(self) -> Drops:
-        """What was lost so far: the kernel's part when dumpcap has ended, the interface's at any time."""
+        """What was lost so far; the kernel's part is only known once dumpcap has ended."""
         if self._lost is not None:
             return self._lost
         described = find_interface(self._name) if self._lost_before is not None else None
@@ -116,7 +116,7 @@ class DumpcapReader(PipeReader):
         raise _explain(program, self._name, expression, _said(self._said), timeout=not gathered)
 
     def step(self, sink: PacketSink) -> bool:
-        """Deliver what arrives within ``wait_ms``, about 64 KiB at most; False when dumpcap has ended."""
+        """Deliver what arrives within ``wait_ms``, about 64 KiB at most; return False when dumpcap has ended."""
         more = super().step(sink)
         self._listen()
         if more and self._asked_at is not None and time.monotonic() > self._asked_at + _END_S:
@@ -125,9 +125,9 @@ class DumpcapReader(PipeReader):
         return more
 
     def stop(self) -> None:
-        """Ask dumpcap to end: what it has read follows, then its count of lost packets. May be called twice.
+        """Ask dumpcap to end: it writes what it has read, then its count of lost packets. May be called twice.
 
-        What the kernel still holds for it then (the last 250 ms) it leaves there, and does not count.
+        Packets that the kernel still holds for it then (of the last 250 ms) are neither read nor counted.
         """
         if self._asked_at is None:
             self._asked_at = time.monotonic()
@@ -141,7 +141,7 @@ class DumpcapReader(PipeReader):
         drops = self.drops
         if self._child.poll() is None and not self._ended:
             self.stop()
-        # With nobody reading it, a dumpcap that still has packets to write ends by itself.
+        # Once the pipe is closed, a dumpcap that still writes packets ends by itself.
         super().close()
         self._child.stdout.close()
         try:
@@ -155,12 +155,12 @@ class DumpcapReader(PipeReader):
         self._settle(drops)
 
     def _settle(self, drops: Drops) -> None:
-        """Take what is known at the end: the counts of dumpcap, and why it ended if nobody asked it to."""
+        """Take what is known at the end: dumpcap's count of lost packets, and why it ended if that was not requested."""
         inner = self._inner
         kernel = None
         if isinstance(inner, PcapngReader) and inner.statistics:
             lost = read_lost(next(iter(inner.statistics.values())))
-            # dumpcap 4.0 writes what the kernel dropped as drops of the interface.
+            # dumpcap 4.0 writes packets dropped by the kernel as drops of the interface.
             kernel = lost.kernel if lost.kernel is not None else lost.interface
         self._lost = Drops(kernel, drops.interface)
         if self._asked_at is None and not self.damage:
@@ -170,7 +170,7 @@ class DumpcapReader(PipeReader):
             self.damage = ""
 
     def _listen(self) -> None:
-        """Take what dumpcap says on stderr, and keep the end of it."""
+        """Read dumpcap's stderr, and keep the end of it."""
         if self._child.stderr is None or self._child.stderr.closed:
             return
         with suppress(BlockingIOError):
@@ -181,7 +181,7 @@ class DumpcapReader(PipeReader):
 def open_dumpcap(
     interface: str, expression: str, wait_ms: int, *, snaplen: int, buffer_mib: int, promiscuous: bool
 ) -> DumpcapReader:
-    """Start dumpcap on ``interface``; `LiveError` with advice when there is none, or it may not or cannot capture."""
+    """Start dumpcap on ``interface``; `LiveError` with advice when dumpcap is missing, or may not or cannot capture."""
     program = find_program()
     arguments = [program, "-q", "-i", interface, "-s", str(snaplen), "-B", str(buffer_mib), "-w", "-"]
     if expression:
@@ -196,7 +196,7 @@ def open_dumpcap(
             stderr=subprocess.PIPE,
             env={**os.environ, "LC_ALL": "C"},
             bufsize=0,
-            process_group=0,  # Ctrl-C ends us, and we end dumpcap
+            process_group=0,  # so that Ctrl-C does not reach dumpcap: this process ends it
         )
     except OSError as error:
         raise LiveError(f"{program}: cannot be started: {error.strerror}") from None
@@ -210,7 +210,7 @@ def open_dumpcap(
 
 
 def _said(octets: bytes) -> list[str]:
-    """Return the lines of stderr that say something."""
+    """Return the lines of stderr that are messages."""
     lines = octets.decode("utf-8", "backslashreplace").replace("\r", "\n").splitlines()
     return [
         printable(line.removeprefix("dumpcap: ")) for line in lines if line.strip() and not line.startswith(_CHATTER)
@@ -218,7 +218,7 @@ def _said(octets: bytes) -> list[str]:
 
 
 def _explain(program: str, interface: str, expression: str, said: list[str], *, timeout: bool = False) -> LiveError:
-    """Return what dumpcap said as an error with advice."""
+    """Return the error, with advice, for the messages of dumpcap."""
     text = " ".join(said)
     lower = text.lower()
     if "permission" in lower or "not permitted" in lower:

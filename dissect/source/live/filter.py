@@ -1,13 +1,13 @@
-"""Capture filters for the ring: the everyday part of libpcap's language (pcap-filter(7)), compiled without libpcap.
+"""Capture filters for the ring: compiles the common part of libpcap's language (pcap-filter(7)) without libpcap.
 
     ip ip6 arp tcp udp sctp icmp icmp6 vlan vlan N
     [tcp|udp|sctp] [src|dst] port N, portrange A-B      [src|dst] host ADDRESS, net ADDRESS/BITS
     and or not ( ), and `port 102 or 1099` for `port 102 or port 1099`
 
-``and`` and ``or`` bind alike, from left to right, as they do there. Everything else is left to libpcap where there is one. Two
-things are wider here: tags of VLANs inside a frame are stepped over, up to three (the outermost is not inside, the kernel keeps
-it beside), and ``vlan`` changes nothing for what follows. As in libpcap a fragment other than the first has no port, and the
-header that follows an IPv6 header must be the transport's.
+As in libpcap, ``and`` and ``or`` have the same precedence and are read from left to right. Other expressions are left to
+libpcap, if it is installed. Two things differ from libpcap: up to three VLAN tags inside a frame are stepped over (the kernel
+keeps the outermost tag outside of the frame), and ``vlan`` does not change the meaning of what follows. As in libpcap, a
+fragment other than the first has no port, and the header after an IPv6 header must be the transport's.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dissect.source.live.reader import LiveError
 
 _ETHERTYPES: Final = {"ip": 0x0800, "ip6": 0x86DD, "arp": 0x0806}
 _PROTOCOLS: Final = {"tcp": 6, "udp": 17, "sctp": 132, "icmp": 1, "icmp6": 58}
-#: These belong to one version of IP.
+#: Protocols that belong to one version of IP, with its EtherType.
 _FAMILIES: Final = {"icmp": 0x0800, "icmp6": 0x86DD}
 _WITH_PORTS: Final = ("tcp", "udp", "sctp")
 _TAGS: Final = (0x8100, 0x88A8, 0x9100)
@@ -32,20 +32,20 @@ _MAX_INNER_TAGS: Final = 3
 _MAX_WORDS: Final = 4096
 _NO_PROTOCOL: Final = 0x100
 
-# Memory of the program: where IP begins, the EtherType, the protocol above IP, where its ports are (0: there are none).
+# Memory cells of the program: where IP begins, the EtherType, the protocol above IP, where its ports are (0: no ports).
 _NETWORK, _ETHERTYPE, _PROTOCOL, _PORTS = 0, 1, 2, 3
-#: Ancillary data of the kernel: the tag it took out, and whether it did.
+#: Ancillary data of the kernel: the VLAN tag that it took out of the frame, and whether it took one.
 _VLAN_TAG: Final = 0xFFFFF000 + 44
 _VLAN_PRESENT: Final = 0xFFFFF000 + 48
 
 
 class NotBuiltInError(Exception):
-    """An expression that is not in the part of the language spoken here."""
+    """The expression is not in the part of the language that is compiled here."""
 
 
 @dataclass(frozen=True, slots=True)
 class Primitive:
-    """One question. ``kind`` is ethertype, protocol, vlan, port or address; of a port ``first`` to ``last`` are meant."""
+    """One test. ``kind`` is ethertype, protocol, vlan, port or address; ports are ``number`` to ``last``."""
 
     kind: str
     number: int = 0
@@ -57,14 +57,14 @@ class Primitive:
 
 @dataclass(frozen=True, slots=True)
 class Not:
-    """The opposite."""
+    """The negation of an expression."""
 
     of: Node
 
 
 @dataclass(frozen=True, slots=True)
 class Both:
-    """Two expressions, and whether both have to hold (``and``) or one (``or``)."""
+    """Two expressions; ``word`` is ``and`` or ``or``."""
 
     word: str
     left: Node
@@ -78,7 +78,7 @@ Node = Primitive | Not | Both
 
 
 class _Parser:
-    """Recursive descent. The qualifiers of the last primitive hold for a bare number or address that follows."""
+    """A recursive descent parser. A bare number or address takes the qualifiers of the primitive before it."""
 
     def __init__(self, expression: str) -> None:
         self._words: list[str] = re.findall(r"[()!]|&&|\|\||[^\s()!&|]+|\S", expression)[::-1]
@@ -180,9 +180,9 @@ def _is_port(text: str) -> bool:
 
 
 def compile_filter(expression: str, link_type: int = 1) -> list[Instruction]:
-    """Return the program for ``expression`` on Ethernet (1) or raw IP (101); `NotBuiltInError` for what is not spoken here.
+    """Return the program for ``expression`` on Ethernet (1) or raw IP (101).
 
-    A program too long for the kernel is a `LiveError`.
+    `NotBuiltInError` for an expression that is not compiled here, `LiveError` for a program too long for the kernel.
     """
     node = _Parser(expression).parse()
     code = Assembler()
@@ -200,7 +200,7 @@ def compile_filter(expression: str, link_type: int = 1) -> list[Instruction]:
 
 
 def complaint_about(expression: str) -> str:
-    """Return what is wrong with a capture filter, empty where nothing is, or where only whoever captures can tell."""
+    """Return what is wrong with a capture filter; empty when it is valid, or cannot be checked without libpcap."""
     try:
         compile_filter(expression)
     except LiveError as error:
@@ -214,7 +214,7 @@ def complaint_about(expression: str) -> str:
 
 
 def _prepare(code: Assembler, link_type: int) -> None:
-    """Find IP, the protocol above it and its ports once, for all questions."""
+    """Generate code that finds IP, the protocol above it and its ports, once for all tests."""
     v4, v6, done = code.label(), code.label(), code.label()
     for cell, number in ((_PROTOCOL, _NO_PROTOCOL), (_PORTS, 0)):
         code.do(bpf.LOAD_NUMBER, number)
@@ -245,7 +245,7 @@ def _prepare(code: Assembler, link_type: int) -> None:
 
 
 def _find_network(code: Assembler, link_type: int) -> None:
-    """Store where the network layer begins and its EtherType."""
+    """Generate code that stores where the network layer begins, and its EtherType."""
     typed = code.label()
     if link_type == RAW_IP:
         v6 = code.label()
@@ -279,7 +279,7 @@ def _generate(code: Assembler, node: Node, yes: int, no: int) -> None:
     if isinstance(node, Not):
         _generate(code, node.of, no, yes)
     elif isinstance(node, Both):
-        # Chains lean to the left and may be long: walked, not recursed into.
+        # Chains of `and` and `or` nest to the left and may be long, so this is a loop and not a recursion.
         chain: list[tuple[Both, int, int]] = []
         left: Node = node
         while isinstance(left, Both):
@@ -328,7 +328,7 @@ def _port(code: Assembler, node: Primitive, yes: int, no: int) -> None:
 
 
 def _address(code: Assembler, node: Primitive, yes: int, no: int) -> None:
-    """The address of an IP packet; an IPv4 one also that of (reverse) ARP, as in libpcap."""
+    """Generate code that tests an address of an IP packet; for IPv4 also of ARP and RARP, as in libpcap."""
     network = node.network
     assert network is not None
     layouts: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
@@ -355,7 +355,7 @@ def _address(code: Assembler, node: Primitive, yes: int, no: int) -> None:
 def _compare(
     code: Assembler, network: ipaddress.IPv4Network | ipaddress.IPv6Network, place: int, yes: int, no: int
 ) -> None:
-    """Compare the octets at X plus ``place`` with a network, word by word."""
+    """Generate code that compares the octets at X plus ``place`` with a network, word by word."""
     wanted, mask = network.network_address.packed, network.netmask.packed
     for at in range(0, len(mask), 4):
         bits = int.from_bytes(mask[at : at + 4], "big")
@@ -369,7 +369,7 @@ def _compare(
 
 
 def _vlan(code: Assembler, number: int, yes: int, no: int) -> None:
-    """A tag, beside the packet or (a kernel without offloading leaves it there) in it; -1 means any VLAN."""
+    """Generate code that tests the VLAN tag, which the kernel took out or (without offloading) left in; -1 means any VLAN."""
     inside, tagged = code.label(), code.label()
     code.do(bpf.LOAD_WORD, _VLAN_PRESENT)
     code.test(bpf.EQUAL, 0, inside, -1 if number >= 0 else yes)

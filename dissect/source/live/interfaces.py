@@ -1,6 +1,6 @@
-"""The interfaces of this machine: from the kernel (rtnetlink) on Linux, from ``dumpcap`` elsewhere.
+"""Lists the network interfaces of this machine: by the kernel (rtnetlink) on Linux, by ``dumpcap`` elsewhere.
 
-The kernel is asked in the network namespace of this process, which files under /sys may not show, and needs no permission.
+rtnetlink needs no permission, and shows the network namespace of this process, which files under /sys may not.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ _UP: Final = 1
 _LOOPBACK: Final = 8
 _STATE_UNKNOWN: Final = 0
 _STATE_UP: Final = 6
-#: Where ``rx_fifo_errors`` and ``rx_missed_errors`` stand among the 64-bit counts of ``rtnl_link_stats64``.
+#: Indices of ``rx_fifo_errors`` and ``rx_missed_errors`` among the 64-bit counts of ``rtnl_link_stats64``.
 _FIFO_ERRORS: Final = 14
 _MISSED_ERRORS: Final = 15
 
 RAW_IP: Final = 101
-#: ARPHRD number -> LINKTYPE number and name; what is not here is captured by dumpcap only.
+#: ARPHRD number -> LINKTYPE number and name, of interfaces that the ring can capture on; dumpcap can on others as well.
 LINK_TYPES: Final = {1: (LINKTYPE_ETHERNET, "Ethernet"), 772: (LINKTYPE_ETHERNET, "Ethernet")} | dict.fromkeys(
     (519, 768, 776, 0xFFFE), (RAW_IP, "raw IP")
 )
@@ -57,8 +57,8 @@ _OTHER_KINDS: Final = {280: "CAN", 512: "PPP", 778: "GRE", 801: "802.11", 802: "
 class NetworkInterface(NamedTuple):
     """One interface. ``state`` is ``up``, ``down``, ``no carrier`` or empty (not known); ``link_type`` a LINKTYPE number or -1.
 
-    ``lost`` counts the packets it lost before the kernel had them, since it exists; None when not known. ``mtu`` is 0 when not
-    known.
+    ``lost`` is how many packets it has lost before the kernel had them, since it exists; None when not known. ``mtu`` is 0 when
+    not known.
     """
 
     name: str
@@ -74,7 +74,7 @@ class NetworkInterface(NamedTuple):
 
 
 def list_interfaces(dumpcap: str = "") -> list[NetworkInterface]:
-    """Return the interfaces, by number; ``dumpcap`` is the path of the program that is asked where there is no rtnetlink."""
+    """Return the interfaces, by number; ``dumpcap`` is the path of the program to use where there is no rtnetlink."""
     if hasattr(socket, "AF_NETLINK"):
         return _from_kernel()
     return _from_dumpcap(dumpcap) if dumpcap else []
@@ -100,7 +100,7 @@ def _from_kernel() -> list[NetworkInterface]:
 
 
 def _dump(kind: int, size: int) -> Iterator[tuple[int, bytes]]:
-    """Ask for all there is of a kind, and give (type, body) of each message of the answer."""
+    """Request all objects of a kind; yield type and body of each message of the answer."""
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as asking:
         asking.settimeout(5)
         asking.send(_HEADER.pack(_HEADER.size + size, kind, _REQUEST | _DUMP, 1, 0) + bytes(size))
@@ -166,7 +166,7 @@ def _parse_address(body: bytes) -> tuple[int, str]:
 
 
 def _from_dumpcap(program: str) -> list[NetworkInterface]:
-    """Read what ``dumpcap -D -M`` lists: number and name, then after tabs what it is called, its kind, addresses and more."""
+    """Return what ``dumpcap -D -M`` lists: number and name, then tab-separated fields with addresses and the kind."""
     listed = ask(program, "-D", "-M").stdout.decode("utf-8", "backslashreplace")
     found = []
     for line in listed.splitlines():
@@ -181,7 +181,7 @@ def _from_dumpcap(program: str) -> list[NetworkInterface]:
 
 
 def ask(program: str, *arguments: str) -> subprocess.CompletedProcess[bytes]:
-    """Run dumpcap for a question that it answers at once, in English; no answer after 10 s is an empty one."""
+    """Run dumpcap with a query that it answers at once, in English; after 10 s return an empty answer with exit code 1."""
     environment = {**os.environ, "LC_ALL": "C"}
     try:
         return subprocess.run(

@@ -1,4 +1,4 @@
-"""Opening a live source: which engine captures, and whether it may."""
+"""Opens a live source: chooses the engine that captures, and finds out whether it may."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from dissect.source.live.reader import WAIT_MS, LiveError, LiveReader, Unavailab
 
 #: Ways to capture, the preferred one first.
 ENGINES: Final = ("dumpcap", "ring")
-#: The longest snap length that may be given, in octets.
+#: The largest snap length, in octets.
 MAX_SNAPLEN: Final = 262_144
 
 
 class EngineState(NamedTuple):
-    """Whether an engine can capture here: ``reason`` is empty when it can, ``advice`` says what would make it."""
+    """Whether an engine can capture here: ``reason`` is empty when it can, else ``advice`` says how to make it work."""
 
     name: str
     reason: str
@@ -33,11 +33,11 @@ def open_live(
     buffer_mib: int = BUFFER_MIB,
     promiscuous: bool = True,
 ) -> LiveReader:
-    """Return a reader of what passes on ``interface``, of which ``expression`` (a capture filter) may leave things out.
+    """Return a reader of the packets on ``interface`` that pass the capture filter ``expression`` (empty: all).
 
-    ``engine`` is ``dumpcap``, ``ring``, or ``auto``: dumpcap, and the ring where there is no dumpcap or it may not capture.
-    ``-`` as ``interface`` is a capture on standard input. ``snaplen`` cuts packets (0: not at all; dumpcap only),
-    ``buffer_mib`` is what the kernel holds when we are late. Raises `LiveError`, with advice, when it cannot be done.
+    ``engine`` is ``dumpcap``, ``ring``, or ``auto``: dumpcap, or the ring where dumpcap is missing or may not capture. ``-`` as
+    ``interface`` is a capture on standard input. ``snaplen`` cuts packets (0: not at all; dumpcap only), ``buffer_mib`` is the
+    size of the kernel's buffer. `LiveError`, with advice, when the source cannot be opened.
     """
     if engine not in {"auto", *ENGINES}:
         raise LiveError(f"{engine!r} is not an engine: choose auto, {', '.join(ENGINES)}")
@@ -61,7 +61,7 @@ def open_live(
 
 
 def engine_states() -> list[EngineState]:
-    """Return which engines can capture here. dumpcap is tried on the loopback interface, or on the first there is."""
+    """Return which engines can capture here. dumpcap is tried on the loopback interface, or else on the first interface."""
     interfaces = list_interfaces(_program())
     tried = next((one.name for one in interfaces if one.loopback), interfaces[0].name if interfaces else "")
     states = []
@@ -77,7 +77,7 @@ def engines_for(interface: NetworkInterface, states: list[EngineState]) -> list[
 
 
 def listed() -> list[NetworkInterface]:
-    """Return the interfaces, wherever the system keeps that list."""
+    """Return the interfaces, as the kernel or dumpcap lists them."""
     return list_interfaces(_program())
 
 
@@ -91,7 +91,7 @@ def _program() -> str:
 def _find(name: str) -> NetworkInterface | None:
     """Return the interface, None for one that only dumpcap knows (such as ``any``); `LiveError` when there is none.
 
-    dumpcap would also take a number, a named pipe or a remote machine for an interface; these are refused.
+    dumpcap also accepts a number, a named pipe or a remote machine as an interface; these are refused.
     """
     program = _program()
     interfaces = list_interfaces(program)
@@ -102,7 +102,7 @@ def _find(name: str) -> NetworkInterface | None:
 
 
 def _special(program: str) -> list[str]:
-    """Return the names that dumpcap lists."""
+    """Return the names of all interfaces that dumpcap lists."""
     if not program:
         return []
     lines = ask(program, "-D", "-M").stdout.decode("utf-8", "backslashreplace").splitlines()

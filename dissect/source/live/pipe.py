@@ -1,4 +1,4 @@
-"""A capture that comes through a pipe while it is made: the readers of files, fed with what is there and not kept waiting."""
+"""`PipeReader`: reads a capture from a pipe while it is made, with the readers of files but without waiting for long."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from dissect.source.packet import PacketSink, Reader
 from dissect.source.pcap import CHUNK, PCAP_MAGICS
 from dissect.source.pcapng import PCAPNG_MAGIC
 
-#: How many octets tell what a capture is.
+#: How many octets show what a capture is.
 _HEAD: Final = 12
-#: How long a stopped reader goes on taking what is already in the pipe, in seconds.
+#: How long a stopped reader goes on reading what is already in the pipe, in seconds.
 _STOP_S: Final = 0.2
 
 
 class StillNothingError(Exception):
-    """The time is up and the pipe is still empty. The readers keep what they have, and go on from there."""
+    """The time is up and the pipe is still empty. The readers keep what they have, and go on from there next time."""
 
 
 class PipeSource:
-    """The octets of a pipe, waited for until ``deadline`` (of `time.monotonic`) and no longer.
+    """The octets of a pipe. `read` waits for them until ``deadline`` (by `time.monotonic`), then raises `StillNothingError`.
 
-    An `OctetSource`, except that `read` raises `StillNothingError` when time is up; ``deadline`` None waits for as long as it
-    takes. An ``owned`` descriptor is closed with the source.
+    Otherwise it is an `OctetSource`. With ``deadline`` None it waits without limit. An ``owned`` descriptor is closed with the
+    source.
     """
 
     def __init__(self, descriptor: int, owned: bool) -> None:
@@ -42,7 +42,7 @@ class PipeSource:
         self._poll.register(descriptor, select.POLLIN)
 
     def gather_head(self) -> bool:
-        """Have enough octets to recognise what comes; False when time is up before. At the end of the pipe fewer have to do."""
+        """Read enough octets to recognise the capture, or up to the end of the pipe; return False when time is up before."""
         try:
             while len(self._head) < _HEAD:
                 piece = self._more(CHUNK)
@@ -54,11 +54,11 @@ class PipeSource:
         return True
 
     def starts_timed(self) -> bool:
-        """Return whether what comes is a capture as it is: decompressors cannot be interrupted where octets are missing."""
+        """Return whether this is an uncompressed capture: only that can be read up to a deadline, unlike compressed data."""
         return self._head[:4] in PCAP_MAGICS or self._head[:4] == PCAPNG_MAGIC
 
     def read(self, size: int) -> bytes:
-        """Return up to ``size`` octets, none at the end; `StillNothingError` when there are none in time."""
+        """Return up to ``size`` octets, none at the end; `StillNothingError` when none come in time."""
         if self._head:
             head = self._head
             self._head = b""
@@ -90,7 +90,7 @@ class PipeSource:
 
 
 class PipeReader(LiveReader):
-    """A capture in a pipe, of any kind that files have. What it holds is found out when its first octets come."""
+    """Reads a capture from a pipe; it may have any format that files have, which its first octets show."""
 
     def __init__(self, source: PipeSource, name: str, engine: str, wait_ms: int) -> None:
         super().__init__("" if engine == "pipe" else name, engine, wait_ms)
@@ -101,9 +101,9 @@ class PipeReader(LiveReader):
         self._ended = False
 
     def step(self, sink: PacketSink) -> bool:
-        """Deliver what arrives within ``wait_ms``, about 64 KiB at most; False at the end of the pipe, or once stopped.
+        """Deliver what arrives within ``wait_ms``, about 64 KiB at most; return False at the end of the pipe, or once stopped.
 
-        Raises `CaptureError` when what comes is not a capture. Compressed captures make it wait for as long as they do.
+        `CaptureError` when it is not a capture. A compressed capture may take longer than ``wait_ms``.
         """
         if self._ended:
             return False
@@ -125,7 +125,7 @@ class PipeReader(LiveReader):
         return more
 
     def stop(self) -> None:
-        """End with what the pipe holds now; whoever writes into it sees the pipe closed."""
+        """End after what the pipe holds now; the program that writes into it then finds the pipe closed."""
         if self._stop_at is None:
             self._stop_at = time.monotonic() + _STOP_S
 
@@ -144,7 +144,7 @@ class PipeReader(LiveReader):
         self._inner = find_reader(self._source, self._name)
 
     def _take_over(self) -> None:
-        """Say of the whole what the reader inside says."""
+        """Take over the counts and notes of the reader that reads the pipe's content."""
         inner = self._inner
         if inner is not None:
             self.packets = inner.packets

@@ -1,8 +1,8 @@
-"""Giving up rights once the packet socket is open and before the first packet is looked at, as tcpdump's -Z does.
+"""Drops privileges once the packet socket is open and before the first packet is looked at, as tcpdump's -Z does.
 
-Only a process that is about to do nothing but read a line may do this, so it is the command line's decision; `open_live` never
-does it. All of it is of this process as a whole: there must be no other thread yet where the rights are capabilities of a user
-other than root, which each thread has for itself. Sources: credentials(7), capabilities(7), setresuid(2), prctl(2).
+This is for a process that then only reads an interface, so the command line decides about it; `open_live` never does it. It
+changes the whole process. Capabilities belong to each thread, so a user other than root who has some must not have started
+another thread yet. Sources: credentials(7), capabilities(7), setresuid(2), prctl(2).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dissect.wire.text import printable
 
 _SET_NO_NEW_PRIVS: Final = 38
 _CAPABILITY_VERSION: Final = 0x20080522
-#: The number of nobody where the system does not name it.
+#: The user id of nobody where the system has no such name.
 _NOBODY: Final = 65534
 _NUMBER: Final = re.compile(r"[0-9]{1,10}")
 _RIGHTS: Final = re.compile(rb"^Cap(?:Inh|Prm|Eff|Amb):\s*0*([0-9a-f]*)$", re.MULTILINE)
@@ -28,7 +28,7 @@ _CHOOSE: Final = "-Z USER names a different user, -Z root keeps all privileges"
 
 
 class User(NamedTuple):
-    """Who a process becomes. ``name`` may be empty: a number that has none."""
+    """The user that a process becomes. ``name`` is empty for a user id without a name."""
 
     name: str
     uid: int
@@ -39,12 +39,12 @@ class User(NamedTuple):
 
 
 def is_root() -> bool:
-    """Return whether this process has the rights of root."""
+    """Return whether this process runs as root."""
     return hasattr(os, "geteuid") and os.geteuid() == 0
 
 
 def heir(name: str = "") -> User:
-    """Return who root becomes: the user ``name``, else who called sudo, else nobody. `LiveError` when there is no such user."""
+    """Return the user that root becomes: ``name``, else the one who called sudo, else nobody. `LiveError` for a wrong name."""
     import pwd
 
     if name:
@@ -69,7 +69,7 @@ def heir(name: str = "") -> User:
 
 
 def missing(directory: str) -> list[Path]:
-    """Return the folders on the way to ``directory`` that are not there yet, the outermost first: those we shall make."""
+    """Return ``directory`` and its parents as far as they do not exist yet, the outermost first."""
     path = Path(directory).absolute()
     return [one for one in (*reversed(path.parents), path) if not os.path.lexists(one)]
 
@@ -85,7 +85,7 @@ def give(made: Sequence[Path], user: User) -> None:
 
 
 def _drop_capabilities() -> None:
-    """Give up all capabilities, for programs that are started later too. Raises OSError."""
+    """Drop all capabilities, and keep programs that are started later from gaining any. Raises OSError."""
     library = ctypes.CDLL(None, use_errno=True)
     header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
     if library.capset(header, (ctypes.c_uint32 * 6)()) or library.prctl(_SET_NO_NEW_PRIVS, 1, 0, 0, 0):
@@ -93,9 +93,9 @@ def _drop_capabilities() -> None:
 
 
 def relinquish(user: User | None) -> None:
-    """Become ``user`` (None: stay who we are) without any capability and without a way back; `LiveError` when that fails.
+    """Become ``user`` (None: stay the same user) without any capability and without a way back; `LiveError` when that fails.
 
-    No program started later gains rights either (no_new_privs). Whoever catches the error must end the process.
+    Programs started later gain no privileges either (no_new_privs). A caller that catches the error must end the process.
     """
     try:
         if user is not None:
@@ -117,12 +117,12 @@ def relinquish(user: User | None) -> None:
 
 
 def rights_left() -> str:
-    """Return which rights some thread of this process still has, as the kernel tells it; empty when none has any."""
+    """Return which privileges a thread of this process still has, according to the kernel; empty when none has any."""
     if 0 in os.getresuid():
         return "those of root"
     for status in sorted(Path("/proc/self/task").glob("*/status")):
         try:
-            text = status.read_bytes()  # text would need a codec, which nobody may load where Python is only for root
+            text = status.read_bytes()  # not text: its codec may not be loadable now, where only root may read Python
         except OSError:
             continue  # a thread that has just ended
         if any([number == b"0" for line in _USERS.findall(text) for number in line.split()]):
@@ -133,12 +133,12 @@ def rights_left() -> str:
 
 
 def program_readable() -> bool:
-    """Return whether this process may still read the Python that it runs on: otherwise nothing more can be imported."""
+    """Return whether this process may still read the files of Python; if not, no more modules can be imported."""
     return all([os.access(file, os.R_OK) for file in (os.__file__, __file__)])
 
 
 def unreadable(user: User | None) -> LiveError:
-    """Return the error of screens, which import as they go, where `program_readable` says no."""
+    """Return the error for screens, which import modules while they run, when `program_readable` is False."""
     who = str(user) if user is not None else "this user"
     return LiveError(
         f"the screens need the files of Python in {Path(os.__file__).parent}, which {who} may not read",
@@ -147,7 +147,7 @@ def unreadable(user: User | None) -> LiveError:
 
 
 def check_writable(directory: str, user: User | None) -> None:
-    """Raise `LiveError` unless this process, which is ``user`` by now, may make files in ``directory``."""
+    """Raise `LiveError` unless this process, which runs as ``user`` by now, may create files in ``directory``."""
     if os.access(directory, os.W_OK | os.X_OK):
         return
     if user is None:

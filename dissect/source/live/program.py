@@ -10,9 +10,9 @@ from dissect.source.live.advice import shown
 from dissect.source.live.reader import LiveError
 from dissect.source.pcap import LINKTYPE_ETHERNET
 
-#: Instructions the kernel takes.
+#: The most instructions that the kernel accepts.
 MAX_INSTRUCTIONS: Final = 4096
-#: What a filter returns for a packet it wants: more octets than any has.
+#: What a filter returns for a packet that it accepts: how many octets to keep, more than any packet has.
 WHOLE: Final = 0x40000
 
 LOAD_WORD, LOAD_HALF, LOAD_OCTET = 0x20, 0x28, 0x30  # at an absolute offset
@@ -32,11 +32,11 @@ class Instruction(NamedTuple):
 
 
 class TooLongError(Exception):
-    """More instructions than the kernel takes."""
+    """The program has more instructions than the kernel accepts."""
 
 
 class Assembler:
-    """Instructions with labels for what they jump to. Labels are numbers from `label`; jumps go forward only."""
+    """Assembles instructions whose jumps go to labels. Labels are numbers from `label`; jumps only go forward."""
 
     def __init__(self) -> None:
         # Code, k, label if yes, label if no (-1: the next instruction).
@@ -45,12 +45,12 @@ class Assembler:
         self._labels = 0
 
     def label(self) -> int:
-        """Return a label that stands nowhere yet."""
+        """Return a new label, to be placed later."""
         self._labels += 1
         return self._labels
 
     def place(self, label: int) -> None:
-        """Let ``label`` stand before the next instruction."""
+        """Place ``label`` before the next instruction."""
         self._places[label] = len(self._items)
 
     def do(self, code: int, k: int = 0) -> None:
@@ -62,11 +62,11 @@ class Assembler:
         self._items.append((JUMP, 0, label, -1))
 
     def test(self, code: int, k: int, yes: int, no: int) -> None:
-        """Add a comparison of A with ``k``; -1 goes on with the next instruction."""
+        """Add a comparison of A with ``k`` that jumps to label ``yes`` or ``no``; -1 is the next instruction."""
         self._items.append((code, k, yes, no))
 
     def assemble(self) -> list[Instruction]:
-        """Return the program. A comparison reaches 255 instructions far: farther ones go by a jump of their own.
+        """Return the program. A comparison can only jump over 255 instructions; farther jumps get their own instructions.
 
         Raises `TooLongError`.
         """
@@ -102,7 +102,7 @@ class Assembler:
         to_yes, to_no = (self._distance(number, label, starts) for label in (yes, no))
         if not far:
             return [Instruction(code, to_yes, to_no, k)]
-        # The comparison skips to one of two jumps; "the next instruction" is the one behind both.
+        # The comparison goes to one of two jumps; "the next instruction" is the one after both.
         return [
             Instruction(code, 0, 1, k),
             Instruction(JUMP, 0, 0, to_yes - 1 if yes >= 0 else 1),
@@ -145,10 +145,10 @@ def _load() -> ctypes.CDLL | None:
 
 
 def compile_with_libpcap(expression: str, interface: str) -> list[Instruction]:
-    """Return the program libpcap makes of ``expression`` for ``interface``, which it opens for that and closes again.
+    """Return the program that libpcap compiles from ``expression`` for ``interface``.
 
-    Only so it knows that the kernel keeps VLAN tags beside the packet. `LiveError` when it refuses, and `LookupError` when
-    there is no libpcap.
+    For this the interface is opened and closed again: only then libpcap knows that the kernel keeps VLAN tags outside of the
+    frame. `LiveError` when libpcap refuses, `LookupError` when there is no libpcap.
     """
     library = _load()
     if library is None:
@@ -174,7 +174,7 @@ def compile_with_libpcap(expression: str, interface: str) -> list[Instruction]:
 
 
 def complaint_of_libpcap(expression: str) -> str:
-    """Return what libpcap has against ``expression`` on Ethernet, empty when it is valid. `LookupError` without libpcap."""
+    """Return libpcap's error for ``expression`` on Ethernet, empty when it is valid. `LookupError` without libpcap."""
     library = _load()
     if library is None:
         raise LookupError

@@ -1,4 +1,4 @@
-"""What every live source gives beyond a `Reader`: bounded waiting, an end on request, and the truth about lost packets."""
+"""`LiveReader`: what a live source has beyond a `Reader`, which is bounded waiting, `stop`, and counts of lost packets."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from typing import Final, NamedTuple
 
 from dissect.source.packet import CaptureError, Reader
 
-#: How long `LiveReader.step` may wait for packets, in milliseconds, unless told otherwise.
+#: How long `LiveReader.step` waits for packets by default, in milliseconds.
 WAIT_MS: Final = 50
 
 
 class Drops(NamedTuple):
-    """Packets that passed on the wire and never came here, since the source was opened.
+    """How many packets on the wire were lost since the source was opened.
 
     ``kernel``: received, but the buffer between kernel and reader was full. ``interface``: lost before the kernel had them
-    (the card's ``rx_missed_errors`` and ``rx_fifo_errors``). None means not known, or not known yet; it never means none.
+    (the card's ``rx_missed_errors`` and ``rx_fifo_errors``). None means not known (yet), never zero.
     """
 
     kernel: int | None
@@ -22,7 +22,7 @@ class Drops(NamedTuple):
 
 
 class LiveError(CaptureError):
-    """A live source cannot be opened: one line that says why, and in ``advice`` lines that say what to do about it."""
+    """A live source cannot be opened: the message is one line that says why, ``advice`` are lines that say what to do."""
 
     def __init__(self, message: str, advice: tuple[str, ...] = ()) -> None:
         super().__init__(message)
@@ -30,15 +30,15 @@ class LiveError(CaptureError):
 
 
 class UnavailableError(LiveError):
-    """An engine is not there or may not capture; another one might."""
+    """An engine is missing or may not capture; another engine might."""
 
 
 class LiveReader(Reader):
-    """Packets of an interface, or of a pipe, as they come.
+    """Reads packets of an interface or a pipe as they come.
 
-    `step` returns after about ``wait_ms`` at the latest, with packets or without, so that its caller can let the time pass
-    for those who wait for an answer; False means that the source has ended. ``damage`` then says why, and is empty when it
-    ended because `stop` was called. ``engine`` is ``dumpcap``, ``ring`` or ``pipe``.
+    `step` returns after at most about ``wait_ms``, with packets or without, so that its caller can advance the clock of the
+    analysis (`Pipeline.tick`). False means that the source has ended; ``damage`` then says why, and is empty when it ended
+    because of `stop`. ``engine`` is ``dumpcap``, ``ring`` or ``pipe``.
     """
 
     def __init__(self, interface: str, engine: str, wait_ms: int) -> None:
@@ -49,8 +49,8 @@ class LiveReader(Reader):
 
     @property
     def drops(self) -> Drops:
-        """What was lost so far. May be asked at any time, also after the end."""
+        """What was lost so far. May be read at any time, even after the end."""
         return Drops(None, None)
 
     def stop(self) -> None:
-        """Ask the source to end: `step` gives what it has, then False. May be called twice, and by a signal handler."""
+        """End the source: `step` delivers what it still has, then returns False. Call it any time, also in a signal handler."""

@@ -1,11 +1,10 @@
-"""The kernel's own packet ring (AF_PACKET, TPACKET_V3), with nothing but the standard library.
+"""`RingReader`: reads the kernel's own packet ring (AF_PACKET, TPACKET_V3), with nothing but the standard library.
 
-The kernel writes packets into blocks of memory shared with us, and hands a block over when it is full or `_RETIRE_MS` old.
-Each block is copied once and given back; its packets are then read from the copy, which the kernel cannot change meanwhile
-(linux/if_packet.h).
+The kernel writes packets into blocks of shared memory, and hands a block over when it is full or `_RETIRE_MS` old. Each block
+is copied once and given back; its packets are then read from the copy, which the kernel cannot change (linux/if_packet.h).
 
-The socket is created for no protocol at all, given its filter, and only then bound to the interface: nothing that the filter
-excludes gets in first.
+The socket is created for no protocol, gets its filter, and only then is bound to the interface. So no packet that the filter
+excludes comes in before the filter is there.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from dissect.source.live.reader import Drops, LiveError, LiveReader, Unavailable
 from dissect.source.packet import PacketSink
 from dissect.source.ring_blocks import deliver_block
 
-#: Of a block: (status, packets, offset of the first, octets used), from `STATUS_AT` on.
+#: The header of a block from `STATUS_AT` on: status, number of packets, offset of the first one, octets used.
 BLOCK: Final = struct.Struct("=IIII")
 STATUS_AT: Final = 8
 
@@ -45,9 +44,9 @@ _PROMISCUOUS: Final = 1
 _ALL_PROTOCOLS: Final = 3
 _SO_ATTACH_FILTER: Final = 26
 
-#: A block holds the largest packet the kernel hands over (offloading makes them up to 64 KiB), and suits our caches.
+#: A block holds the largest packet that the kernel hands over (up to 64 KiB with offloading), and fits the CPU's caches.
 BLOCK_SIZE: Final = 256 * 1024
-#: What the kernel wants to be told, though blocks of this version hold packets of any size.
+#: The kernel wants a frame size, though blocks of this version hold packets of any size.
 _FRAME_SIZE: Final = 2048
 #: How long a block with packets in it is held back, in milliseconds.
 _RETIRE_MS: Final = 20
@@ -58,7 +57,7 @@ _GIVE_BACK: Final = struct.pack("=I", 0)
 
 
 def trouble() -> LiveError | None:
-    """Return why no ring can be opened here, None when one can."""
+    """Return why no ring can be opened here, None when one can be."""
     try:
         _new_socket().close()
     except LiveError as error:
@@ -78,7 +77,7 @@ def _new_socket() -> socket.socket:
 
 
 class RingReader(LiveReader):
-    """Packets of an interface out of a ring of ``blocks`` blocks. `open_ring` makes one."""
+    """Reads packets of an interface from a ring of ``blocks`` blocks. `open_ring` makes one."""
 
     def __init__(self, packets: socket.socket, interface: NetworkInterface, blocks: int, wait_ms: int) -> None:
         super().__init__(interface.name, "ring", wait_ms)
@@ -101,13 +100,13 @@ class RingReader(LiveReader):
 
     @property
     def drops(self) -> Drops:
-        """What was lost so far, in the kernel and in the interface."""
+        """What was lost so far, by the kernel and by the interface."""
         if not self._closed:
             self._count()
         return self._last
 
     def step(self, sink: PacketSink) -> bool:
-        """Deliver one block (256 KiB at most), waiting up to ``wait_ms``; False when stopped, or the interface is gone."""
+        """Deliver one block (256 KiB at most), waiting up to ``wait_ms``; return False at the end."""
         if self._closed:
             return False
         at = self._next * BLOCK_SIZE + STATUS_AT
@@ -128,7 +127,7 @@ class RingReader(LiveReader):
         return True
 
     def stop(self) -> None:
-        """Take nothing more in; what the ring holds is still delivered. May be called twice."""
+        """Let no more packets in; `step` still delivers what the ring holds. May be called twice."""
         if self._stop_at is None and not self._closed:
             _attach(self._socket, [Instruction(bpf.RETURN, 0, 0, 0)])
             self._stop_at = time.monotonic() + 3 * _RETIRE_MS / 1000
@@ -142,7 +141,7 @@ class RingReader(LiveReader):
             self._socket.close()
 
     def _wait(self) -> bool:
-        """Wait for a block; False when none will come any more."""
+        """Wait for a block; return False when no more will come."""
         wait_ms = self.wait_ms
         if self._stop_at is not None:
             left = self._stop_at - time.monotonic()
@@ -155,7 +154,7 @@ class RingReader(LiveReader):
         return True
 
     def _disturbed(self) -> bool:
-        """The socket has an error to tell: the interface went down (and may come back), or it is gone."""
+        """The socket reports an error: return True if the interface just went down, and may come back; else end."""
         number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         described = find_interface(self.interface)
         if described is None or described.number != self._index:
@@ -169,7 +168,7 @@ class RingReader(LiveReader):
         return True
 
     def _count(self) -> None:
-        """Bring the counts up to date; the kernel begins at zero again whenever it is asked."""
+        """Bring the counts up to date; the kernel resets its counts to zero with each query."""
         counts = self._socket.getsockopt(_SOL_PACKET, _STATISTICS, 12)
         _packets, dropped, freezes = struct.unpack("=III", counts)
         self._dropped += dropped
@@ -184,7 +183,7 @@ class RingReader(LiveReader):
 def open_ring(
     interface: NetworkInterface, expression: str, wait_ms: int, *, buffer_mib: int, promiscuous: bool
 ) -> RingReader:
-    """Open a ring on ``interface``; `LiveError` with advice when that is not allowed or the filter cannot be used."""
+    """Open a ring on ``interface``; `LiveError` with advice when that is not allowed or the filter is not usable."""
     if interface.link_type < 0:
         raise LiveError(
             f"{interface.name}: the ring reads Ethernet and raw IP, not {interface.link_name}; let dumpcap capture"
@@ -207,7 +206,7 @@ def open_ring(
             membership = struct.pack("=iHH8x", interface.number, _PROMISCUOUS, 0)
             packets.setsockopt(_SOL_PACKET, _ADD_MEMBERSHIP, membership)
         if interface.loopback:
-            with suppress(OSError):  # since Linux 4.20; the block reader leaves them out as well
+            with suppress(OSError):  # since Linux 4.20; `deliver_block` skips outgoing packets as well
                 packets.setsockopt(_SOL_PACKET, _IGNORE_OUTGOING, 1)
         reader = RingReader(packets, interface, blocks, wait_ms)
         packets.bind((interface.name, _ALL_PROTOCOLS))
