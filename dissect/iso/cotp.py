@@ -246,11 +246,10 @@ class Assembler:
     An empty DT without EOT, the everyday acknowledgement of Siemens stacks, does not begin a TSDU (reference 2.5).
     """
 
-    __slots__ = ("_dropping", "begun", "clear", "dropped", "overflows", "parts")
+    __slots__ = ("_dropping", "clear", "dropped", "overflows", "parts")
 
     def __init__(self) -> None:
         self.parts: bytearray | None = None
-        self.begun: i64 = 0  # how many DTs are in `parts`
         self.clear: bool = True  # the next DT begins a TSDU
         self.overflows: i64 = 0
         self.dropped: i64 = 0  # how many octets of TSDUs were not passed on
@@ -269,7 +268,6 @@ class Assembler:
                 return data
             if data:
                 self.parts = bytearray(data)
-                self.begun = 1
                 self.clear = False
             return None
         if len(parts) + len(data) > MAX_TSDU:
@@ -280,7 +278,6 @@ class Assembler:
             self.clear = eot
             return None
         parts += data
-        self.begun += 1
         if not eot:
             return None
         self.parts = None

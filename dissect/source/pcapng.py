@@ -45,8 +45,8 @@ _MIN_INTERFACE: Final = 20
 _MIN_SIMPLE: Final = 16
 #: The largest statistics block kept; real ones have about a hundred octets.
 _MAX_STATISTICS: Final = 4096
-#: How many statistics blocks of earlier sections are kept; a file joined of parts has one section for each part.
-_MAX_SECTIONS: Final = 4096
+#: How many statistics blocks are kept, of a section and of those before it; a file joined of parts has a section for each part.
+_MOST_STATISTICS: Final = 4096
 _MIN_PACKET: Final = 32
 _MIN_SECRETS: Final = 20
 
@@ -251,7 +251,9 @@ class PcapngReader(ChunkReader):
             self._simple(sink, at, total)
         elif kind == STATISTICS and total <= _MAX_STATISTICS:
             number = self._u32(at + 8)
-            if number < len(self._interfaces):
+            if number < len(self._interfaces) and (
+                number in self.statistics or len(self.statistics) < _MOST_STATISTICS
+            ):
                 self.statistics[number] = self._buf[at : at + total]
         elif kind == DECRYPTION_SECRETS:
             self._secrets(sink, at, total)
@@ -278,8 +280,8 @@ class PcapngReader(ChunkReader):
             self._stop(at, f"a section is of version {major} of the format, which is not defined")
             return
         self._interfaces = []
-        if len(self.earlier_statistics) < _MAX_SECTIONS:
-            self.earlier_statistics += self.statistics.values()
+        room = _MOST_STATISTICS - len(self.earlier_statistics)
+        self.earlier_statistics += list(self.statistics.values())[:room]
         self.statistics = {}
 
     def _interface(self, at: i64, total: i64) -> None:

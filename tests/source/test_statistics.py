@@ -87,6 +87,18 @@ def test_another_section_begins_anew() -> None:
     assert reader.statistics == {}
 
 
+def test_so_many_are_kept_and_no_more() -> None:
+    """A made file may have 65,536 interfaces in each of many sections, and a block of 4 KiB for each of them."""
+    section = block("<", 0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
+    interfaces = block("<", 1, struct.pack("<HHI", 1, 0, 0)) * 5000
+    blocks = b"".join([statistics("<", number) for number in range(5000)])
+    reader = PcapngReader(Memory(), (section + interfaces + blocks) * 3)
+    while reader.step(Sink()):
+        pass
+    assert not reader.damage
+    assert (len(reader.statistics), len(reader.earlier_statistics)) == (4096, 4096)
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_what_a_file_states_is_a_finding(order: str, tmp_path: Path) -> None:
     """All interfaces and sections count, of each interface the last block."""
