@@ -80,7 +80,7 @@ class Run:
         observer: Observer,
         options: Options | None = None,
     ) -> None:
-        # A text is a sequence of texts to a type checker, so it has to be taken for the one path that it is.
+        # A str is a sequence of str, too: without this check each of its characters would be taken for a path.
         self._paths = [os.fspath(path) for path in ([paths] if isinstance(paths, (str, os.PathLike)) else paths)]
         self._observer = observer
         self._options = options
@@ -111,7 +111,7 @@ class Run:
         return True
 
     def read(self) -> None:
-        """Read everything that is left; whatever stops that, no file stays open."""
+        """Read everything that is left. No file stays open, even where an exception ends the reading."""
         try:
             while self.step():
                 pass
@@ -119,7 +119,7 @@ class Run:
             self.close()
 
     def join(self, time_ns: int) -> None:
-        """Take the time of a file's first packet: unless it goes on where the file before it ended, start anew."""
+        """Take the time of a file's first packet; begin anew unless that follows soon on the file before (`CONTINUES_NS`)."""
         if self._joined:
             return
         self._joined = True
@@ -150,7 +150,7 @@ class Run:
         file.octets = reader.octets
         if file.packets:
             file.last_ns = self.pipeline.now_ns
-            if file is self.files[0]:  # which is not joined to anything
+            if file is self.files[0]:  # `join`, which sets the time of any other, is not called for the first
                 file.first_ns = self.pipeline.first_ns
         file.damage = reader.damage
         file.rejected = reader.rejected
@@ -194,7 +194,7 @@ class _Queue(Observer):
 
 
 def naming_of(tags: Tags) -> Naming | None:
-    """Return what names values by the tags of files, None for no tags. Raises `dissect.tags.TagError`."""
+    """Return a `Naming` that names values by the tags of files, None for no tags. Raises `dissect.tags.TagError`."""
     if tags is None:
         return None
     from dissect.tags import TagSet, load_tags
@@ -207,7 +207,7 @@ def naming_of(tags: Tags) -> Naming | None:
 def decoder_of(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
-    """Return what decodes SCD, None where neither a dictionary nor bindings are given.
+    """Return a decoder for SCD, None where neither a dictionary nor bindings are given.
 
     Raises ValueError when only one of the two is given, and `scd.DictionaryError` or `dissect.bindings.BindingError` for a
     file that is wrong.
@@ -222,9 +222,9 @@ def decoder_of(
 
 
 def where_of(where: str | Where | None, options: Options) -> Where | None:
-    """Return an expression of option -Y, parsed if it is text; None for none. Raises `SelectError` for a wrong one.
+    """Return an expression of option -Y, parsed if it is a str; None for None. Raises `SelectError` for a wrong one.
 
-    Where it rules out whole connections, ``options`` leave them out.
+    If the expression can rule out whole connections, set ``options.only``, so that these are not read at all.
     """
     if where is None:
         return None
@@ -237,7 +237,7 @@ def where_of(where: str | Where | None, options: Options) -> Where | None:
 
 
 def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
-    """Return what tells ``observer`` only of what ``where`` selects, None where that is None; else as `where_of`."""
+    """Return a `Sieve` that passes on to ``observer`` only what ``where`` selects; None for None. Else as `where_of`."""
     chosen = where_of(where, options)
     if chosen is None:
         return None
@@ -247,7 +247,7 @@ def sieved(observer: Observer, where: str | Where | None, options: Options) -> S
 
 
 def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sieve | None, options: Options) -> Run:
-    """Return a run that tells ``observer`` of everything, or through ``sieve`` of what that lets pass."""
+    """Return a run that tells ``observer`` of everything or, where ``sieve`` is given, of what the sieve lets pass."""
     if sieve is None:
         return Run(paths, observer, options)
     run = Run(paths, sieve, options)
@@ -274,10 +274,10 @@ class KeyLogError(ValueError):
 
 
 def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
-    """Return the session keys of key logs (SSLKEYLOGFILE form); what is written to them later is taken when it is needed.
+    """Return the session keys of key logs (SSLKEYLOGFILE form). Keys that are appended later are read when they are needed.
 
-    An empty file is a key log: whoever will write it has not begun. Raises `KeyLogError` when no line of a file holds a key,
-    OSError when one cannot be read, and ImportError with a hint when the package is missing that decrypts.
+    An empty file is accepted: its keys may still be written. Raises `KeyLogError` when a file has lines but none of them holds
+    a key, OSError when a file cannot be read, and ImportError with a hint when the package for decryption is missing.
     """
     from dissect.source.growing import GrowingFile
     from dissect.tls import aead
@@ -286,7 +286,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     if not aead.is_installed():
         raise ImportError(aead.NEEDS)
     for path in paths:
-        found = KeyLog(files=[GrowingFile(path)])  # each by itself first, so that a wrong one is named
+        found = KeyLog(files=[GrowingFile(path)])  # each file by itself first, so that the error can name it
         found.look()
         if found.lines and found.wrong == found.lines:
             name = os.fspath(path)
@@ -299,7 +299,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
 
 
 def keys_of(given: KeyLogFiles) -> KeyLog | None:
-    """Return the session keys of one key log or several, None for none. Raises what `read_tls_keys` raises."""
+    """Return the session keys of one key log or several, None for None. Raises what `read_tls_keys` raises."""
     if given is None:
         return None
     return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
@@ -317,20 +317,20 @@ def open(
     tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Iterator[Event]:
-    """Iterate the events of one capture or several: PDUs, transactions, operations and findings, connections at their end.
+    """Iterate the events of one capture or several: PDUs, transactions, operations, findings, and connections when they end.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding (nanoseconds). With the dictionary ``scd``
     and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md). ``checksums`` leaves packets out whose TCP or UDP
     checksum is wrong. ``tls_keys`` names files with the session keys of TLS (docs/tls.md). ``tags`` are files of tags, or what
     `dissect.tags.load_tags` made of them: `dissect.transactions.naming.named_values` names the values of a transaction by them.
-    ``where`` selects, as option -Y does (docs/select.md): events come that match, or belong to a transaction that does; PDUs
-    only where they have all the fields that are asked for.
+    ``where`` selects, as option -Y does (docs/select.md): only events come that match, or belong to a transaction that does. A
+    PDU matches only if it has all the fields that the expression names.
 
-    Raises at once what is wrong with these: `SelectError` for the expression, `scd.DictionaryError` or
-    `dissect.bindings.BindingError` for a dictionary or a bindings file, `dissect.tags.TagError` for files of tags, and what
-    `read_tls_keys` raises for keys. A capture is opened when its events are asked for: `CaptureError` comes then when it cannot
-    be read at all; damage inside one is a finding. Whoever stops half way leaves no file open.
+    Wrong arguments raise at once: `SelectError` for the expression, `scd.DictionaryError` or `dissect.bindings.BindingError`
+    for a dictionary or a bindings file, `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises for keys. A
+    capture is opened only when the iteration reaches it: a file that cannot be read at all raises `CaptureError` then; damage
+    inside a file is a finding. No file stays open when the iteration is broken off.
     """
     queue = _Queue(pdus)
     options = Options(slow_ns, decoder=decoder_of(scd, bind), checksums=checksums)
@@ -358,7 +358,7 @@ def analyze(
     tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Analysis:
-    """Fold one capture or several into an `Analysis`: connections, transactions by function, answer times, findings, loss.
+    """Sum up one capture or several in an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
     ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums``, ``tls_keys``,
     ``tags`` and ``where`` as for `open`: only what is selected is added up, and `Analysis.part` says what was left out.
@@ -385,11 +385,11 @@ def devices(
     tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Iterator[Device]:
-    """Iterate the devices of one capture or several, the CPUs first: what each is, and by which packets (docs/devices.md).
+    """Iterate the devices of one capture or several, the CPUs first: what each is, and which packets show it (docs/devices.md).
 
-    They come when everything was read. `dissect.inventory.collector.Inventory` is an observer that does the same in a run of
-    yours, and holds who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`. Raises
-    `CaptureError` when a file cannot be read at all; damage inside one ends what is read of it.
+    The first device comes when everything was read. `dissect.inventory.collector.Inventory` is an observer that does the same
+    in a run of yours; it also knows who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`.
+    Raises `CaptureError` when a file cannot be read at all; damage inside a file ends the reading of that file.
     """
     from dissect.inventory.collector import Inventory
 

@@ -25,7 +25,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 
-#: Connections described one by one; the others are only counted.
+#: Connections that are kept and described one by one; further ones are only counted.
 MAX_CONNECTIONS: Final = 1000
 #: Slowest and failed transactions kept for showing.
 MAX_SLOWEST: Final = 10
@@ -59,7 +59,7 @@ class FunctionStatistics:
         self.total: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
-        self.still_open: i64 = 0  # of those: the capture ended before their answer was due
+        self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due
         self.orphans: i64 = 0
         self.pushes: i64 = 0
         self.one_way: i64 = 0
@@ -85,22 +85,22 @@ class FunctionStatistics:
 
 
 class Shared:
-    """What connections that are kept have in common, each of it kept once: a thousand of them are much alike."""
+    """Stores values that many kept connections have in common once: parameters, addresses and TSAPs repeat a lot."""
 
     __slots__ = ("_asked", "_ends", "_macs", "_tsaps")
 
     def __init__(self) -> None:
-        #: What connections asked last by its octets, for each ROSCTR.
+        #: The latest requests, answers and refusals of connections: for each ROSCTR, parameters by their octets.
         self._asked: list[dict[bytes, Parameters]] = [{} for _ in range(USERDATA + 1)]
         self._ends: dict[bytes, Endpoint] = {}  # by address
         self._macs: dict[bytes, bytes] = {}
         self._tsaps: dict[bytes, Tsap] = {}
 
     def take(self, connection: Connection) -> None:
-        """Take a connection that is over."""
+        """Let a connection that is over share the values that are known already, and remember its new ones."""
         tcp = connection.tcp
         first, second = tcp.ends
-        tcp.ends = [self._end(first), self._end(second)]  # with no room for more, as a comprehension has
+        tcp.ends = [self._end(first), self._end(second)]  # not a comprehension: its list would have spare room
         tcp.macs = self._macs.setdefault(tcp.macs, tcp.macs)
         connection.tsap_calling = self._tsap(connection.tsap_calling)
         connection.tsap_called = self._tsap(connection.tsap_called)
@@ -125,16 +125,16 @@ class Shared:
 
     def _once(self, asked: Parameters | None) -> Parameters | None:
         if asked is None or asked.rosctr > USERDATA:
-            return asked  # others are more than their octets say
+            return asked  # parameters of other protocols hold more than their octets, so equal octets are not enough
         return self._asked[asked.rosctr].setdefault(asked.octets, asked)
 
 
 class Part:
-    """What an analysis is of, where it is not of everything: the expression ``where``, and how much it left out.
+    """The part of a capture that an analysis covers, where option -Y selects one: the expression, and how much it left out.
 
-    ``transactions``, ``operations``, ``findings`` and ``connections`` count what was read and is not part of it, ``not_read``
-    connections of which nothing was read because their ends or numbers ruled them out. ``findings_not_judged`` had no detail
-    that could be looked at. ``finding_counts`` are the findings of the part, by slug.
+    ``transactions``, ``operations``, ``findings`` and ``connections`` count what was read but not selected. ``not_read`` counts
+    connections of which nothing was read, because their addresses or numbers ruled them out. ``findings_not_judged`` counts
+    findings that had no detail kept by which they could be selected. ``finding_counts`` are the selected findings, by slug.
     """
 
     __slots__ = (
@@ -159,7 +159,7 @@ class Part:
         self.finding_counts: dict[str, int] = {}
 
     def merge(self, other: Part) -> None:
-        """Add what the same expression left out elsewhere."""
+        """Add what the same expression left out in another run."""
         self.transactions += other.transactions
         self.operations += other.operations
         self.findings += other.findings
@@ -169,7 +169,7 @@ class Part:
         add_counts(self.finding_counts, other.finding_counts)
 
     def as_dict(self) -> dict[str, object]:
-        """Return it as the JSON contract has it."""
+        """Return the object ``selection`` of the JSON contract (docs/json.md)."""
         return {
             "where": self.where,
             "transactions_left_out": self.transactions,
@@ -189,17 +189,17 @@ class Analysis(Observer):
         self.total: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
-        self.still_open: i64 = 0  # of those: the capture ended before their answer was due, so nothing failed
+        self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due, so nothing failed
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
-        self.one_way: i64 = 0  # of those: requests that want no answer
+        self.one_way: i64 = 0  # of the unsolicited: requests that want no answer
         self.with_errors: i64 = 0
         self.functions: dict[int, FunctionStatistics] = {}
-        self._latest_key: i64 = -1  # of `functions`, as one is followed by another of the same most often
+        self._latest_key: i64 = -1  # key of `_latest` in `functions`; the next transaction often has the same
         self._latest: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
-        self._shared: Shared = Shared()  # what these have in common
+        self._shared: Shared = Shared()  # values that `connections` have in common
         self.connections_not_listed: i64 = 0
         self._findings: Findings = Findings()
         self._first_findings: list[Finding] = self._findings.first
@@ -207,13 +207,13 @@ class Analysis(Observer):
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
         self.stations: Book = Book()  # what stations state of themselves
         self.own_book = self.stations
-        self.wants_facts = type(self) is not Analysis  # who derives from it may look at them
+        self.wants_facts = type(self) is not Analysis  # a subclass may override `fact`
         self.failed: list[Transaction] = []
         self._slowest: list[tuple[int, int, Transaction]] = []
         self._slow_floor: i64 = -1
         self.pipeline: Pipeline | None = None
         self.files: list[SourceFile] = []
-        self.part: Part | None = None  # of a selection: what that is, and what it left out
+        self.part: Part | None = None  # with a selection (-Y): which, and how much it left out
 
     def __repr__(self) -> str:
         return (
@@ -222,7 +222,7 @@ class Analysis(Observer):
         )
 
     def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
-        """Take over what the pipeline counted and the files that were read."""
+        """Take over what the pipeline counted, and the files that were read."""
         self.pipeline = pipeline
         self.files = files
         self._shared = Shared()
@@ -236,14 +236,14 @@ class Analysis(Observer):
 
     @property
     def latencies(self) -> Latencies:
-        """Answer times of all functions together, put together anew at each access."""
+        """Answer times of all functions together; computed anew at each access."""
         together = Latencies()
         for statistics in self.functions.values():
             together.merge(statistics.latencies)
         return together
 
     def sections(self) -> dict[str, Any]:
-        """Return what each protocol says that it counted (`Protocol.describe`), in their order; empty before `take`."""
+        """Return the counts of each protocol of the pipeline, in their order (`Protocol.describe`); empty before `take`."""
         found: dict[str, Any] = {}
         if self.pipeline is not None:
             for protocol in self.pipeline.protocols:
@@ -303,7 +303,7 @@ class Analysis(Observer):
             self._keep_failed(transaction)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Keep a connection for the list."""
+        """Keep a connection for the list, or only count it where the list is full."""
         if len(self.connections) < MAX_CONNECTIONS:
             self.connections.append(connection)
             self._shared.take(connection)
@@ -326,16 +326,16 @@ class Analysis(Observer):
         """Keep a detailed finding."""
         first = self._first_findings
         if len(first) < FIRST:
-            first.append(finding)  # here, as the others are kept by code that is not compiled
+            first.append(finding)  # `Findings.append` does the same, but is not compiled
         else:
             self._findings.append(finding)
 
     # ---- of several runs --------------------------------------------------------------------------------------------
 
     def merge(self, later: Analysis) -> None:
-        """Take what ``later`` found in packets behind these; its numbers go on where those of this one end.
+        """Add what ``later`` found in the packets after this run's; it numbers on from where this one ends.
 
-        All but ``pipeline``, ``files`` and ``findings``, whose bounds the reporter has (`dissect.jobs.analyses`).
+        ``pipeline``, ``files`` and ``findings`` are left alone: `dissect.jobs.analyses` merges them.
         """
         self.total += later.total
         self.answered += later.answered
@@ -401,7 +401,7 @@ class Analysis(Observer):
             self.failed.append(transaction)
 
     def worst_connections(self, most: i64) -> list[Connection]:
-        """Return those of the connections with most errors, then those with most PDUs, in this order."""
+        """Return up to ``most`` connections: those with most errors first, then those with most PDUs."""
         worst: list[Connection] = []
         for connection in self.connections:
             place: i64 = len(worst)
@@ -420,7 +420,7 @@ class Analysis(Observer):
 
 
 def _is_worse(one: Connection, other: Connection) -> bool:
-    """Return whether ``one`` had more trouble than ``other``, or as much and more PDUs; the lower number breaks a tie."""
+    """Return whether ``one`` had more trouble than ``other``, or as much and more PDUs; in a tie the lower number is worse."""
     mine: i64 = _trouble(one)
     theirs: i64 = _trouble(other)
     if mine != theirs:

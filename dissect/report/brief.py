@@ -1,4 +1,4 @@
-"""`analyze --brief`: findings first, one row a PLC, one line a connection; at most `MOST` lines, whatever the capture."""
+"""`analyze --brief`: the findings, then a row for each PLC and each connection; never more than `MOST` lines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, printable, shortened
 
-#: Lines of the whole, and of each part; what has no room is counted in a line of its own.
+#: At most so many lines in all, and in each part; a last line of the part says how many were left out.
 MOST: Final = 40
 _FILES: Final = 3
 _FINDINGS: Final = 11
@@ -26,7 +26,7 @@ _TEXT: Final = 120
 
 
 class Plc:
-    """A server: how much it was asked, and what became of that."""
+    """A server: its connections and PDUs, and what became of the requests that it got."""
 
     def __init__(self) -> None:
         self.connections = 0

@@ -29,7 +29,7 @@ ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
 def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str, object]:
     """Return an analysis as the object `analyze -T json` writes. ValueError when it was not filled by a run.
 
-    With several files every packet number counts within its file, and the file's name stands beside it. ``interrupted`` says
+    With several files every packet number counts within its file, and the file's name is given with it. ``interrupted`` says
     that reading was broken off.
     """
     return {
@@ -39,7 +39,7 @@ def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str,
 
 
 def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator[tuple[str, object]]:
-    """Yield the names and values of `analysis_as_dict`; a long list is an iterator, whose objects are made one by one.
+    """Yield the names and values of `analysis_as_dict`, long lists as iterators that make their objects one by one.
 
     Raises ValueError for an analysis that was not filled by a run.
     """
@@ -147,7 +147,7 @@ def tsap_as_dict(tsap: Tsap | None) -> dict[str, object] | None:
 
 
 def _place(key: str, frame: int, places: Places) -> dict[str, object]:
-    """Return the key and number of a packet, 0 for none, and with several files its file."""
+    """Return a packet's number under ``key``_frame, and with several files its file; None for packet 0, which means none."""
     if not places.several:
         return {f"{key}_frame": frame or None}
     if not frame:
@@ -157,7 +157,7 @@ def _place(key: str, frame: int, places: Places) -> dict[str, object]:
 
 
 def connection_as_dict(connection: Connection, places: Places, clock: Clock | None = None) -> dict[str, object]:
-    """Return one connection: who, TSAPs, negotiated values, counts, how it ended. ``clock`` saves those of many their own."""
+    """Return one connection: its ends, TSAPs, negotiated values, counts, how it ended. Many calls may share one ``clock``."""
     tcp = connection.tcp
     clock = clock or Clock()
     ended_by = str(tcp.ends[tcp.ended_by]) if tcp.ended_by >= 0 else None
@@ -210,7 +210,7 @@ def by_weight(findings: Sequence[Finding]) -> Iterator[Finding]:
 
 
 def finding_as_dict(finding: Finding, places: Places, clock: Clock | None = None) -> dict[str, object]:
-    """Return one detailed finding. ``clock`` saves those of many their own."""
+    """Return one detailed finding. Many calls may share one ``clock``."""
     rule = finding.rule
     values: dict[str, object] = {
         "slug": rule.slug,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
     from dissect.transactions.ending import Ending
 
-#: Why a connection ends without anybody closing it.
+#: Why a connection ended that neither side closed.
 _DROPPED: Final = {
     REUSED: "replaced by a new connection on the same addresses",
     EVICTED: "dropped, too many connections were open",
@@ -23,7 +23,7 @@ _DROPPED: Final = {
 
 
 def short(connection: Connection) -> str:
-    """Say who ended a connection, for example ``closed by the client``; empty while it is open."""
+    """Return who ended a connection, for example ``closed by the client``; empty while it is open."""
     ending = connection.ending
     if ending is None or ending.how == OPEN:
         return ""
@@ -33,7 +33,7 @@ def short(connection: Connection) -> str:
 
 
 def phrase(connection: Connection, places: Places) -> str:
-    """Say how a connection ended, what was open then and what came before, as the end of a sentence."""
+    """Return how a connection ended, which requests were open then and what was last heard, as the end of a sentence."""
     ending = connection.ending
     begun = "already open at the start, " if connection.mid_stream and not connection.tcp.known_start else ""
     if connection.udp:
@@ -57,7 +57,7 @@ def phrase(connection: Connection, places: Places) -> str:
 
 
 def _before(ending: Ending, places: Places) -> str:
-    """Say what was open, and what came last; of a connection that was closed in order nothing of that is worth a word."""
+    """Return what was open and what came last; empty for a connection that was closed in order with nothing open."""
     if ending.connecting and ending.how != OPEN:
         return " before the connect request was answered"
     parts = ""
@@ -75,7 +75,7 @@ def _before(ending: Ending, places: Places) -> str:
 
 
 def ending_as_dict(connection: Connection, places: Places) -> dict[str, object] | None:
-    """Return the `ending` of a connection in JSON, None while it is not over."""
+    """Return the ``ending`` of a connection for JSON, None while it is not over."""
     ending = connection.ending
     if ending is None:
         return None
@@ -102,7 +102,7 @@ def ending_as_dict(connection: Connection, places: Places) -> dict[str, object] 
 
 
 def _reset(connection: Connection, ending: Ending, places: Places) -> dict[str, object] | None:
-    """Return the RST that came after the end had begun with something else, None when there was none."""
+    """Return the RST that came after another end had begun (FIN, for example), None when there was none."""
     if not ending.reset_frame:
         return None
     frame = int(ending.reset_frame)

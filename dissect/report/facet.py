@@ -1,4 +1,4 @@
-"""What reports ask of a protocol about its transactions; `dissect.report.facets` has the table of those that answer."""
+"""`Facet`: what reports need to know of a protocol's transactions. The table of all facets is in `dissect.report.facets`."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from mypy_extensions import mypyc_attr
 from dissect.s7.parameters import Parameters
 from dissect.transactions.transaction import Transaction
 
-#: Tells the file of a packet and its number within it.
+#: Returns the file of a packet, and its number within that file, for its number in the run.
 Locate = Callable[[int], tuple[str, int]]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Facet:
-    """The view of reports on the transactions of one protocol; what is not overridden has nothing to say.
+    """How reports show the transactions of one protocol. A subclass overrides what its protocol has something to say on.
 
-    Texts are safe to show. What ends in ``_json`` is a piece of a line of JSON (docs/json.md), a comma before each key.
+    All texts that are returned are escaped. Methods that end in ``_json`` return a piece of a line of JSON (docs/json.md).
+    A comma stands before each key of it, except in `function_json`, which begins with the value of ``function``.
     """
 
     def pushes_both_ways(self) -> bool:
-        """Return whether what is sent without a request goes either way, so that it is shown as it went."""
+        """Return whether both sides may send without a request, so that the direction of each push has to be shown."""
         return False
 
     def reference(self, transaction: Transaction) -> str:
-        """Return the number by which request and answer belong together, empty where there is none."""
+        """Return the number that request and answer have in common, empty where there is none."""
         return str(transaction.pdu_ref)
 
     def function_number(self, transaction: Transaction) -> str:
@@ -33,19 +34,19 @@ class Facet:
         return str(transaction.function) if transaction.function >= 0 else ""
 
     def items(self, transaction: Transaction) -> list[str]:
-        """Return every item with what became of it, in wire order."""
+        """Return each item with its value or error, in wire order."""
         return []
 
     def subject(self, transaction: Transaction) -> str:
-        """Return what a transaction is about: its items, or what request and answer say, in a length for one line."""
+        """Return what a transaction is about: its items, or notes on request and answer; shortened to fit a line."""
         return ""
 
     def subject_whole(self, transaction: Transaction) -> str:
-        """Return what a transaction without items is about, nothing left out."""
+        """Return what a transaction without items is about, not shortened."""
         return self.subject(transaction)
 
     def notes(self, transaction: Transaction) -> str:
-        """Return what request and answer say, for functions that have no items: a few notes of each."""
+        """Return a few notes on request and answer, for functions that have no items."""
         return self.subject(transaction)
 
     def setup(self, transaction: Transaction) -> str:
@@ -53,17 +54,20 @@ class Facet:
         return ""
 
     def function_json(self, parameters: Parameters) -> str:
-        """Return the ``function`` object, and keys that stand behind it."""
+        """Return the ``function`` object, and the keys that follow it."""
         return '{"code":null,"name":null}'
 
     def body_json(self, transaction: Transaction) -> str:
-        """Return the keys from the notes to the items, those included."""
+        """Return the keys from the notes to the items, both included."""
         return ',"items":[]'
 
     def tail_json(self, transaction: Transaction, locate: Locate | None) -> str:
-        """Return the keys behind the errors."""
+        """Return the keys that follow the errors."""
         return ""
 
     def statistics(self, code: int) -> dict[str, object]:
-        """Return the code of a row of statistics (`Parameters.function` or what counts for it) and the protocol."""
+        """Return the JSON keys of a row of statistics that say which function it is of, and of which protocol.
+
+        ``code`` is the key of the row in `Analysis.functions`.
+        """
         return {"code": None}

@@ -1,8 +1,8 @@
-"""What a transaction says in words: its items with what became of them, what it is about, how it ended.
+"""A transaction in words: its items with their values or errors, what it is about, how it ended.
 
-`FACETS` are the protocols that reports know, by `Transaction.rosctr`. A protocol whose transactions reports are to describe in
-its own words gets one subclass of `Facet` and one row here. S7comm is the default; its JSON is the bulk of all output and is
-in `dissect.report.writers.jsonl`.
+`FACETS` has the protocols that reports know, by `Transaction.rosctr`. To describe another protocol in its own words, write a
+subclass of `Facet` and add one row. S7comm is the default; its JSON, the bulk of all output, is in
+`dissect.report.writers.jsonl`.
 """
 
 from __future__ import annotations
@@ -58,15 +58,15 @@ from dissect.transactions.transaction import (
 )
 from dissect.wire.text import printable, shortened
 
-#: Functions that say what they are about by their items, or by what they negotiate.
+#: Functions that are described by their items, or by what they negotiate; notes on them would add nothing.
 _TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
 
-#: Group and subfunction that lists the blocks of a type.
+#: Group and subfunction of the request that lists the blocks of a type.
 _LIST_OF_TYPE: Final = (3, 2)
 
-#: Tags of one item that a line names.
+#: At most so many tags of one item are named on a line.
 _SHOWN_TAGS: Final = 16
-#: Types of blocks of which the number is told; there are not as many.
+#: At most so many types of blocks are shown with their numbers; there are fewer types, so all are.
 _BLOCK_TYPES: Final = 16
 #: Why a request stayed without an answer.
 REASONS: Final = {
@@ -80,16 +80,16 @@ REASONS: Final = {
 
 
 def address(item: Item) -> str:
-    """Return the address of an item with its count where that is not one, for example ``DB10.DBW4 x3``."""
+    """Return the address of an item, and its count if that is not 1, for example ``DB10.DBW4 x3``."""
     if not item.shown:
         item.shown = shortened(item.label, 100)
     return item.shown
 
 
 def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
-    """Return one item with what became of it: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``.
+    """Return one item with its value or error: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``.
 
-    With ``naming`` the tags it covers stand for its value: ``DB10.DBB0 x6: Tank.Level = 3.5 m, Tank.Pump = true``.
+    With ``naming``, the tags that the item covers take the place of its value: ``DB10.DBB0 x6 {Tank.Level = 3.5 m, …}``.
     """
     asked = result.item
     name = f"item {number}" if asked is None else address(asked)
@@ -105,7 +105,7 @@ def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
 
 
 def _other_size(result: ItemResult) -> str:
-    """Return that there are fewer or more octets of an item than it asks for, empty where there are as many."""
+    """Return a remark on an item that has fewer or more octets than were requested; empty where the number is right."""
     asked, data, stands_in = result.item, result.data, result.answer
     if asked is None or data is None or not 0 <= asked.size != len(data):
         return ""
@@ -117,7 +117,7 @@ def _other_size(result: ItemResult) -> str:
 
 
 def _with_names(place: str, known: list[NamedValue]) -> str:
-    """Return an item with its tags: one that is all of it stands in front of the address, several behind it."""
+    """Return an item with its tags: a single tag stands in front of the address, several stand after it."""
     if len(known) == 1:
         only = named_value(known[0])
         name, equals, content = only.partition(" = ")
@@ -128,7 +128,7 @@ def _with_names(place: str, known: list[NamedValue]) -> str:
 
 
 def named_value(known: NamedValue) -> str:
-    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets without a name by their address."""
+    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets that no tag names with their address."""
     size = len(known.data)
     if not known.name:
         place = f"{known.address} x{size}" if size > 1 else known.address
@@ -142,7 +142,7 @@ def named_value(known: NamedValue) -> str:
 
 
 def content(asked: Item, data: bytes) -> str:
-    """Return what was read or written: the value, and octets as such, with the text they spell where they spell one."""
+    """Return the value that was read or written; several bytes in hexadecimal, with the text if they spell one."""
     size: i64 = len(data)
     kind: i64 = asked.transport_size
     if (kind == BYTE and size != 1) or (asked.size != size and not asked.fits(size)):
@@ -161,14 +161,14 @@ def content(asked: Item, data: bytes) -> str:
 
 
 def body_notes(pdu: Pdu) -> str:
-    """Return what the parts of a PDU are about, as `notes_of` does."""
+    """Return `notes_of` the body of a PDU."""
     return notes_of(pdu.body)
 
 
 def notes_of(body: Body) -> str:
-    """Return what parts are about: the first few notes, and how many more there are.
+    """Return the first few notes on the parts of a body, and how many more there are.
 
-    Of the numbers of blocks in a CPU, the types of which it has none are left out.
+    Of a list of how many blocks of each type a CPU has, types without blocks are left out.
     """
     counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
     if not counts:
@@ -177,7 +177,7 @@ def notes_of(body: Body) -> str:
 
 
 def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:
-    """Return the items that failed, or else the first few of all, without values; empty when there are none."""
+    """Return the first few refused items, or where none was refused the first few of all, without values; empty for none."""
     numbered = list(enumerate(results, 1))
     refused = [(number, result) for number, result in numbered if result.refused]
     if refused:
@@ -190,7 +190,7 @@ def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> s
 
 
 def _unconfirmed(transaction: Transaction) -> str:
-    """Return the items of which the answer does not say what became of them, empty for none or when it refuses some."""
+    """Return the items for which the answer has no return code; empty if there are none, or if it refuses other items."""
     results = transaction.results() if transaction.flags & UNCONFIRMED else []
     unsure = [result for result in results if result.return_code < 0]
     if not unsure or any([result.refused for result in results]):
@@ -200,7 +200,7 @@ def _unconfirmed(transaction: Transaction) -> str:
 
 
 def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
-    """Return the address of an item, and the tags that it covers: ``Tank.Level (DB1.DBD0)``, ``DB1.DBB0 x10 (3 tags)``."""
+    """Return the address of an item with its tag, ``Tank.Level (DB1.DBD0)``, or how many: ``DB1.DBB0 x10 (3 tags)``."""
     if result.item is None:
         return f"item {number}"
     known = [value.name for value in naming.named(result) if value.name] if naming is not None else []
@@ -211,14 +211,14 @@ def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
 
 
 def error_text(error: TransactionError) -> str:
-    """Return an error: a code of S7 as it stands on the wire with its name, one of SCD with what it means."""
+    """Return an error: an S7 code as it stands on the wire with its name, an SCD code with its meaning."""
     if error.part == MESSAGE:
         return f"{error.name} {error.code}: {printable(error.text)}"
     return error.coded
 
 
 def outcome(transaction: Transaction) -> str:
-    """Return how a transaction ended, empty when all went well."""
+    """Return how a transaction ended; empty for an answer without errors."""
     why = f" ({REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
     if transaction.outcome == ORPHAN:
         said = f"answer without request{why}"
@@ -242,7 +242,7 @@ def outcome(transaction: Transaction) -> str:
 
 
 def _mismatch(transaction: Transaction) -> str:
-    """Return in what an answer does not fit its request."""
+    """Return how an answer does not fit its request."""
     answer = transaction.response_parameters
     said = []
     if answer is not None and transaction.flags & FUNCTION_MISMATCH:
@@ -255,12 +255,12 @@ def _mismatch(transaction: Transaction) -> str:
 
 
 class S7Facet(Facet):
-    """S7comm, and what stands for it in the table of facets."""
+    """S7comm."""
 
     def items(self, transaction: Transaction) -> list[str]:
-        """Return every item with what became of it; those that a push says are unchanged are counted."""
+        """Return each item with its value or error, then the number of items that a push says are unchanged."""
         good = good_octets(transaction)
-        if good is not None:  # nearly always; each item meets its own octets without an object in between
+        if good is not None:  # nearly always: then no `ItemResult` has to be made
             asked = transaction.parameters.items
             return [f"{address(asked[index])} = {content(asked[index], good[index])}" for index in range(len(good))]
         results = list(enumerate(transaction.results(), 1))
@@ -275,7 +275,7 @@ class S7Facet(Facet):
         return [*said, f"{same} unchanged"] if same else said
 
     def subject(self, transaction: Transaction) -> str:
-        """Return all items, the setup, or what request and answer say."""
+        """Return all items, or the setup, or notes on request and answer."""
         said = ", ".join(self.items(transaction)) or self.setup(transaction) or self.notes(transaction)
         if transaction.rosctr == USERDATA and transaction.results():
             said = ": ".join([text for text in (_heads(transaction), said) if text])
@@ -284,7 +284,7 @@ class S7Facet(Facet):
         return said
 
     def subject_whole(self, transaction: Transaction) -> str:
-        """Return what a transaction without items is about, nothing left out."""
+        """Return what a transaction without items is about, not shortened."""
         if transaction.function in _TOLD_BY_ITEMS:
             return self.subject(transaction)
         asked, told = transaction.request, transaction.response
@@ -292,18 +292,18 @@ class S7Facet(Facet):
         return _asked_and_told(said)
 
     def notes(self, transaction: Transaction) -> str:
-        """Return what request and answer say, for functions that have no items: a few notes of each."""
+        """Return a few notes on request and answer, for functions that have no items."""
         if transaction.function in _TOLD_BY_ITEMS:
             return ""
         asked, told = transaction.request, transaction.response
         said = [body_notes(pdu) for pdu in (asked, told) if pdu is not None]
         head = transaction.parameters.userdata
-        # The answer of such a list goes on from what the request says: SFC 0 (AWL), …
+        # In a list of blocks the answer continues the text of the request: SFC 0 (AWL), …
         listed = head is not None and (int(head.group), int(head.subfunction)) == _LIST_OF_TYPE
         return " ".join([text for text in said if text]) if listed else _asked_and_told(said)
 
     def setup(self, transaction: Transaction) -> str:
-        """Return what a setup asked for, and what was granted."""
+        """Return what a setup requested, and what was granted."""
         asked = transaction.parameters.setup
         if asked is None:
             return ""
@@ -316,16 +316,16 @@ class S7Facet(Facet):
         return f"granted {given}" if given == wish else f"asks {wish}, granted {given}"
 
     def statistics(self, code: int) -> dict[str, object]:
-        """Return function code, and for userdata group and subfunction."""
+        """Return the function code, and for userdata group and subfunction."""
         if code < 0x10000:
             return {"code": f"0x{code & 0xFF:02x}" if code >= 0 else None}
         group = (code >> 8) & 0xFF
-        # The mode transition is the one userdata with a function octet of its own, and stands in group 0.
+        # Userdata has function code 0x00, except the mode transition: code 0x01, and group 0.
         return {"code": "0x00" if group else "0x01", "group": group, "subfunction": code & 0xFF}
 
 
 def _asked_and_told(said: list[str]) -> str:
-    """Join what a request says and what its answer does; an answer that repeats the request goes on behind that."""
+    """Join the notes on a request and on its answer; what the answer repeats of the request is left out."""
     if len(said) < 2:
         return "".join(said)
     asked, told = said
@@ -335,7 +335,7 @@ def _asked_and_told(said: list[str]) -> str:
 
 
 def _heads(transaction: Transaction) -> str:
-    """Return what request and answer say in front of their items: interval, job number, block."""
+    """Return notes on what precedes the items of request and answer: interval, job number, block."""
     from dissect.s7.cyclic import CYCLIC_REQUEST, CYCLIC_VALUES  # late: see `Pdu.body`
     from dissect.s7.programmer_layouts import TEST_BLOCK, TEST_HEAD
 
@@ -354,34 +354,34 @@ S7: Final = S7Facet()
 _PLUS: Final = PlusFacet()
 _SCD: Final = ScdFacet()
 
-#: Of protocols that have no ROSCTR, by what stands in its place; all else is S7comm.
+#: By `Transaction.rosctr`: the protocols without a ROSCTR, which have a number of their own there. All others are S7comm.
 FACETS: Final[dict[int, Facet]] = {PLUS: _PLUS, SCD: _SCD}
 
 
 def facet_of(transaction: Transaction) -> Facet:
-    """Return how reports see a transaction."""
+    """Return the facet of a transaction's protocol."""
     return FACETS.get(transaction.rosctr, S7)
 
 
 def facet_of_row(code: int) -> Facet:
-    """Return whose row of statistics this is."""
+    """Return the facet of a row of statistics; ``code`` is its key in `Analysis.functions`."""
     if is_scd_key(code):
         return _SCD
     return _PLUS if is_plus_key(code) else S7
 
 
 def items(transaction: Transaction) -> list[str]:
-    """Return every item with what became of it, in wire order."""
+    """Return each item with its value or error, in wire order."""
     return facet_of(transaction).items(transaction)
 
 
 def subject(transaction: Transaction) -> str:
-    """Return what a transaction is about: all its items, the setup, or what request and answer say."""
+    """Return what a transaction is about: all its items, or the setup, or notes on request and answer."""
     return facet_of(transaction).subject(transaction)
 
 
 def gist(transaction: Transaction) -> str:
-    """Return what a transaction is about, as a summary: the items that failed, or else what was asked for, but never all."""
+    """Return in short what a transaction is about: a few refused items, else a few items, the setup, or a few notes."""
     facet = facet_of(transaction)
     return (
         _unconfirmed(transaction)

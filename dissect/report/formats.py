@@ -1,13 +1,13 @@
-"""The formats of ``-T``: one table, asked by every command; a new format is one file and one row.
+"""The formats of option ``-T``: one table, which every command uses. A new format is one file and one row.
 
 To add a format:
 1. Write one file in dissect/report/writers/: a subclass of `dissect.report.writer.Writer` with a method for each sort of
    record it takes (`transaction`, `operation`, `pdu` …), or for single results a function from `Outcome` to lines.
-2. Add one row to `FORMATS` below: name, what its help says, and the class or function for each kind of result.
-3. No command changes: ``--help``, completion and the hint at a wrong name come from the row, wherever a kind is written.
-4. Lines are `str` (or its octets), or `Line` to be wrapped and coloured on a terminal; escape what comes from the wire, hide
+2. Add one row to `FORMATS` below: name, help text, and the class or function for each kind of result.
+3. No command has to be changed: ``--help``, completion and the hint after a wrong name are made from the rows.
+4. Lines are `str` (or UTF-8 octets), or `Line` to be wrapped and coloured on a terminal. Escape text from the wire, and hide
    secrets of PDUs.
-5. tests/report/test_formats.py tries every row; a schema of its own goes to dissect/schema, its columns to docs/.
+5. tests/report/test_formats.py tries every row. Put a schema into dissect/schema, and describe columns in docs/.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from dissect.report.writer import Writer
     from dissect.wire.text import Clock
 
-# Kinds of results. Records come one after another and are given to a `Writer` …
+# Kinds of results. Of these records there are many, one after another; they are given to a `Writer`.
 TRANSACTIONS: Final = "transactions"
 PDUS: Final = "PDUs"
 OPERATIONS: Final = "operations"
 VALUES: Final = "values"
-#: … of what happens on a live line to a class like `dissect.live.lines.PlainLines` …
+#: Events of a live run are given to a class like `dissect.live.lines.PlainLines`.
 EVENTS: Final = "events"
-# … and what a command came to is given to a function as an `Outcome`.
+# The single result of a command is given to a function, as an `Outcome`.
 ANALYSIS: Final = "analysis"
 ALERTS: Final = "alerts"
 DIFFERENCES: Final = "differences"
@@ -46,9 +46,10 @@ KINDS: Final = (
 
 
 class Format(NamedTuple):
-    """A format: its name, what it is in a few words, and for each kind that it takes what writes it, "module:name".
+    """A format: its name, a few words on it for the help, and for each kind of result the class or function that writes it.
 
-    The modules are imported when something is written. ``verbose``: it has a long form of PDUs (option -V of `show`).
+    ``writers`` has them as "module:name", so that modules are imported only when something is written. ``verbose``: the format
+    has a long form of PDUs (option -V of `show`).
     ``piecewise``: a result that takes long may be written piece by piece.
     """
 
@@ -76,7 +77,7 @@ def _row(name: str, about: str, *writers: tuple[str, tuple[str, ...]], **options
     return Format(name, about, {kind: where for where, kinds in writers for kind in kinds}, **options)
 
 
-#: By name; a command offers those that take its kind, in this order, the first by default.
+#: All formats by name. A command offers those that take its kind of result, in this order; the first is its default.
 FORMATS: Final[dict[str, Format]] = {
     row.name: row
     for row in (

@@ -1,7 +1,7 @@
-"""Values, items, functions and setups as JSON, for the lines of transactions and PDUs and whoever else writes values.
+"""Values, items, functions and setups as JSON, for the lines of transactions and PDUs and for other outputs with values.
 
-What a polled item looks like is written once and used for every transaction that repeats it. Values of the sizes that polling
-needs are written straight from their octets.
+The beginning of an item's object is made once and kept at the item, which all transactions share that poll it. Values of the
+usual types are written straight from their octets, without Python objects in between.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import write_escape, write_hexadecimal
 from dissect.wire.text import SHORT, JsonTexts, hexadecimal, json_text
 
-#: The return code of an item of which all is well, and what stands in front of its octets.
+#: The return code of an item without an error, and what is written in front of its octets.
 _GOOD: Final = f'{SUCCESS},"data":"'
 CODE: Final = f',"return_code":{_GOOD}'
 _NO_ITEM: Final = (
     '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null' + CODE
 )
 
-#: What stands between the octets of an item and their value, and behind that.
+#: What is written between the octets of an item and their value, and what closes its object.
 VALUE: Final = '","value":'
 _VALUE_OCTETS: Final = VALUE.encode("ascii")
 _CLOSE: Final = 0x7D
 _QUOTE: Final = 0x22
-#: 1 for what JSON escapes of ASCII.
+#: By ASCII code: whether JSON escapes the character.
 _ESCAPED: Final = bytes([len(json_text(chr(code))) > 3 for code in range(128)])
-#: Units of UTF-16 of which two make a character: those bits of them, and what they are.
+#: A UTF-16 unit is a surrogate (one half of a character) if ``unit & _SURROGATES == _SURROGATE``.
 _SURROGATES: Final = 0xF800
 _SURROGATE: Final = 0xD800
 
@@ -59,13 +59,13 @@ def value_text(value: Value) -> str:
 
 
 def octets_value(transport_size: i64, octets: bytes) -> str:
-    """Return the JSON of ``decode_value(transport_size, octets)``, written straight for the sizes polling is made of."""
+    """Return the JSON of ``decode_value(transport_size, octets)``; bits and numbers are written without decoding them."""
     if transport_size == BIT and len(octets) == 1:
         return "true" if octets[0] & 1 else "false"
     return numbers_json(transport_size, octets) or value_text(decode_value(transport_size, octets))
 
 
-#: What follows the beginning of an item that is a single bit or byte, by its octet.
+#: The rest of the object of an item that is a single bit or byte, by its octet.
 _BITS: Final = [f"{octet:02x}{VALUE}{octets_value(BIT, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
 _BYTES: Final = [f"{octet:02x}{VALUE}{octets_value(BYTE, bytes([octet]))}}}".encode("ascii") for octet in range(256)]
 
@@ -84,7 +84,7 @@ def userdata_text(head: UserdataHead) -> str:
 
 
 def item_text(item: Item) -> str:
-    """Return the beginning of an item's object, up to its return code and, as it is nearly always, `_GOOD`."""
+    """Return the beginning of an item's object, up to and including the return code for success (`_GOOD`)."""
     if not item.fragment:
         item.fragment = _item_beginning(item)
     return item.fragment
@@ -103,7 +103,7 @@ def _item_beginning(item: Item) -> str:
 
 
 def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
-    """Return one item of a transaction joined with its return code (-1 for none) and octets."""
+    """Return one item of a transaction as a JSON object, with its return code (-1 for none) and its octets."""
     head = item_text(item) if item is not None else _NO_ITEM
     if data is None or code != SUCCESS:
         told = SHORT[code] if code >= 0 else "null"
@@ -116,9 +116,9 @@ def item_json(item: Item | None, code: i64, data: bytes | None) -> str:
 
 
 def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> None:
-    """Write `item_json` of an item of which all is well: its ``octets`` are ``size`` from ``at``."""
+    """Write what `item_json` returns for an item without an error, whose data are ``octets[at:at + size]``."""
     head = item.head
-    if len(head) == 0:  # for bytes that is quicker to ask (mypyc)
+    if len(head) == 0:  # quicker than the truth of bytes (mypyc)
         head = _item_beginning(item).encode("ascii")
         item.head = head
     out.write(head)
@@ -145,7 +145,7 @@ def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: 
 
 
 def _write_text(out: BytesWriter, kind: i64, octets: bytes, at: i64, size: i64) -> bool:
-    """Write characters as a JSON string; False, and nothing is written, where they are none, or not all one unit of UTF-16."""
+    """Write characters as a JSON string. False, with nothing written, for other types and where there are surrogates."""
     step: i64 = 0
     if kind == CHAR:
         step = 1
@@ -175,7 +175,7 @@ def _write_text(out: BytesWriter, kind: i64, octets: bytes, at: i64, size: i64) 
 
 
 def value_json(item: Item, data: bytes) -> str:
-    """Return the value of an item, and behind it what an array of bytes spells; null where octets do not fit the item."""
+    """Return the value of an item, then key ``text`` if its bytes spell one; null where ``data`` do not fit the item."""
     if item.size != len(data) and not item.fits(len(data)):
         return "null"
     value = octets_value(item.transport_size, data)
@@ -198,7 +198,7 @@ def errors_json(transaction: Transaction, texts: JsonTexts) -> str:
 
 
 def with_tags(item: str, known: list[NamedValue]) -> str:
-    """Return the object of an item with its tags, and the octets that none of them covers."""
+    """Return the object of an item with its tags, and with the octets that no tag covers."""
     tags = ",".join([_tag(value) for value in known if value.name])
     free = ",".join(
         [

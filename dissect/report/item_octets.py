@@ -1,6 +1,7 @@
-"""Values of items as CSV and lines for a person have them, written into the buffer that a row is put together in.
+"""Writes the values of items, as CSV and lines for a person show them, straight into the buffer of the row.
 
-What is left to others: dates, most texts, several times, octets that spell a text, and whatever does not fit its item.
+This is the fast path for usual values. Its functions return 0 or False for the rest, which the caller then writes in the slow
+way: dates, most texts, octets that spell a text, and data that do not fit their item.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from dissect.wire.octets import u16
 _BLANK: Final = 0x20
 _OPEN: Final = 0x5B
 _CLOSE: Final = 0x5D
-#: Bits of a REAL's first two octets, all of them set in infinities and what is no number.
+#: The exponent bits in the first two octets of a REAL; all of them are set in infinities and NaN.
 _NOT_FINITE: Final = 0x7F80
 _ANYWHERE: Final = 2
 _BEHIND: Final = 1
-#: By octet: where a character needs neither escape nor quotes in any output; what may begin a formula only `_BEHIND` others.
+#: By octet: where a character needs neither escape nor quotes in any output: `_ANYWHERE`, only `_BEHIND` other characters
+#: (characters that begin a formula in a spreadsheet), or nowhere (0).
 _HARMLESS: Final = bytes(
     [
         0 if not " " <= chr(code) <= "~" or chr(code) in '",;' else _BEHIND if chr(code) in "=+-@" else _ANYWHERE
@@ -35,7 +37,7 @@ _HARMLESS: Final = bytes(
 
 
 def is_usual(transaction: Transaction, places: Places) -> bool:
-    """Tell whether a read of which all is well has nothing that most do not have."""
+    """Return whether a read without an error is an ordinary one, in one file, with both packets captured."""
     return (
         transaction.carried is None
         and not transaction.reason
@@ -47,10 +49,10 @@ def is_usual(transaction: Transaction, places: Places) -> bool:
 
 
 def step_of(item: Item, octets: bytes, at: i64, size: i64) -> i64:
-    """Return the octets of an element of ``octets[at:at + size]`` that `write_elements` can write; 0 where it cannot."""
+    """Return how many octets an element of ``octets[at:at + size]`` has; 0 where `write_elements` cannot write them."""
     kind: i64 = item.transport_size
     step: i64 = 1
-    if kind != BIT:  # as one expression it would make int objects (mypyc)
+    if kind != BIT:  # a conditional expression would make int objects (mypyc)
         step = number_size(kind)
     if step == 0 or size == 0 or size & (step - 1) or (item.size != size and not item.fits(size)):
         return 0
@@ -62,7 +64,7 @@ def step_of(item: Item, octets: bytes, at: i64, size: i64) -> i64:
 def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i64, end: i64, finite: bool) -> bool:
     """Write elements of ``step`` octets: a bit as a word, several bytes as `bytes.hex`, numbers as `repr` does.
 
-    False, and too much may be written, where a REAL is ``finite`` only and this one is not.
+    False where ``finite`` wants only finite numbers and a REAL is not; some elements may have been written then.
     """
     if kind == BIT:
         out.write(b"true" if octets[at] & 1 else b"false")
@@ -85,9 +87,9 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
 
 
 def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, quote: bytes, most: i64) -> bool:
-    """Write a time, or at most so many characters, all of them harmless, between quotes.
+    """Write a time, or up to ``most`` harmless characters, between ``quote`` and ``quote``.
 
-    False, and nothing is written, where it is anything else.
+    False, with nothing written, for anything else.
     """
     if size == 0 or (item.size != size and not item.fits(size)):
         return False
@@ -111,9 +113,9 @@ def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, 
 
 
 def write_times(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, quote: bytes, none: bytes) -> bool:
-    """Write an array of times between quotes, ``none`` for those that are none.
+    """Write an array of times, each between ``quote`` and ``quote``, and ``none`` for an element that is no valid time.
 
-    False, and nothing is written, where it is anything else.
+    False, with nothing written, for anything else.
     """
     step = time_size(item.transport_size)
     if step == 0 or size <= step or size & (step - 1) or (item.size != size and not item.fits(size)):
@@ -136,7 +138,7 @@ def write_times(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64,
 
 
 def _is_harmless(octets: bytes, at: i64, end: i64) -> bool:
-    """Tell whether characters are harmless where they stand; blanks are nothing to stand behind."""
+    """Return whether no character needs an escape or quotes where it stands; leading blanks do not disarm a formula."""
     least: i64 = _ANYWHERE
     while at < end:
         octet: i64 = octets[at]

@@ -1,4 +1,4 @@
-"""Detailed findings of a whole run in little memory: thousands are kept until the report, and they are much alike."""
+"""`Findings`: keeps the detailed findings of a whole run until the report, compressed because thousands are much alike."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from typing import Final, overload
 from dissect.findings.catalogue import Rule
 from dissect.findings.reporter import Finding
 
-#: So many are kept as they are, in some 2 MB: packing takes time, which only a long capture with many repays.
+#: The first so many are kept as objects, some 2 MB: packing takes time, and pays only in a long capture with many findings.
 FIRST: Final = 4096
-#: So many of those behind them are packed together.
+#: Of the findings after those, so many at a time are packed together.
 BLOCK: Final = 64
-#: The memory of deflate while it packs: windows of 4 KB, some 40 KB in all, where its usual ones take 256 KB.
+#: Settings that make deflate use little memory: windows of 4 KB, some 40 KB in all; by default it takes 256 KB.
 _WINDOW_BITS: Final = 12
 _MEMORY_LEVEL: Final = 5
 
 
 class Findings(Sequence[Finding]):
-    """Findings in the order they were appended in: the first as they are, then blocks, then what fills no block yet.
+    """Findings in the order in which they were appended.
 
-    Reading makes new objects of those that were packed, one block at a time. ``first`` are the first, at most `FIRST`.
+    ``first`` has up to `FIRST` of them as objects. Later ones are packed in blocks; the latest ones, which do not fill a block
+    yet, are objects too. Reading unpacks one block at a time, and makes new objects of its findings.
     """
 
     def __init__(self) -> None:

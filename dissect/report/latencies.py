@@ -1,4 +1,4 @@
-"""Answer times added up: exact for the first 16,384, then within one part in 128 (docs/decisions/0007)."""
+"""Statistics of answer times: exact up to 16,384 of them, then to one part in 128 (docs/decisions/0007)."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
 
-#: Answer times kept as they are; from then on they are counted in buckets.
+#: So many answer times are kept one by one; if there are more, all of them are counted in buckets.
 EXACT: Final = 16384
-#: How many of these are counted there with each one that comes then: no packet waits for all of them.
+#: With each further answer time, so many of the kept ones move to buckets: to move all at once would hold up one packet.
 _AT_ONCE: Final = 32
-#: Buckets to each doubling.
+#: Buckets for each doubling of the answer time.
 _STEPS: Final = 128
 #: Buckets for every answer time that 63 bits can hold.
 _BUCKETS: Final = 57 * _STEPS
-#: Of more than so many that are kept as they are, only those near a rank are put in order to find the one that has it.
+#: Up to so many kept answer times are sorted to find a quantile. Of more, only those near the wanted rank are sorted.
 _FEW: Final = 256
-#: So many buckets beside each other are counted together for that.
+#: To find those, kept answer times are counted in groups of so many neighbouring buckets.
 _COARSE: Final = 16
 
 
@@ -28,8 +28,8 @@ class Latencies:
     """Answer times in nanoseconds: count, minimum, maximum and quantiles.
 
     Quantiles are exact up to `EXACT` answers (the value at rank ⌈q·n⌉; the median of an even count is the mean of the two in
-    the middle), and after that the lower end of a bucket whose width is at most 1/128 of it. Negative times (reordered
-    captures) count as they are for the minimum and as 0 in buckets.
+    the middle). Of more answers, a quantile is the lower end of a bucket whose width is at most 1/128 of that value. Negative
+    times (reordered captures) count as they are for the minimum, and as 0 in buckets.
     """
 
     __slots__ = ("_asked_at", "_buckets", "_counted", "_kept", "_spread", "_waiting", "count", "largest", "smallest")
@@ -38,14 +38,14 @@ class Latencies:
         self.count: i64 = 0
         self.smallest: i64 = 0
         self.largest: i64 = 0
-        self._kept: BytesWriter = BytesWriter()  # those that are kept as they are, in eight octets each
-        self._asked_at: i64 = 0  # of how many answers a quantile was asked last: a few are in order since then
-        self._spread: list[int] = []  # of more, how many are in each `_COARSE` buckets
+        self._kept: BytesWriter = BytesWriter()  # answer times kept one by one, eight octets each
+        self._asked_at: i64 = 0  # `count` when `_kept` was last sorted, or `_spread` last made
+        self._spread: list[int] = []  # if more than `_FEW` are kept: how many are in each group of `_COARSE` buckets
         self._buckets: vec[i64] = vec[
             i64
-        ]()  # empty as long as they are kept; numbers, not objects, unlike a list (mypyc)
-        self._waiting: bytes = b""  # those that were kept, while buckets do not count them all
-        self._counted: i64 = 0  # octets of these that they do
+        ]()  # empty while all are kept one by one; holds numbers, not objects, unlike a list (mypyc)
+        self._waiting: bytes = b""  # answer times that were kept, until all of them are counted in buckets
+        self._counted: i64 = 0  # how many octets of `_waiting` are counted already
 
     def add(self, latency_ns: i64) -> None:
         """Take one answer time."""
@@ -65,7 +65,7 @@ class Latencies:
             return
         bucket: i64 = _bucket(latency_ns)
         buckets[bucket] += 1
-        if len(self._waiting) > 0:  # told without a call, unlike the truth of an object (mypyc)
+        if len(self._waiting) > 0:  # no call, unlike the truth of an object (mypyc)
             self._fold(_AT_ONCE)
 
     def _begin_buckets(self) -> None:
@@ -75,11 +75,11 @@ class Latencies:
 
     @property
     def exact(self) -> bool:
-        """True while every answer time is kept as it is."""
+        """Whether every answer time is kept, so that quantiles are exact."""
         return len(self._buckets) == 0
 
     def quantile(self, q: float) -> int | None:
-        """Return the answer time that a share ``q`` (0 to 1) of all does not exceed, None when there is none."""
+        """Return the answer time, in nanoseconds, that a share ``q`` (0 to 1) of all does not exceed; None without answers."""
         if self.count == 0:
             return None
         rank: int = max(1, int(-(-(q * int(self.count)) // 1)))
@@ -97,7 +97,7 @@ class Latencies:
         return self.largest
 
     def _at(self, rank: int) -> int:
-        """Return the answer time at a rank from 1 on, while all are kept as they are."""
+        """Return the answer time at ``rank``, 1 for the smallest, while all are kept one by one."""
         few: bool = self.count <= _FEW
         packed = self._kept.getvalue()
         if self._asked_at != self.count:
@@ -137,7 +137,7 @@ class Latencies:
         }
 
     def _fold(self, most: i64) -> None:
-        """Count up to ``most`` of those kept as they are in buckets instead."""
+        """Move up to ``most`` of the kept answer times into buckets."""
         if len(self._buckets) == 0:
             self._begin_buckets()
         buckets = self._buckets
@@ -154,7 +154,7 @@ class Latencies:
         self._counted = at
 
     def merge(self, other: Latencies) -> None:
-        """Take all answer times of ``other``, which keeps them."""
+        """Add all answer times of ``other``, which is not changed."""
         if not other.count:
             return
         if not self.count or other.smallest < self.smallest:
@@ -174,7 +174,7 @@ class Latencies:
 
 
 def _in_order(packed: bytes) -> bytes:
-    """Return the numbers in memory in their order."""
+    """Return packed numbers sorted, packed again."""
     writer = BytesWriter()
     for number in sorted([read_i64_le(packed, at) for at in range(0, len(packed), 8)]):
         write_i64_le(writer, number)
@@ -182,11 +182,11 @@ def _in_order(packed: bytes) -> bytes:
 
 
 def _spread(packed: bytes) -> list[int]:
-    """Return how many of the numbers in memory are in each `_COARSE` buckets."""
+    """Return how many of the packed numbers are in each group of `_COARSE` buckets."""
     spread = [0] * (_BUCKETS // _COARSE)
     for at in range(0, len(packed), 8):
         coarse: i64 = _bucket(read_i64_le(packed, at)) // _COARSE
-        spread[coarse] = spread[coarse] + 1  # as in `add`
+        spread[coarse] = spread[coarse] + 1
     return spread
 
 
@@ -199,7 +199,7 @@ def _bucket(latency_ns: i64) -> i64:
         return shift * _STEPS + (latency_ns >> shift)
     doubling: i64 = 0
     value: i64 = latency_ns
-    while value >= _STEPS << 16:  # answer times of milliseconds would be halved a dozen times
+    while value >= _STEPS << 16:  # in large steps: halving milliseconds would take a dozen rounds
         value >>= 16
         doubling += 16
     while value >= _STEPS << 4:

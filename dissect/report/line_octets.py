@@ -1,4 +1,4 @@
-"""Lines of transactions for a person as octets: what reads of which all is well have, without a text in between."""
+"""Lines for a person of reads without an error, written as UTF-8 octets without a str in between: the fast path."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import Moments, write_decimal, write_digits
 from dissect.wire.text import HUNDREDTHS, Clock, short_duration
 
-#: What becomes of what UTF-8 has no form for, as in all outputs.
+#: How characters are written that UTF-8 cannot encode; all outputs do so.
 ERRORS: Final = "backslashreplace"
-#: Characters that the number of a transaction, its packets and its answer time take at least.
+#: Least widths, in characters, of the columns for a transaction's number, packets and answer time.
 NUMBER_WIDTH: Final = 5
 FRAMES_WIDTH: Final = 12
 LATENCY_WIDTH: Final = 8
 _ARROW: Final = "→".encode()
-_GREATER_BY: Final = len(_ARROW) - 1  # octets than characters
+_GREATER_BY: Final = len(_ARROW) - 1  # how many more octets than characters the arrow has
 _MORE: Final = ", … ".encode()
 _LONG: Final = " … ".encode()
 _MICROSECONDS: Final = " µs".encode()
@@ -32,23 +32,23 @@ _BLANK: Final = 0x20
 _POINT: Final = 0x2E
 _OPEN: Final = 0x5B
 _CLOSE: Final = 0x5D
-#: Cached ends of connections are forgotten together when there are this many.
+#: With so many connections in it, the cache of their ends is emptied.
 _MAX_CACHED: Final = 8192
 
 
 class LineOctets:
-    """Puts lines together."""
+    """Makes the line of a transaction in one buffer, which it uses again for the next."""
 
     def __init__(self, clock: Clock, places: Places) -> None:
         self._places: Places = places
         self._moments: Moments = Moments(clock)
         self._ends: dict[int, bytes] = {}
-        self._said: bytes = b""  # the function of a read, and what surrounds it
+        self._said: bytes = b""  # the name of the function between blanks; all lines are of reads
         self._out: BytesWriter = BytesWriter()
         self._step: GoodItems = GoodItems()
 
     def of(self, transaction: Transaction) -> bytes:
-        """Return the line of a read of which all is well; empty where it is anything else."""
+        """Return the line of an ordinary read without an error; empty for any other transaction."""
         if not self._step.begin(transaction) or not is_usual(transaction, self._places):
             return b""
         out = self._out
@@ -76,7 +76,7 @@ class LineOctets:
             if step.index:
                 out.write(b", ")
             item = items[step.index]
-            if len(item.line) == 0:  # for bytes that is quicker to ask (mypyc)
+            if len(item.line) == 0:  # quicker than the truth of bytes (mypyc)
                 item.line = f"{facets.address(item)} = ".encode("utf-8", ERRORS)
             out.write(item.line)
             if not _write_content(out, item, step.buf, step.at, step.size):
@@ -84,7 +84,7 @@ class LineOctets:
         return out.getvalue() if step.whole else b""
 
     def _both(self, connection: Connection, asked_by: i64) -> bytes:
-        """Return who asked and who answered."""
+        """Return who sent the request and who answered."""
         key: i64 = connection.number * 2 + asked_by
         found = self._ends.get(key)
         if found is None:
@@ -98,7 +98,7 @@ class LineOctets:
 
 
 def _write_latency(out: BytesWriter, ns: i64) -> None:
-    """Write `words.answer_time`, blanks in front, in a column of `LATENCY_WIDTH`."""
+    """Write what `words.answer_time` returns, right-aligned in a column of `LATENCY_WIDTH`."""
     short: i64 = short_duration(ns)
     if short >= HUNDREDTHS:
         short -= HUNDREDTHS
@@ -117,7 +117,7 @@ def _write_latency(out: BytesWriter, ns: i64) -> None:
 
 
 def _fill(out: BytesWriter, begin: i64, width: i64) -> None:
-    """Write blanks behind what was written from ``begin`` on, until it has ``width`` octets."""
+    """Append blanks until ``width`` octets were written since ``begin``."""
     missing: i64 = width - (len(out) - begin)
     while missing > 0:
         out.append(_BLANK)
@@ -125,7 +125,7 @@ def _fill(out: BytesWriter, begin: i64, width: i64) -> None:
 
 
 def _write_content(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-    """Write `facets.content` without a text in between; False, and nothing is written, where that cannot be."""
+    """Write what `facets.content` returns, without a str in between; False, with nothing written, where it cannot."""
     step = step_of(item, octets, at, size)
     if step == 0:
         return write_word(out, item, octets, at, size, b"'", words.SHOWN_TEXT)

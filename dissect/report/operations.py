@@ -1,4 +1,4 @@
-"""Operations for a person, one a line, and as lines of JSON."""
+"""Operations as lines for a person and as lines of JSON, one for each operation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dissect.wire.text import Clock, shortened
 
 OPERATION_SCHEMA: Final = "s7dissect.operation/1"
 
-#: What people call the kinds.
+#: The kinds of operations in the words of the output.
 NAMES: Final = {
     "connect": "connect",
     "download": "download",
@@ -43,13 +43,13 @@ _SUBJECT: Final = 120
 
 
 def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
-    """Return one operation on one line: when, how long, who asked whom, what, how much, what came of it."""
+    """Return one operation on one line: when, who asked whom, how long, what, how much, and its result."""
     ends = operation.connection.tcp.ends
     frames = places.pair(operation.first_frame, operation.last_frame)
     what = shortened(operation.subject, _SUBJECT)
     told = ""
     if operation.kind == LONG_ANSWER:
-        # The head of an SZL says what the subject says already.
+        # The head of an SZL repeats the subject.
         parts = [part for part in operation.content_parts() if part.layout is not SZL_HEAD]
         told = words.some_notes([part.note for part in parts if part.note])
     what = f"{what} → {told}" if told else what
@@ -62,13 +62,13 @@ def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
 
 
 def styled_operation(operation: Operation, clock: Clock, places: Places) -> Line:
-    """Return `operation_line` with its style: what did not come to its end stands out."""
+    """Return `operation_line` with its style: a failed operation stands out."""
     style = PLAIN if operation.result in NO_FAILURES else FAILED
     return Line(operation_line(operation, clock, places), style, HANG)
 
 
 def _carried(operation: Operation) -> str:
-    """Return of how much an operation consisted."""
+    """Return how many transactions and pushes an operation had, how often they came, and how many bytes it carried."""
     pushes = words.count(operation.pushes, "push", "pushes")
     if operation.pushes and operation.pushes == operation.parts:
         parts = [pushes]
@@ -79,7 +79,7 @@ def _carried(operation: Operation) -> str:
     each = operation.push_interval_ns
     if operation.kind == POLLING and operation.parts > 1:
         each = operation.duration_ns // int(operation.parts - 1)
-    # Below zero the clock of the capture ran backwards.
+    # An average below zero means that the clock of the capture ran backwards.
     if each >= 0 and (operation.pushes > 1 or (operation.kind == POLLING and operation.parts > 1)):
         parts.append(f"one in {words.duration(each)} on average")
     if operation.octets:
@@ -89,14 +89,14 @@ def _carried(operation: Operation) -> str:
 
 
 def shouted(text: str) -> str:
-    """Return a result the way it stands on a line: loud when something went wrong."""
+    """Return a result for a line: in capitals when the operation failed."""
     if text == NOT_CAPTURED:
         return "outcome not captured"
     return text if text in NO_FAILURES else text.upper()
 
 
 def result(operation: Operation) -> str:
-    """Return what came of an operation, and why."""
+    """Return the result of an operation, and the reason for it."""
     shout = shouted(operation.result)
     if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
         return "ended with the connection"

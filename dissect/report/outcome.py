@@ -1,4 +1,4 @@
-"""What a command came to, in the forms that formats ask for: lines for a person, values for a program, cases of a test."""
+"""`Outcome`: the single result of a command, as lines for a person, values for JSON, rows of a table or test cases."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dissect.report.styled import PLAIN, Line
 from dissect.wire.json_page import JsonPage
 from dissect.wire.text import json_text
 
-#: Arguments of `json.dumps`. The layout is part of what users compare, so each command keeps its own.
+#: Arguments of `json.dumps`. Users compare files of these outputs, so the layout of each command must not change.
 PAGE: Final[Mapping[str, Any]] = {"indent": 1}
 WIDE_PAGE: Final[Mapping[str, Any]] = {"indent": 2}
 LINE: Final[Mapping[str, Any]] = {"separators": (",", ":")}
@@ -19,15 +19,15 @@ SPACED_LINE: Final[Mapping[str, Any]] = {}
 
 
 def plain(lines: Iterable[str], hang: int = 4) -> Iterator[Line]:
-    """Yield lines without a style; what is continued on a terminal begins in column ``hang``."""
+    """Yield lines without a style; where a terminal wraps them, they continue in column ``hang``."""
     for line in lines:
         yield Line(line, PLAIN, hang)
 
 
 class Case(NamedTuple):
-    """One test and what became of it, in pairs of kind and text; it passed when there are none.
+    """One test case. ``failures`` and ``errors`` are pairs of kind and text; the test passed when there are none.
 
-    ``errors`` are why it could not be tried. ``listed``: the failures are many lines, not one sentence.
+    ``errors`` say why the test could not be run. ``listed``: each failure has many lines, not one sentence.
     """
 
     name: str
@@ -37,29 +37,29 @@ class Case(NamedTuple):
 
 
 class Outcome(ABC):
-    """One result of a command. Lines are safe to show; values are as they are, in ASCII."""
+    """The result of a command. Lines for a person are escaped; values for JSON are not."""
 
     #: How its JSON is laid out.
     layout: Mapping[str, Any] = PAGE
 
     @abstractmethod
     def text(self) -> Iterable[str | Line]:
-        """Return it as lines for a person."""
+        """Return the result as lines for a person."""
 
     @abstractmethod
     def as_dict(self) -> Mapping[str, object]:
-        """Return it as JSON-ready values."""
+        """Return the result as values that `json.dumps` takes."""
 
     def sections(self) -> Iterable[tuple[str, object]]:
-        """Return the names and values of `as_dict`; what is a long list there may be an iterator here."""
+        """Return the names and values of `as_dict`; a long list may be an iterator here."""
         return self.as_dict().items()
 
 
 class Tested(Protocol):
-    """An outcome that formats of tests take."""
+    """An outcome that can be written in a format for test results (JUnit)."""
 
     def cases(self) -> tuple[str, str, list[Case]]:
-        """Return it as tests: the name of the suite, what it is of, and the tests."""
+        """Return (name of the suite, what was tested, its test cases)."""
 
 
 class Table(Protocol):
@@ -86,9 +86,9 @@ def text_outcome(outcome: Outcome) -> Iterable[str | Line]:
 
 
 def json_outcome(outcome: Outcome) -> Iterator[str | Line]:
-    """Yield an outcome as JSON: ASCII without control characters but the line feeds of its layout.
+    """Yield an outcome as JSON: ASCII, without control characters except the line feeds of its layout.
 
-    What a long report is made of is never there all at once: each part is a piece, and each object of a long list.
+    A long report is never in memory as a whole: each section, and each object of a long list, is a piece that is yielded.
     """
     layout = outcome.layout
     if "indent" not in layout:

@@ -1,4 +1,4 @@
-"""S7 PDUs as lines of JSON: their header, items and parts, and what could not be read of them (docs/json.md)."""
+"""PDUs as lines of JSON: header, items and parts, and what is malformed (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dissect.wire.text import Clock, json_text
 
 
 class PduLines:
-    """Writes S7 PDUs as lines of JSON. With ``locate`` packets are numbered within their file, which is named."""
+    """Makes the JSON lines of PDUs. With ``locate``, a packet's number is that within its file, and the file is named."""
 
     def __init__(self) -> None:
         self._clock: Clock = Clock()
@@ -60,7 +60,7 @@ class PduLines:
 
 
 def _header(pdu: Pdu) -> str:
-    """Return the header's fields; what a cut header does not hold is null."""
+    """Return the fields of the header; null for those that a cut header lacks."""
     rosctr = f'{pdu.rosctr},"rosctr_name":{json_text(ROSCTR.name(pdu.rosctr))}'
     if pdu.rosctr < 0:
         rosctr = 'null,"rosctr_name":null'
@@ -77,9 +77,9 @@ def _malformed(fact: Malformed) -> str:
 
 
 def _body(pdu: Pdu, faults: list[Malformed]) -> str:
-    """Return what the PDU carries: setup, request items, data items, return codes, and what is kept as octets.
+    """Return what the PDU carries: setup, request items, data items, return codes, parts, and undecoded octets.
 
-    What its parts have against themselves is added to ``faults``, unless the capture cut them.
+    Contradictions within its parts are added to ``faults``, unless the capture cut the PDU.
     """
     parameters = pdu.parameters
     text = ""
@@ -109,7 +109,7 @@ def _body(pdu: Pdu, faults: list[Malformed]) -> str:
             ]
             text += f',"parts":[{",".join(parts)}]'
     if pdu.malformed or pdu.cut:
-        text += f',"octets":"{pdu.octets.hex()}"'  # what was read of it may not be all
+        text += f',"octets":"{pdu.octets.hex()}"'  # some of them may not have been decoded
     return text
 
 
@@ -133,7 +133,7 @@ def _field(value: FieldValue) -> str:
 
 
 def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
-    """Return a data item; in a write request, where the type is known, with its value."""
+    """Return a data item; with its value in a write request, whose item says which type the data have."""
     text = (
         f'{{"return_code":{answer.return_code},"transport_size":{answer.transport_size},"length":{answer.length}'
         f',"data":"{answer.data.hex()}"'

@@ -1,4 +1,4 @@
-"""`analyze --per-file`: one row a file. What happens in a run is counted for the file that its first packet is in."""
+"""`analyze --per-file`: one row for each file. Each transaction and finding counts for the file of its first packet."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NAME: Final = 60
 
 
 class FileCounts:
-    """What was counted for one file; ``findings`` by severity."""
+    """The counts of one file; ``findings`` by severity."""
 
     __slots__ = ("connections", "errors", "findings", "missed", "transactions")
 
@@ -33,10 +33,10 @@ class FileCounts:
 
 
 class PerFile(Observer):
-    """Counts by file. ``files`` are those of the run, and may still grow.
+    """Counts by file. ``files`` are the files of the run; more may be added while it goes on.
 
-    ``reporter`` is that of the run. Findings beyond its bounds of details are counted for the file that was being read; without
-    it, as in a selection, only those are counted of which details came.
+    ``reporter`` is that of the run. It passes on only so many findings with details; further ones are counted for the file that
+    was being read then. Without ``reporter``, as in a selection, only findings with details are counted.
     """
 
     def __init__(self) -> None:
@@ -48,14 +48,14 @@ class PerFile(Observer):
         self._total = 0
 
     def of(self, index: int) -> FileCounts:
-        """Return what was counted for the file of this index."""
+        """Return the counts of the file with this index in ``files``."""
         return self._counts.setdefault(index, FileCounts())
 
     def _at(self, frame: int) -> FileCounts:
         return self.of(max(0, bisect_right(self.files, frame, key=lambda file: int(file.first_frame)) - 1))
 
     def _count_others(self, counts: FileCounts) -> None:
-        """Count for the file that is being read the findings of which no details come."""
+        """Count new findings that come without details in ``counts``, those of the file that is being read."""
         reporter = self.reporter
         if reporter is None or sum(reporter.counts.values()) == self._total:
             return
@@ -80,17 +80,17 @@ class PerFile(Observer):
             counts.missed += 1
 
     def connection_closed(self, connection: Connection) -> None:
-        """Count a connection for the file that it begins in."""
+        """Count a connection for the file in which it begins."""
         self._at(connection.tcp.first_frame).connections += 1
 
     def finding(self, finding: Finding) -> None:
-        """Count a finding; one that names no packet is about the latest file."""
+        """Count a finding; one that names no packet counts for the latest file."""
         self._count(finding.slug, 1)
         counts = self._at(finding.frames[0]) if finding.frames else self.of(max(0, len(self.files) - 1))
         counts.findings[finding.severity] += 1
 
     def lines(self) -> Iterator[Line]:
-        """Yield the rows, and the sum where there are several."""
+        """Yield a heading, a row for each file, and where there are several files a row with the sums."""
         self._count_others(self.of(max(0, len(self.files) - 1)))
         total = FileCounts()
         rows = [["file", "packets", "connections", "transactions", "errors", "no answer", *SEVERITIES, ""]]

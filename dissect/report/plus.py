@@ -1,4 +1,4 @@
-"""What reports say of an S7comm-plus PDU beside its function: in words, and as JSON-ready values (docs/json.md)."""
+"""S7comm-plus PDUs and transactions in reports: in words, and as JSON (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from dissect.wire.text import count, hex_number, json_text, shortened
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
 
 _MESSAGE: Final = 100
-#: Characters of what a PDU is about, and items that a line names.
+#: At most so many characters are shown of what a PDU is about, and so many items named on a line.
 _SUMMARY: Final = 200
 _ITEMS: Final = 20
-#: Areas as S7comm numbers them, by those of S7comm-plus.
+#: Area numbers of S7comm by those of S7comm-plus.
 S7_AREAS: Final = {80: 0x81, 81: 0x82, 82: 0x83, 83: 0x1C, 84: 0x1D}
 DB_AREA: Final = 0x84
 
-#: Functions whose items stand beside what else they are about.
+#: Functions that are described by their notes and their items; others with items only by the items.
 _ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
 
-#: How `head_json` begins, by version and opcode, for PDUs in one frame.
+#: Cache of the beginning of `head_json`, by version and opcode, for PDUs in one frame.
 _BEGINNINGS: Final[dict[int, str]] = {}
-#: The same for requests up to the digest, by session, transport flags and version; and how many of them are kept.
+#: Cache of the same for requests, up to the digest, by session, transport flags and version; and its greatest size.
 _REQUESTS: Final[dict[int, str]] = {}
 _MAX_REQUESTS: Final = 4096
 
@@ -57,15 +57,15 @@ class PlusFacet(Facet):
         return str(transaction.pdu_ref) if transaction.function >= 0 else ""
 
     def items(self, transaction: Transaction) -> list[str]:
-        """Return every item with what became of it, in wire order."""
+        """Return each item with its value or error, in wire order."""
         return [item_text(item) for item in transaction.plus_items()]
 
     def subject(self, transaction: Transaction) -> str:
-        """Return what a transaction is about: the session, or the subscription that tells it."""
+        """Return what a transaction is about: its items, notes on request and answer, or a subscription."""
         return plus_subject(transaction)
 
     def notes(self, transaction: Transaction) -> str:
-        """Return the same in short: the items that were refused, or else the first few of all, without values."""
+        """Return the subject with only a few items: the refused ones, or where none was refused the first, without values."""
         return plus_subject(transaction, in_short)
 
     def statistics(self, code: int) -> dict[str, object]:
@@ -84,16 +84,16 @@ def plus_function(parameters: Parameters) -> str:
 
 
 def plus_alarms(contents: Contents) -> str:
-    """Return the key ``alarms`` behind a comma; nothing where there are none."""
+    """Return a comma and the key ``alarms``; empty where there are none."""
     alarms = ",".join([as_text(Alarm(one).as_dict()) for one in contents.objects if one.class_id == ALARM])
     return f',"alarms":[{alarms}]' if alarms else ""
 
 
 def plus_notes(pdu: PlusPdu) -> list[str]:
-    """Return what a PDU says beside its function, in a few words each, safe to show."""
+    """Return notes on the head of a PDU, without its function: session, subscription, return value …; escaped."""
     said = []
     if pdu.session_id >= 0:
-        said.append(f"session {plain_id(pdu.session_id)}")  # as other lines call the object that it is
+        said.append(f"session {plain_id(pdu.session_id)}")  # a session is an object: named as objects are
     if pdu.opcode == REQUEST and not pdu.wants_response:
         said.append("expects no response")
     if pdu.subscription_id >= 0:
@@ -117,14 +117,14 @@ def subscription_note(subscription: int) -> str:
 
 
 def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
-    """Return what the contents of a PDU say, in a few words each, safe to show."""
+    """Return short notes on the contents of a PDU; escaped."""
     return [shortened(text, _MESSAGE) for text in summary(pdu, found)]
 
 
 def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], list[str]] | None = None) -> str:
-    """Return what an S7comm-plus transaction is about: the session, or the subscription that tells it.
+    """Return what an S7comm-plus transaction is about: its items, notes on request and answer, or a subscription.
 
-    ``itemized`` says what there is to say of items, by default each with what became of it.
+    ``itemized`` makes texts of the items; by default each item is shown with its value or error, up to `_ITEMS` of them.
     """
     told_of = itemized if itemized is not None else _in_full
     asked, told = transaction.plus_halves(said=True)
@@ -150,7 +150,7 @@ def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], 
 
 
 def item_text(item: PlusItem) -> str:
-    """Return an item with what became of it: ``DB3."tank".level = Int 5``, ``MW100: refused``; safe to show."""
+    """Return an item with its value or error: ``DB3."tank".level = Int 5``, ``MW100: refused``; escaped."""
     label = shortened(item.label, _MESSAGE)
     if item.return_code > 0:
         return f"{label}: {item.codes.name(item.return_code)}"
@@ -160,7 +160,7 @@ def item_text(item: PlusItem) -> str:
 
 
 def in_short(items: list[PlusItem]) -> list[str]:
-    """Return what a summary says of items, as that of S7comm does (`dissect.report.facets.items_in_short`)."""
+    """Return a summary of items, in the form of S7comm's (`dissect.report.facets.items_in_short`)."""
     refused = [item_text(item) for item in items if item.return_code > 0]
     if not refused:
         names = [shortened(item.label, _MESSAGE) for item in items]
@@ -176,14 +176,17 @@ def _in_full(items: list[PlusItem]) -> list[str]:
 
 
 def head_begin(pdu: PlusPdu) -> str:
-    """Return how `head_json` begins, up to the digest."""
+    """Return the beginning of `head_json`, up to the digest."""
     if pdu.opcode == REQUEST and pdu.session_id >= 0:
         return _known_request(pdu)
     return _beginning(pdu) + _other_head(pdu)
 
 
 def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
-    """Return what only S7comm-plus has; keys that the PDU does not have are left out."""
+    """Return the object with what only S7comm-plus has, without keys for what the PDU lacks.
+
+    ``integrity_id`` is -1 for none.
+    """
     digest = f',"integrity":"{pdu.integrity.hex()}"' if pdu.integrity else ""
     message = f',"message":{json_text(pdu.message.decode("latin-1"))}' if pdu.message else ""
     id_ = f',"integrity_id":{integrity_id}' if integrity_id >= 0 else ""
@@ -191,12 +194,12 @@ def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
 
 
 def notification_begin(pdu: PlusPdu) -> str:
-    """Return how `head_json` of a notification begins, up to its own numbers."""
+    """Return the beginning of a notification's `head_json`, up to the numbers that differ in each notification."""
     return f'{_beginning(pdu)},"subscription_id":{pdu.subscription_id}'
 
 
 def _beginning(pdu: PlusPdu) -> str:
-    """Return how `head_json` begins, up to the opcode."""
+    """Return the beginning of `head_json`, up to the opcode."""
     opcode = pdu.opcode
     key = pdu.version << 8 | opcode if pdu.frames == 1 and opcode >= 0 else -1
     said = _BEGINNINGS.get(key, "")
@@ -211,7 +214,7 @@ def _beginning(pdu: PlusPdu) -> str:
 
 
 def _known_request(pdu: PlusPdu) -> str:
-    """Return what `head_json` has before the digest of a request with a whole head: all of a session say the same."""
+    """Return `head_begin` of a request with a whole head, from the cache: it is the same for the requests of a session."""
     key = -1
     if pdu.frames == 1 and 0 <= pdu.transport_flags <= 0xFF:
         key = (pdu.session_id << 8 | pdu.transport_flags) << 8 | pdu.version
@@ -228,7 +231,7 @@ def _known_request(pdu: PlusPdu) -> str:
 
 
 def _other_head(pdu: PlusPdu) -> str:
-    """Return what `head_json` has between opcode and digest of a PDU that is no request with a whole head."""
+    """Return the keys of `head_json` between opcode and digest, for any PDU but a request with a whole head."""
     opcode = pdu.opcode
     said = ""
     if pdu.subscription_id >= 0:
@@ -248,7 +251,7 @@ def _other_head(pdu: PlusPdu) -> str:
 
 
 def malformed_note(half: Half | None, which: str = "") -> list[str]:
-    """Return in what the contents of a whole PDU contradict themselves, with the place in the PDU; ``which`` names it."""
+    """Return a note if the contents of a whole PDU are malformed, with the place in the PDU; ``which`` stands before it."""
     if half is None or half.pdu.cut or half.pdu.malformed or not half.contents.malformed:
         return []
     fact = half.contents.malformed[0]
@@ -256,12 +259,12 @@ def malformed_note(half: Half | None, which: str = "") -> list[str]:
 
 
 def _lost_note(half: Half | None, which: str) -> list[str]:
-    """Tell of a PDU whose end is not there that it is incomplete: what is said of it is what it begins with."""
+    """Return a note if the end of a PDU is missing, so that only its beginning could be described."""
     return [f"{which} incomplete"] if half is not None and not half.pdu.whole else []
 
 
 def as_text(value: object) -> str:
-    """Return JSON of a value. The encoder of the library takes several times as long for what is as small as most are."""
+    """Return a value as JSON. For small values, which most are, this is several times faster than the json module."""
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -278,9 +281,9 @@ def as_text(value: object) -> str:
 
 
 def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[str, int] | None) -> str:
-    """Return a PDU as a line of JSON: the keys of an S7 PDU, null where S7comm-plus has nothing like them.
+    """Return a PDU as a line of JSON, with the keys of S7comm PDUs too; those that S7comm-plus does not have are null.
 
-    ``place`` is the file of its packet and the number within it; None where there is only one file.
+    ``place`` is (file, number of the packet within it), None where there is only one file.
     """
     ends = connection.tcp.ends
     values: dict[str, object] = {"schema": "s7dissect.pdu/1", "frame": pdu.frame}
@@ -304,7 +307,10 @@ def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[
 
 
 def _part_as_dict(part: Part, pdu: PlusPdu, hidden: list[tuple[int, int]]) -> dict[str, object]:
-    """Return a part with its fields, as those of S7 PDUs; ``depth`` is how many parts enclose it."""
+    """Return a part with its fields, as for S7comm PDUs, and ``depth``, the number of parts that enclose it.
+
+    Octets in the ranges of ``hidden`` (begin, end in the PDU) are secrets and written as zeros.
+    """
     fields: list[dict[str, object]] = []
     for value in part.values:
         offset = pdu.place(int(value.offset))
@@ -326,5 +332,5 @@ def _part_as_dict(part: Part, pdu: PlusPdu, hidden: list[tuple[int, int]]) -> di
 
 
 def _json(values: object) -> str:
-    """Return JSON in ASCII; DEL, which JSON would leave as it is, is escaped like every other control."""
+    """Return JSON in ASCII. The json module does not escape DEL; here it is escaped like any other control character."""
     return _ENCODER.encode(values).replace("\x7f", "\\u007f")

@@ -1,6 +1,6 @@
-"""Compressed blobs of S7comm-plus as lines: interfaces, comments and code of blocks, which are XML (docs/s7plus.md).
+"""Compressed blobs of S7comm-plus as lines: interfaces, comments and code of blocks, all of them XML (docs/s7plus.md).
 
-Most need a preset dictionary, which the package s7commplus has; it is asked when the first such blob is shown.
+Most need a preset dictionary of the package s7commplus, which is imported when the first such blob is shown.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dissect.report import words
 from dissect.s7plus.blobs import BAD, NO_DICTIONARY, TOO_LARGE, Opened, open_blob
 from dissect.wire.text import shortened
 
-#: Lines of a blob, characters of a line and levels of indentation that are shown, and octets that these are made of.
+#: At most so many lines of a blob, characters of a line and levels of indentation are shown, and so many octets decompressed.
 _LINES: Final = 400
 _WIDTH: Final = 180
 _LEVELS: Final = 20
@@ -26,7 +26,7 @@ _HINT: Final = "pip install 's7dissect[s7plus]'"
 
 @cache
 def dictionaries() -> Mapping[int, bytes]:
-    """Return the preset dictionaries by their Adler-32, empty when the package that has them is not installed."""
+    """Return the preset dictionaries by their Adler-32; empty when the package s7commplus is not installed."""
     try:
         found = import_module("s7commplus.zlib_dicts").ZLIB_DICTIONARIES
     except (ImportError, AttributeError):
@@ -35,7 +35,7 @@ def dictionaries() -> Mapping[int, bytes]:
 
 
 def blob_lines(octets: bytes) -> Iterator[str]:
-    """Yield what a compressed blob holds, or why it stays closed. Safe to show."""
+    """Yield the text of a compressed blob as lines, or why it cannot be decompressed; escaped."""
     known = dictionaries()
     opened = open_blob(octets, known, _KEPT)
     yield f"{words.count(len(octets), 'byte')} compressed{_said(opened, known)}"
@@ -56,7 +56,7 @@ def _said(opened: Opened, known: Mapping[int, bytes]) -> str:
 
 
 def _text_lines(octets: bytes, more: bool) -> Iterator[str]:
-    """Yield XML with one element a line, indented as the elements stand inside each other; any other text as it is."""
+    """Yield XML with one tag a line, indented by nesting; ``more``: there are octets after these, which are not shown."""
     text = octets.decode("utf-8-sig", "replace")
     level = 0
     shown = 0
@@ -75,5 +75,5 @@ def _text_lines(octets: bytes, more: bool) -> Iterator[str]:
 
 
 def _opens(line: str) -> bool:
-    """Tell whether a line begins an element that it does not end."""
+    """Return whether a line begins an element that it does not end."""
     return line.startswith("<") and line[1:2] not in {"/", "?", "!"} and not line.endswith("/>") and "</" not in line

@@ -1,6 +1,6 @@
-"""Items of S7comm-plus as JSON, with the keys that those of S7comm have and their own behind them.
+"""Items of S7comm-plus as JSON: first the keys that S7comm items have, then those that only S7comm-plus has.
 
-Success is 255 there as well, so that one question finds refusals in both protocols.
+``return_code`` is 255 for success, as in S7comm, so that one query finds refusals in both protocols.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dissect.wire.digits import write_decimal, write_hexadecimal
 from dissect.wire.text import hex_number, json_text
 
 _SUCCESS: Final = str(SUCCESS)
-#: Octets of a single, and the bits of its exponent that NaN and the infinities have: those of its first octet, of its second.
+#: Octets of a REAL, and its exponent bits in its first and second octet: all are set in NaN and infinities.
 _SINGLE: Final = 4
 _EXPONENT: Final = 0x7F
 _LAST_OF_EXPONENT: Final = 0x80
@@ -32,7 +32,7 @@ _CLOSE: Final = 0x7D
 
 
 def write_item(out: BytesWriter, item: PlusItem) -> None:
-    """Write an item."""
+    """Write an item as a JSON object."""
     address = item.address
     value = item.value
     fragment = _NOWHERE
@@ -69,7 +69,7 @@ def write_item(out: BytesWriter, item: PlusItem) -> None:
 
 
 def _write_value(out: BytesWriter, value: Value, data: bytes | None) -> None:
-    """Write a value of which the program says nothing, ``data`` behind its type."""
+    """Write a value whose type the program does not describe further; ``data`` are its octets without the type."""
     content = value.content
     if (
         COMPILED
@@ -85,7 +85,7 @@ def _write_value(out: BytesWriter, value: Value, data: bytes | None) -> None:
 
 
 def _address_octets(address: Address) -> tuple[bytes, str, str, bytes]:
-    """Return what an item says of its address: how it begins if all is well, its label, what follows that, and the path."""
+    """Return (beginning of the item's object for success, its label, the keys up to the return code, crc and path)."""
     start = str(address.start_bit) if address.start_bit >= 0 else "null"
     area = db = crc = "null"
     if address.area >> 16 == DATA_BLOCK:
@@ -112,7 +112,7 @@ def _nowhere() -> tuple[bytes, str, str, bytes]:
     return _item_begin("null", where, _SUCCESS), "null", where, b',"crc":null,"path":null'
 
 
-#: The same for an item of which nobody knows the address.
+#: What `_address_octets` returns, for an item whose address is not known.
 _NOWHERE: Final = _nowhere()
 _TYPES: Final[list[bytes]] = [f',"type":{json_text(VALUE_TYPES.name(type_))}'.encode("ascii") for type_ in range(256)]
 _NO_TYPE: Final = b',"type":null'

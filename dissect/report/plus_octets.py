@@ -1,8 +1,8 @@
-"""What lines of JSON say of S7comm-plus transactions, as octets: the function, the notes, both heads and the items.
+"""The S7comm-plus part of JSON lines of transactions, as octets: the function, the notes, both heads and the items.
 
-A panel asks for the same variables all the time, and an engineering tool for the same states; most answers are those of before
-as well. PDUs that are alike but for numbers that each has for itself (digest, sequence number, session, integrity id) are read
-and put into words once (`Known`), and so are the items of a request and an answer that met before.
+Panels and engineering tools poll: most requests and answers repeat earlier ones. PDUs that differ only in digest, sequence
+number, session and integrity id are decoded and described once (`Known`). The items of a request and an answer that were
+paired before are written from memory, too.
 """
 
 from __future__ import annotations
@@ -37,29 +37,29 @@ from dissect.wire.text import json_text
 _COMMA: Final = 0x2C
 _QUOTE: Final = 0x22
 _CLOSE: Final = 0x7D
-#: What is remembered is forgotten together when it takes so much: of each PDU some times its own octets, and what any takes;
-#: of items their octets, and what any take.
+#: Everything that is remembered is forgotten when it takes so many octets, by this estimate: `_TIMES` the octets of a PDU plus
+#: `_COST`; for items their octets plus `_ITEMS_COST`.
 _MAX_KEPT: Final = 4 * 1024 * 1024
 _COST: Final = 2048
 _TIMES: Final = 8
 _ITEMS_COST: Final = 256
-#: Bits of the number of what is known, of which there is never more than that allows; and of a stamp of a session or a
-#: program: items of those that need more are not remembered.
+#: Bits in `_key` for the number of a `Known` (`_MAX_KEPT` bounds how many there are), and for the stamp of a session or a
+#: program. Items are not remembered where a stamp needs more bits.
 _NUMBER_BITS: Final = 12
 _STAMP_BITS: Final = 24
 _MAX_STAMP: Final = 1 << _STAMP_BITS
-#: What is added to the stamp of a session, which stands where a request has its number: above every such number.
+#: Added to the stamp of a session, which takes the place of a request's number in `_key`, so that the two never coincide.
 _FIRST_STAMP: Final = 1 << _NUMBER_BITS
-#: Heads of requests that are remembered.
+#: At most so many heads of requests are remembered.
 _MAX_HEADS: Final = 4096
 
 
 class Known:
-    """What lines say of PDUs that are alike.
+    """The texts for PDUs that are alike.
 
-    ``half`` is the first of them, ``notes`` are what it says beside its function, as elements of an array, ``head`` is how
-    `head_json` begins. Of a request and a notification both are without what each has for itself. ``number`` is 0 for a PDU
-    that is alike to none, whose ``head`` is whole.
+    ``half`` is the first of these PDUs, ``notes`` are its notes as elements of a JSON array, ``head`` is the beginning of
+    `head_json`. For a request and a notification, ``notes`` and ``head`` lack what each PDU has for itself. ``number`` is 0 for
+    a PDU that is compared with no other; its ``notes`` and ``head`` are complete.
     """
 
     __slots__ = ("alarms", "half", "head", "notes", "number")
@@ -73,7 +73,7 @@ class Known:
 
 
 class _Head:
-    """What requests of one session have in common: the beginning of `head_json`, and notes."""
+    """The texts that the requests of one session have in common: the beginning of `head_json`, and notes."""
 
     __slots__ = ("head", "notes")
 
@@ -83,7 +83,7 @@ class _Head:
 
 
 class PlusLines:
-    """Writes what only lines of S7comm-plus have."""
+    """Writes those keys of a line that are different for S7comm-plus."""
 
     def __init__(self) -> None:
         self._request: Seen = Seen()
@@ -96,7 +96,7 @@ class PlusLines:
         self._part: BytesWriter = BytesWriter()
 
     def write_function(self, out: BytesWriter, transaction: Transaction) -> None:
-        """Write what stands between the connection and the packets."""
+        """Write the value of ``pdu_ref`` and the keys after it, up to the key ``request_frame``."""
         if transaction.function >= 0:
             write_decimal(out, transaction.pdu_ref)
         else:
@@ -106,7 +106,7 @@ class PlusLines:
         out.write(b',"request_frame":')
 
     def write_body(self, out: BytesWriter, transaction: Transaction) -> None:
-        """Write the keys that only these lines have, and the items without the bracket that ends them."""
+        """Write the keys ``asks``, ``tells`` and ``s7plus``, and the items without the closing bracket."""
         if self._kept > _MAX_KEPT:
             self._forget()
         asked: Known | None = None
@@ -137,7 +137,7 @@ class PlusLines:
         self._kept = 0
 
     def _find(self, seen: Seen, octets: bytes) -> Known:
-        """Return what is known of a PDU, and leave in ``seen`` what it has for itself."""
+        """Return the texts for a PDU, and read what it has for itself into ``seen``."""
         alike: dict[bytes, Known] | None = None
         if seen.read(octets):
             alike = self._known.get(int(seen.kind))
@@ -205,7 +205,7 @@ class PlusLines:
         out.append(_CLOSE)
 
     def _head(self, seen: Seen) -> _Head:
-        """Return what requests of the session have in common."""
+        """Return the texts that the requests of the session have in common."""
         found = self._heads.get(int(seen.session))
         if found is None:
             pdu = parse_plus(seen.octets)
@@ -218,7 +218,7 @@ class PlusLines:
     def _write_items(
         self, out: BytesWriter, asked: Known | None, told: Known | None, session: PlusSession | None
     ) -> None:
-        """Write the items; those of a request and an answer that met before, while the same was known, as they were then."""
+        """Write the items, from memory where the same request and answer met before with the same knowledge of the program."""
         key = _key(asked, told, session)
         if key >= 0:
             found = self._items.get(int(key))
@@ -242,9 +242,9 @@ class PlusLines:
 
 
 def _key(asked: Known | None, told: Known | None, session: PlusSession | None) -> i64:
-    """Return a number that two transactions have in common only if their items are the same, -1 for none.
+    """Return a number that two transactions have in common only if their items are the same; -1 where there is none.
 
-    What a request asks for, it says itself; what a notification is about is known of the session.
+    With a request, the items follow from it; those of a notification follow from the session, whose stamp is used instead.
     """
     program: i64 = 0
     other: i64 = _FIRST_STAMP
@@ -270,7 +270,7 @@ def _subscription_note(subscription: i64) -> bytes:
 
 
 def _alone(seen: Seen, half: Half) -> Known:
-    """Return what a line says of a PDU that is compared with no other."""
+    """Return the complete texts for a PDU that is compared with no other."""
     seen.alike = False
     pdu = half.pdu
     texts = plus_notes(pdu) + summary(pdu, half.contents) + malformed_note(half)
@@ -278,7 +278,7 @@ def _alone(seen: Seen, half: Half) -> Known:
 
 
 def _of_all(half: Half) -> Known:
-    """Return what a line says of a PDU, and of all that are alike."""
+    """Return the texts for a PDU and for all that are like it."""
     pdu = half.pdu
     texts = summary(pdu, half.contents)
     head = ""
@@ -291,5 +291,5 @@ def _of_all(half: Half) -> Known:
 
 
 def _elements(texts: list[str]) -> bytes:
-    """Return texts as elements of an array of JSON."""
+    """Return texts as the elements of a JSON array, without its brackets."""
     return ",".join([json_text(text) for text in texts]).encode("ascii")

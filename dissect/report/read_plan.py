@@ -1,6 +1,6 @@
-"""The items of a polled read as JSON where calls are dear: interpreted, what repeats with each answer is put together once.
+"""The items of a polled read as JSON, fast without compilation: one format string for all answers to the same request.
 
-Compiled, lines are written into a buffer instead (`dissect.report.writers.jsonl`); a test holds the two to each other.
+The compiled package writes lines into a buffer instead (`dissect.report.writers.jsonl`); a test compares the two.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from dissect.s7.values import LEAST_TEXT, NUMBER_LETTERS, number_size
 
 
 class ReadPlan:
-    """How the answers to one request are written while they begin as a good one did.
+    """Writes the items of answers to one request, as long as their layout is that of its answers without errors.
 
-    ``layout`` is the `Parameters.good_layout` that it was made for.
+    ``layout`` is the `Parameters.good_layout` for which the plan was made.
     """
 
     __slots__ = ("_numbers", "_octets", "_others", "_text", "layout")
@@ -29,7 +29,7 @@ class ReadPlan:
         self._others: Final[list[tuple[Item, int, int]]] = []
         items = parameters.items
         forms = [_form(item) for item in items]
-        # Of the next field of the text: octets of all items come first, then numbers, then other values.
+        # Numbers of the next fields in the format string: octets of all items come first, then numbers, then other values.
         number = len(items)
         other = number + sum(
             [item.size // number_size(item.transport_size) for item, form in zip(items, forms, strict=True) if form]
@@ -66,7 +66,7 @@ class ReadPlan:
 
 
 def _form(item: Item) -> str:
-    """Return how `struct` reads the numbers of an item; empty where its value is more than these."""
+    """Return the `struct` format for the numbers of an item; empty where its value is not just numbers."""
     size = item.size
     letter = NUMBER_LETTERS.get(item.transport_size, "")
     if (

@@ -1,4 +1,4 @@
-"""What reports say of SCD: in words, as a field tree, and as JSON-ready values (docs/json.md, docs/scd-traffic.md)."""
+"""SCD messages and transactions in reports: in words and as JSON (docs/json.md, docs/scd-traffic.md)."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ PROTOCOL: Final = UPPER_NAMES[SCD]
 
 
 class ScdFacet(Facet):
-    """SCD that travels by itself; what stands in the items of S7comm is told with their transaction."""
+    """SCD in connections of its own. SCD in the items of S7comm is described with the S7comm transaction."""
 
     def pushes_both_ways(self) -> bool:
-        """Return True: a PDO goes either way."""
+        """Return True: either side may send a PDO."""
         return True
 
     def reference(self, transaction: Transaction) -> str:
-        """Return the number of request and answer, empty where the envelope has none."""
+        """Return the transaction number (tid), empty where the envelope has none."""
         found = transaction.scd
         return str(found[0].message.tid) if found and "tid" in found[0].message.numbers else ""
 
     def function_number(self, transaction: Transaction) -> str:
-        """Return nothing: its functions have names alone."""
+        """Return an empty text: SCD services have names, but no function codes."""
         return ""
 
     def subject(self, transaction: Transaction) -> str:
-        """Return objects, values, what is wrong."""
+        """Return objects, values and errors."""
         return scd_subject(transaction)
 
     def function_json(self, parameters: Parameters) -> str:
@@ -50,18 +50,18 @@ class ScdFacet(Facet):
         return scd_json(transaction, locate)
 
     def statistics(self, code: int) -> dict[str, object]:
-        """Return that there is no code."""
+        """Return the protocol; there is no function code."""
         return {"code": None, "protocol": PROTOCOL}
 
 
 def scd_subject(transaction: Transaction) -> str:
-    """Return what the SCD of a transaction says: objects, values, what is wrong."""
+    """Return the SCD of a transaction in words: objects, values and errors."""
     found = transaction.scd
     if not transaction.is_scd:
         return "; ".join([f"SCD {printable(one.binding)}: {_content(one)}" for one in found])
     said = [_said(one) for one in found]
     if len(found) == 2 and found[0].subject == found[1].subject:
-        texts = list(dict.fromkeys([text for text in said if text]))  # object and oddities are named once
+        texts = list(dict.fromkeys([text for text in said if text]))  # what request and answer both say stands once
         if len(texts) == 2 and texts[0].endswith(texts[1]):
             texts.pop()
         return _joined(_object(found[0]), ", ".join(texts))
@@ -69,13 +69,13 @@ def scd_subject(transaction: Transaction) -> str:
 
 
 def _joined(what: str, said: str) -> str:
-    """Return what is meant and what is said of it: "0x1000:0 Тип = 7", else with a gap between them."""
+    """Return an object and its text, two blanks between them; one blank before "=": "0x1000:0 Тип = 7"."""
     gap = " " if said.startswith("=") else "  "
     return f"{what}{gap}{said}".strip()
 
 
 def _object(found: ScdMessage) -> str:
-    """Return the object without the service, which stands before it as the function."""
+    """Return the object without the service, which the line shows before it as the function."""
     message = found.message
     text = found.subject
     if message.service == "pdo":
@@ -132,8 +132,8 @@ def scd_summary(found: ScdMessage) -> str:
 def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None) -> dict[str, object]:
     """Return a message as JSON-ready values.
 
-    ``asked_by`` is the side whose messages are requests (-1: not told), ``place`` file and packet where there are several
-    files.
+    ``asked_by`` is the side whose messages are requests, -1 to leave out whether it is one. ``place`` is (file, number of the
+    packet within it), None where there is only one file.
     """
     from dissect.scd.wording import known_text, row_json
 
@@ -170,7 +170,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
 
 
 def scd_json(transaction: Transaction, locate: Locate | None) -> str:
-    """Return the ``scd`` key of a transaction, behind a comma; empty when there is no SCD in it."""
+    """Return a comma and the ``scd`` key of a transaction; empty when there is no SCD in it."""
     found = transaction.scd
     if not found:
         return ""
@@ -180,7 +180,7 @@ def scd_json(transaction: Transaction, locate: Locate | None) -> str:
 
 
 def scd_line_json(found: ScdMessage, time: str, connection: Connection, place: tuple[str, int] | None) -> str:
-    """Return the line that `show -T jsonl` writes for a message; ``place`` is file and packet where there are several files."""
+    """Return the line that `show -T jsonl` writes for a message; ``place`` is (file, packet) where there are several files."""
     ends = connection.tcp.ends
     values: dict[str, object] = {"schema": "s7dissect.pdu/1", "frame": found.frame}
     if place is not None:
@@ -199,5 +199,5 @@ def scd_line_json(found: ScdMessage, time: str, connection: Connection, place: t
 
 
 def _json(values: object) -> str:
-    """Return JSON in ASCII; DEL, which JSON would leave as it is, is escaped like every other control."""
+    """Return JSON in ASCII. The json module does not escape DEL; here it is escaped like any other control character."""
     return _ENCODER.encode(values).replace("\x7f", "\\u007f")

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from dissect.scd.layout import Key
     from dissect.scd.records import EnvelopeField
 
-#: Fields that are shown as people write them; the others are hexadecimal.
+#: Fields that are shown in decimal; the others are hexadecimal.
 _DECIMAL: Final = frozenset(("abort", "response", "tid", "err", "sub", "seq", "size", "port", "pdo"))
 
 
 def scd_tree_lines(found: ScdMessage) -> Iterator[str]:
-    """Yield the tree of a message and the hex view below it; octets count from the message's first one."""
+    """Yield the tree of a message, then its hex view; octets are counted from the first one of the message."""
     at = f", from byte {found.offset} of {found.place or 'its datagram or TSDU'} on" if found.offset else ""
     message = found.message
     if message.numbers:
@@ -59,7 +59,7 @@ def _number(found: ScdMessage, field: EnvelopeField, number: int) -> str:
 
 
 def _data(found: ScdMessage, at: int) -> Iterator[str]:
-    """Yield the values, or the octets that are none; ``at`` is their first octet."""
+    """Yield the values, or the octets where none was decoded; ``at`` is the place of the first octet in the message."""
     from dissect.scd.wording import physical_text, value_text
 
     data = found.message.data or (b"" if found.message.numbers else found.octets)
@@ -77,7 +77,7 @@ def _data(found: ScdMessage, at: int) -> Iterator[str]:
 
 
 def _bits(found: ScdMessage) -> dict[Key, tuple[int, int]]:
-    """Return first bit and number of bits of each value that is not all of the data."""
+    """Return (first bit, number of bits) of each value; none for a value that takes all of the data."""
     message = found.message
     if found.mapping is not None:
         return {row.variable.address: (row.offset, row.bits) for row in found.mapping.map}
@@ -87,7 +87,7 @@ def _bits(found: ScdMessage) -> dict[Key, tuple[int, int]]:
 
 
 def _fields(dictionary: Dictionary, index: int, sub: int) -> dict[Key, tuple[int, int]]:
-    """Return the places in a bare struct or a whole object; nothing for a single value."""
+    """Return (first bit, number of bits) of each field in a bare struct or a whole object; empty for a single value."""
     from dissect.scd.model import StructType
 
     struct = dictionary.types.get(index)
@@ -100,7 +100,7 @@ def _fields(dictionary: Dictionary, index: int, sub: int) -> dict[Key, tuple[int
 
 
 def _line(first: int, bits: int, name: str, said: str) -> str:
-    """Return a field: octets, name, what it is. The form is that of `dissect.report.tree`."""
+    """Return the line of a field: octets, name, ``said``; in the form of `dissect.report.tree`."""
     begin, last = first // 8, max(first + bits - 1, first) // 8
     where = str(begin) if begin == last else f"{begin}-{last}"
     return f"      {where:>9}  {name:<16} {said}"

@@ -1,4 +1,4 @@
-"""Findings by what a person calls them: a severity (that or worse), a slug, or all that begin alike."""
+"""How users name findings: by severity (that or worse), by slug, or by a prefix of slugs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _ANY: Final = "*"
 
 
 def slugs_of(text: str) -> frozenset[str]:
-    """Return the slugs that a text means: a severity (that or worse), a slug, or a prefix with ``*``.
+    """Return the slugs that ``text`` stands for: a severity (that or worse), a slug, or a prefix with ``*``.
 
-    Raises ValueError, naming what is near, when it means nothing.
+    Raises ValueError, with suggestions, when it is none of these.
     """
     if text in SEVERITIES:
         worse = SEVERITIES[: SEVERITIES.index(text) + 1]

@@ -1,4 +1,4 @@
-"""What stations state of themselves, in short: rows for `analyze`."""
+"""What stations state of themselves: rows for `analyze`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dissect.stations.facts import Book, Station
 from dissect.tcp.link import vlan_ids
 from dissect.wire.text import encodable
 
-#: What is told of each, in this order; docs/devices.md says what they are.
+#: The facts that are shown of each station, in this order (docs/devices.md).
 TOLD: Final = (
     facts.ORDER_NUMBER,
     facts.FIRMWARE,
@@ -33,7 +33,7 @@ def _host(station: Station) -> tuple[str, int]:
 
 
 def station_as_dict(station: Station) -> dict[str, object]:
-    """Return what a station stated last, null for what it did not."""
+    """Return the latest value of each fact that a station stated, None for others."""
     told: dict[str, object] = {"address": station.host, "vlan": vlan_ids(station.vlan)}
     for key in TOLD:
         told[key] = encodable(station.latest(key)) or None

@@ -1,4 +1,4 @@
-"""Lines for a person: a text, how it looks, and how it is wrapped where there is too little room."""
+"""Lines for a person: a text, its style, and how it is wrapped on a narrow terminal."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from typing import Final, NamedTuple
 
 HEADING: Final = "heading"
 DIM: Final = "dim"
-#: A line of what failed, among others.
+#: The line of something that failed, in a list of what did not.
 FAILED: Final = "failed"
 #: Further styles are the severities; the default leaves a line plain.
 PLAIN: Final = ""
-#: Where the continuation of a line begins that tells of one thing: a transaction, an operation, a PDU.
+#: Column in which the wrapped line of a transaction, an operation or a PDU continues.
 HANG: Final = 6
-#: The same of a field in a tree, below its value.
+#: Column in which the wrapped line of a field in a tree continues: that of its value.
 TREE_HANG: Final = 33
 
 
 class Line(NamedTuple):
-    """One line of the report: its text, what it weighs, and where its continuation begins if a terminal is too narrow.
+    """One line of a report: its text, its style, and the column in which it continues where a terminal is too narrow.
 
-    Several lines that look alike, such as those of a field tree, may stand in one text with line feeds between them.
+    Several lines of the same style, such as those of a field tree, may be one text with line feeds between them.
     """
 
     text: str
@@ -27,9 +27,9 @@ class Line(NamedTuple):
     hang: int = 0
 
     def wrapped(self, width: int) -> list[str]:
-        """Return the line as lines of at most ``width`` columns; a word that is longer stays whole.
+        """Return the text as lines of at most ``width`` columns; a longer word stays whole.
 
-        It is broken between words, or between fields (which stand two blanks apart) where a whole field fits on the next line.
+        Lines are broken between words, or between fields (two blanks apart) where the next line has room for the whole field.
         """
         text = self.text
         if "\n" in text:
@@ -47,7 +47,7 @@ class Line(NamedTuple):
         return [*lines, margin + text]
 
 
-#: A line as a writer of records makes it: text, text with a style, or the octets that are to be written, in UTF-8.
+#: A line as a writer of records returns it: text, text with a style, or its octets in UTF-8.
 Written = str | Line | bytes
 
 
@@ -55,15 +55,15 @@ def _columns(text: str) -> int:
     """Return the columns that a text takes on a terminal."""
     if text.isascii():
         return len(text)
-    from rich.cells import cell_len  # late: what goes to a file needs no widths
+    from rich.cells import cell_len  # late: output to a file is not wrapped
 
     return cell_len(text)
 
 
 def _break(text: str, room: int, room_after: int) -> int:
-    """Return where to break ``text`` so that what stands before it takes ``room`` columns at most; 0 for nowhere.
+    """Return the index at which to break ``text``, so that what precedes it takes at most ``room`` columns; 0 for nowhere.
 
-    ``room_after`` columns there are on the next line.
+    The next line has ``room_after`` columns.
     """
     begun = len(text) - len(text.lstrip())
     most, columns = len(text), 0

@@ -1,4 +1,4 @@
-"""What `analyze` came to, for the formats: the analysis of a run as lines and as values."""
+"""`Summary`: the outcome of `analyze`, for the formats of option -T."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from dissect.wire.text import Clock
 
 
 class Summary(Outcome):
-    """An analysis. ``interrupted``: reading was broken off; ``clock`` writes times for a person, by default in UTC.
+    """An analysis as an outcome. ``interrupted``: reading was broken off. ``brief``: the text is the short form.
 
-    ``hosts`` are names of hosts by address, for text. ``brief``: the text is the short form.
+    ``clock`` writes the times of the text, by default in UTC. ``hosts`` are names of hosts by address, for the text.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Summary(Outcome):
             from dissect.report.brief import brief_lines
 
             return brief_lines(self.analysis, self.interrupted, self.clock, self.hosts)
-        from dissect.report.text import analysis_lines  # late: values do without it, and it without the contract
+        from dissect.report.text import analysis_lines  # late: each form needs only its own module
 
         return analysis_lines(self.analysis, self.interrupted, self.clock, self.hosts)
 
@@ -47,7 +47,7 @@ class Summary(Outcome):
         return analysis_as_dict(self.analysis, self.interrupted)
 
     def sections(self) -> Iterable[tuple[str, object]]:
-        """Return its parts."""
+        """Yield the sections of the JSON contract one by one."""
         from dissect.report.contract import analysis_sections
 
         return analysis_sections(self.analysis, self.interrupted)

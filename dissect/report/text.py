@@ -1,6 +1,6 @@
 """`analyze` for a person: connections, transactions by function, findings, failed and slowest transactions, completeness.
 
-Completeness is what became of the packets and bytes of a run: what was used, what is missing, what had to be dropped.
+Completeness says how many packets and bytes of a run were used, how many are missing, and how many had to be dropped.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from dissect.wire.text import Clock, printable, shortened
 _PLAIN: Final = ""
 _WARNING: Final = "warning"
 
-#: How packets that were not used are called.
+#: Words for the kinds of packets that were not used.
 _IGNORED: Final = {
     "not_ip": "not IP",
     "not_tcp": "IP but not TCP",
@@ -98,7 +98,7 @@ def completeness(pipeline: Pipeline, places: Places | None = None) -> Iterator[t
         yield f"{pairs} of client and server no longer watched for TSAP scans: too many", _WARNING
 
 
-#: How much of each is shown; the rest is counted.
+#: How many of each are shown; the rest is only counted. `_CELL` and `_DETAIL_SIZE` are characters.
 _DETAILS: Final = 3
 _MORE_FRAMES: Final = 8
 _CONNECTIONS: Final = 20
@@ -183,7 +183,7 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
 
 
 def _part(analysis: Analysis, part: Part) -> Iterator[Line]:
-    """Say that this is a selection, and what it left out."""
+    """Yield lines that say which selection this report is of, and how much it left out."""
     yield Line(f"  SELECTION: {printable(part.where)}", "warning", 4)
     yield Line(f"  selected: {words.count(analysis.total, 'transaction')}, {_listed(analysis)}", PLAIN, 4)
     kinds = (
@@ -253,7 +253,7 @@ def _number(connection: Connection) -> int:
 
 
 def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
-    """Yield what is known of a connection, which may still be open."""
+    """Yield the lines of a connection, which may still be open."""
     arrow = "→" if connection.client_known else "↔"
     vlan = f", VLAN {vlan_text(connection.tcp.vlan)}" if connection.tcp.vlan else ""
     also = [f"in VLAN {vlan_text(other)}" if other else "without a VLAN" for other in connection.tcp.also]
@@ -308,7 +308,7 @@ def _counts(connection: Connection) -> str:
 
 
 def _unpaired(orphans: int, unsolicited: int, one_way: int) -> list[str]:
-    """Return how many messages have no partner, each kind in words; ``one_way`` are among ``unsolicited``."""
+    """Return how many messages of each kind have no partner; ``unsolicited`` includes ``one_way``."""
     kinds = (
         (orphans, "answer without request", "answers without request"),
         (unsolicited - one_way, "push", "pushes"),
@@ -321,7 +321,7 @@ def _unpaired(orphans: int, unsolicited: int, one_way: int) -> list[str]:
 
 
 def _devices(analysis: Analysis, places: Places) -> Iterator[Line]:
-    """What stations state of themselves; nothing where none does."""
+    """Yield a table of what stations state of themselves; nothing where none does."""
     found = stations_that_state(analysis.stations)
     if not found:
         return
@@ -360,7 +360,7 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
 
 
 def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
-    """Yield a row for each function. The columns of what has no partner are there where anything would stand in them."""
+    """Yield a row for each function; the columns for messages without a partner only where there are any."""
     columns: list[tuple[str, Callable[[FunctionStatistics], int]]] = [
         ("still open", lambda one: int(one.still_open)),
         ("no request", lambda one: int(one.orphans)),
@@ -387,7 +387,7 @@ def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
 
 
 def _scd(analysis: Analysis) -> Iterator[Line]:
-    """What the bindings found."""
+    """Yield a table of what was found with each SCD binding."""
     found = analysis.sections().get("scd")
     if not found:
         return
@@ -415,7 +415,7 @@ def _scd(analysis: Analysis) -> Iterator[Line]:
 
 
 def _operations(analysis: Analysis) -> Iterator[Line]:
-    """What transactions did together; connections that were set up alone are told above."""
+    """Yield a table of operations; nothing where they only set up connections, which the report lists above."""
     if not set(analysis.operations) - {CONNECT}:
         return
     yield Line("")
@@ -483,7 +483,7 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
 
 
 def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
-    """Return by slug those of which lines tell anything: they are thousands."""
+    """Return, by slug, only the findings that the lines will show: there may be thousands of others."""
     shown: dict[str, list[Finding]] = {}
     more: dict[str, set[int]] = {}
     for finding in findings:
@@ -500,14 +500,14 @@ def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
 def finding_lines(
     rule: Rule, count: int, details: Sequence[Finding], places: Places, most: int = _DETAILS
 ) -> Iterator[Line]:
-    """Yield what is known of a rule that applied ``count`` times: up to ``most`` times in detail."""
+    """Yield the lines of a rule that applied ``count`` times, with up to ``most`` of its findings in detail."""
     times = f" ({count} times)" if count > 1 else ""
     yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
     for finding in details[:most]:
         where = f"connection {finding.connection}, " if finding.connection else ""
         said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
-    shown = min(most, len(details))  # of some rules only the first time is detailed
+    shown = min(most, len(details))  # some rules have details only for the first time
     if details and count > shown:
         rest = _last_packets(details[shown:], _MORE_FRAMES + 1)
         more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
@@ -519,7 +519,7 @@ def finding_lines(
 
 
 def _last_packets(details: Sequence[Finding], most: int) -> list[int]:
-    """Return up to ``most`` different packets that are the last ones of findings."""
+    """Return the last packet of each finding, up to ``most`` different ones."""
     found: dict[int, None] = {}
     for finding in details:
         frames = finding.frames

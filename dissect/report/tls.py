@@ -1,4 +1,4 @@
-"""What reports say of the TLS of a connection: in words, and as JSON-ready values (docs/tls.md). Never a key."""
+"""The TLS of a connection in reports: in words, and as values for JSON (docs/tls.md). Keys are never shown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROLES = ("client", "server")
 
 
 def _directions(connection: Connection, session: TlsSession) -> Iterator[tuple[str, Direction]]:
-    """Give the directions by role; the client is who said ClientHello, and where that is missing, who opened the connection."""
+    """Yield both directions with their roles. The client sent the ClientHello or, without one, opened the connection."""
     client = session.client if session.client >= 0 else int(connection.client_side)
     yield _ROLES[0], session.directions[client]
     yield _ROLES[1], session.directions[1 - client]
@@ -28,7 +28,7 @@ def _directions(connection: Connection, session: TlsSession) -> Iterator[tuple[s
 
 
 def tls_lines(connection: Connection) -> Iterator[str]:
-    """Yield what is known of the TLS of a connection; nothing when it has none."""
+    """Yield lines on the TLS of a connection; nothing when it has none."""
     session = connection.tls
     if session is None:
         return
@@ -70,7 +70,7 @@ def _certificate(certificate: Certificate) -> str:
 
 
 def tls_as_dict(connection: Connection) -> dict[str, object] | None:
-    """Return what is known of the TLS of a connection, None when it has none."""
+    """Return the ``tls`` of a connection for JSON, None when it has none."""
     session = connection.tls
     if session is None:
         return None

@@ -1,6 +1,6 @@
 """TPDUs that carry no S7 PDU as JSON: connects with their TSAPs, disconnects and errors with reasons.
 
-They are rare, and go through the standard library.
+They are rare, so the json module is fast enough.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def tpdu_json_line(tpdu: Tpdu, frame: int, time_ns: int, connection: Connection,
 
 
 def _facts(tpdu: Tpdu) -> dict[str, object]:
-    """Return the type, the fields of the fixed part by name, and what the variable part says."""
+    """Return the type, the fields of the fixed part by name, and the contents of the variable part."""
     facts: dict[str, object] = {"type": tpdu.name}
     facts["fields"] = {value.field.label: int(value.value) for value in tpdu.fields if value.octets is None}
     why = [value for value in tpdu.fields if value.field.name in {"reason", "cause"}]

@@ -1,4 +1,4 @@
-"""The field tree of one PDU or TPDU: every field with its octet range, its value and what it means, and a hex view."""
+"""The field tree of one PDU or TPDU: every field with its octet range, value and meaning, then a hex view."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.part import FILL, OCTETS, Part
 from dissect.wire.text import printable, shortened
 
-#: Characters of what a part is about.
+#: At most so many characters of the note on a part are shown.
 _NOTE: Final = 120
 _TPKT_SIZE: Final = 4
 #: The head of a TPKT and of the everyday DT in it.
 _DT_HEAD: Final = 7
 _LI_AT: Final = 4
 _DT: Final = b"\x02\xf0"
-#: Octets of a PDU whose lines are kept, and of how many of each kind they are: traffic repeats itself.
+#: Lines of PDUs up to so many octets are kept, since traffic repeats itself; each cache holds up to `_MOST` entries.
 _SMALL: Final = 256
 _MOST: Final = 4096
-#: Octets of a PDU in its hex view: one of S7comm-plus may have 8 MiB, and a line takes five times what it shows.
+#: At most so many octets of a PDU in its hex view, which takes five times their memory: an S7comm-plus PDU may have 8 MiB.
 MAX_HEX: Final = 1 << 20
-# Why no packet carries a PDU of S7comm-plus whole.
+# Why no single packet carries the whole of an S7comm-plus PDU.
 REASSEMBLED: Final = "reassembled from several frames or fragments"
 DECRYPTED: Final = "decrypted"
 _ACK_SIZE: Final = s7.ACK_HEADER.size
-#: Which field of a header is the reference, and where it stands.
+#: The PDU reference in the header: the number of its field, the field, and its first octet and the one after its last.
 _REF_NUMBER: Final = [field.name for field in s7.HEADER.fields].index("pdu_ref")
 _REF: Final = s7.HEADER.fields[_REF_NUMBER]
 _REF_AT: Final[int] = s7.PDU_REF.start
@@ -64,9 +64,9 @@ def tree_lines(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> list[s
 def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
     """Return the tree of ``pdu`` and the hex view below it, lines with line feeds between them.
 
-    ``packet`` is the TPKT, or ``through_gateway`` the IBH-NetLink packet, that carried the PDU whole, so that offsets count
-    from its first octet; empty when the PDU came in several fragments or was cut, then offsets count from the first octet
-    of the S7 PDU.
+    ``packet`` is the packet that carried the whole PDU: a TPKT or, ``through_gateway``, an IBH-NetLink packet. Offsets then
+    count from its first octet. It is empty when the PDU came in several fragments or was cut; offsets then count from the first
+    octet of the S7 PDU.
     """
     octets = pdu.octets
     whole = packet or octets
@@ -121,8 +121,8 @@ def plus_tree_lines(
 ) -> Iterator[str]:
     """Yield the tree of an S7comm-plus PDU and the hex view below it.
 
-    ``packet`` as for `tree_lines`; ``why`` it is empty: `REASSEMBLED`, `DECRYPTED`, or empty where that is not known.
-    ``contents`` are its contents where they were read before, with their parts.
+    ``packet`` as for `tree_text`. ``why`` says why it is empty: `REASSEMBLED`, `DECRYPTED`, or "" where that is not known.
+    ``contents`` are the decoded contents with their parts, if they were decoded before.
     """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
@@ -160,7 +160,10 @@ def plus_tree_lines(
 
 
 def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:
-    """Yield the contents of an S7comm-plus PDU; a part inside another one is indented under it."""
+    """Yield the contents of an S7comm-plus PDU; a part inside another part is indented under it.
+
+    ``hidden`` are (begin, end) of secrets in the PDU, which are not shown.
+    """
     blobs = found.blobs[::-1]
     for part in found.parts:
         indent = "  " * part.depth
@@ -190,7 +193,7 @@ def _headers(packet: IbhPacket) -> int:
 
 
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
-    """Yield what a parser found wrong, in the words of the other reports, and which octet of the tree that is."""
+    """Yield what is malformed, in the words of the other reports, and at which octet of this tree."""
     for fact in facts:
         what = "TRUNCATED" if fact.limit == "snaplen" else "MALFORMED"
         yield f"    {what}  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
@@ -205,7 +208,7 @@ def _packet(packet: bytes) -> str:
     if len(packet) < _DT_HEAD or packet[_LI_AT : _LI_AT + 2] != _DT:
         return "\n".join(_tpkt(packet))
     head = packet[:_DT_HEAD]
-    text = _heads.get(head)  # nothing behind the head of a DT without parameters is shown
+    text = _heads.get(head)  # the head is all that is shown of a DT without parameters
     if text is None:
         text = _kept(_heads, head, "\n".join(_tpkt(packet)))
     return text
@@ -232,7 +235,7 @@ def _parameter(parameter: Parameter) -> str:
     said = words.octets(parameter.value)
     if parameter.code in {0xC1, 0xC2} and parameter.value.isascii():
         said += f"  {printable(parameter.value.decode('ascii'))!r}" if len(parameter.value) > 2 else ""
-    # The name of 0xC1 goes on to say what it is in an ER.
+    # The name of 0xC1 has a second half, after "(CR", for its meaning in an ER.
     return line_of(span(start, start + 2 + len(parameter.value)), parameter.name.partition(" (CR")[0], said)
 
 
@@ -241,7 +244,7 @@ def _layout(layout: Layout, octets: bytes, at: int, title: str = "") -> list[str
 
 
 def _header(pdu: Pdu, base: int) -> str:
-    """Return the lines of the header of S7; kept is what stands around that of the reference, which counts."""
+    """Return the lines of the S7 header; those around the line of the PDU reference, which changes most, come from a cache."""
     octets = pdu.octets
     size = int(pdu.header_size)
     if len(octets) < size:
@@ -261,7 +264,7 @@ def _header_lines(octets: bytes, size: int, base: int) -> list[str]:
 
 
 def _body_text(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> str:
-    """Return what stands below the header; of a small PDU it is kept for the next one that differs in its reference at most."""
+    """Return the lines below the header. Those of a small PDU are kept, for PDUs that differ only in their reference."""
     octets = pdu.octets
     if not _REF_END <= len(octets) <= _SMALL or hidden:
         return "\n".join(_body(pdu, base, hidden))
@@ -273,10 +276,10 @@ def _body_text(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> str:
 
 
 def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
-    """Return the lines of the parts behind the header, and what is wrong with them.
+    """Return the lines of the parts after the header, and what is malformed in them.
 
-    A part that there are several of is numbered; octets alone continue the part above. ``hidden`` are (offset, end) of what is
-    not shown.
+    Parts are numbered where there are several of a kind; plain octets continue the part above them. ``hidden`` are (offset,
+    end) of secrets, which are not shown.
     """
     body = parse_body(pdu)
     head = pdu.parameters.userdata
@@ -320,7 +323,7 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
 
 
 def _part_text(part: Part, octets: bytes, base: int) -> str:
-    """Return the lines of the fields of a part; those of one of fixed size are kept for the next that says the same there."""
+    """Return the lines of the fields of a part. Those of a part of fixed size are kept, by its place and octets."""
     if part.layout.open:
         return fields_text(part.layout, octets, part.offset, part.end, base)
     key = (part.layout, part.offset + base, octets[part.offset : part.end])
@@ -336,10 +339,10 @@ def _overlap(begin: int, end: int, spans: Sequence[tuple[int, int]]) -> bool:
 
 #: Octets that belong to the part above them.
 _WITHOUT_HEADING: Final = frozenset((CONTENT, FILL, OCTETS))
-#: Parts of which there may be several, numbered even where there is one.
+#: Parts that are numbered even where there is only one, as there may be several.
 _NUMBERED: Final = frozenset((s7.ITEM_HEAD, s7.S7ANY_ITEM, s7.DATA_ITEM))
 _NAMES: Final = {s7.S7ANY_ITEM: "item"}
-#: What was shown before: heads of DTs by their bytes, S7 headers and what follows them by theirs but the reference, parts.
+#: Caches of lines: heads of DTs by their octets, S7 headers and bodies by their octets without the reference, parts.
 _heads: Final[dict[bytes, str]] = {}
 _headers_kept: Final[dict[tuple[bytes, bytes, int], tuple[str, str]]] = {}
 _bodies: Final[dict[tuple[bytes, bytes, int, bool], str]] = {}
@@ -347,7 +350,7 @@ _parts: Final[dict[tuple[Layout, int, bytes], str]] = {}
 
 
 def _kept(known: dict[_Key, _Shown], key: _Key, shown: _Shown) -> _Shown:
-    """Keep what is shown of ``key``, and return it; when there is too much, all is forgotten."""
+    """Keep ``shown`` under ``key``, and return it; a full cache is emptied first."""
     if len(known) >= _MOST:
         known.clear()
     known[key] = shown

@@ -1,6 +1,6 @@
-"""The lines of fields in a tree: octet range, name, value and what it means.
+"""The lines of fields in a tree: octet range, name, value and its meaning.
 
-What stands before the value is the same wherever a layout stands at the same place: it is made once and kept, within a bound.
+The beginning of a line, up to the value, depends only on the layout and its place, so it is made once and kept (up to `_MOST`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from dissect.report import words
 from dissect.wire.layout import REST, Field, FieldValue, Layout
 from dissect.wire.text import decimal, hex_number, shortened
 
-#: Characters of what a field means.
+#: At most so many characters of a field's meaning are shown.
 _MEANING: Final = 100
-#: Layouts of which the beginnings of lines are kept, each at each place.
+#: Beginnings of lines are kept for so many pairs of layout and place.
 _MOST: Final = 4096
-#: Digits of a number of up to 32 bits.
+#: Hexadecimal digits of a number of 32 bits.
 _SMALL: Final = 8
 
 
 class _Head:
-    """A field of a layout: where it begins and ends in it, and how its line begins up to its value."""
+    """A field of a layout: where it begins and ends in the layout, and its line up to the value."""
 
     __slots__ = ("begin", "digits", "end", "field", "text")
 
@@ -56,7 +56,7 @@ def fields_text(layout: Layout, octets: bytes, at: int, end: int, shift: int) ->
 
 
 def _known(layout: Layout, place: int) -> list[_Head]:
-    """Return how the lines of a layout begin that stands at a place; none where a field of it is of variable size."""
+    """Return the beginnings of the lines of a layout at ``place``; none if one of its fields has a variable size."""
     key = (layout, place)
     heads = _heads.get(key)
     if heads is None:
@@ -71,46 +71,46 @@ def _known(layout: Layout, place: int) -> list[_Head]:
 
 
 def field_line(value: FieldValue, shift: int, name: str = "") -> str:
-    """Return the line of a field, its offsets moved by ``shift``; what its value is called may be known as ``name``."""
+    """Return the line of a field, its offsets moved by ``shift``; ``name`` is a name of the value, if known."""
     said = f"{meaning(value)} {name}" if name else meaning(value)
     return line_of(span(value.offset + shift, value.end + shift), value.field.label, said.rstrip())
 
 
 def line_head(where: str, name: str) -> str:
-    """Return how a line begins, up to what it says: the octets, and the name."""
+    """Return the beginning of a line: the range of octets, and the name."""
     return f"      {where.rjust(9)}  {name.ljust(16)} "
 
 
 def line_of(where: str, name: str, said: str) -> str:
-    """Return a line: the octets, the name, and what it says."""
+    """Return a line: the range of octets, the name, and ``said``."""
     return line_head(where, name) + said
 
 
 def span(start: int, end: int) -> str:
-    """Return the octets of a field, by the first and the last of them."""
+    """Return a range of octets as its first and last one; ``end`` is the octet after the last."""
     return decimal(start) if end == start + 1 else f"{decimal(start)}-{decimal(end - 1)}"
 
 
 def meaning(value: FieldValue) -> str:
-    """Return the value of a field and what it means."""
+    """Return the value of a field and its meaning."""
     field = value.field
     if value.octets is not None:
         said = value.meaning if field.means is not None else ""
         shown = words.octets(value.octets)
         return f"{shown}  {shortened(said, _MEANING)}" if said else shown
-    if field.size < REST:  # of variable size: its octets say nothing of how large it may be
+    if field.size < REST:  # a number of variable size, for which no number of digits is right
         return f"{value.value} {value.meaning}".rstrip()
     return _number_said(field, value.value, _digits(field))
 
 
 def _digits(field: Field) -> i64:
-    """Return with how many hexadecimal digits a number of fixed size is written."""
+    """Return the number of hexadecimal digits for a number of fixed size."""
     mask, shift = field.bits if field.bits is not None else ((1 << 8 * max(field.size, 0)) - 1, 0)
     return max(1, ((mask >> shift).bit_length() + 3) // 4)
 
 
 def _number_said(field: Field, number: int, digits: i64) -> str:
-    """Return a number of fixed size and what it means."""
+    """Return a number of fixed size and its meaning."""
     codes = field.codes
     says = field.says
     if says is None and codes is None and field.decimal:
@@ -118,7 +118,7 @@ def _number_said(field: Field, number: int, digits: i64) -> str:
     shown = hex_number(number, digits) if digits <= _SMALL else f"0x{number:0{int(digits)}x}"
     if says is not None:
         said = says(number)
-        return shown if said == shown else f"{shown} {said}".rstrip()  # of an id without a name, its number
+        return shown if said == shown else f"{shown} {said}".rstrip()  # an id without a name: `says` returns its number
     if codes is not None:
         row = codes.get(number)
         return f"{shown} {row.name}" if row is not None and row.name else f"{shown} (not in the tables)"

@@ -1,8 +1,8 @@
 """Short phrases that all outputs share: packets, durations, sizes, values, protocols.
 
-`Places` names a packet: by its number in a single file, by file and number within it in several. The pipeline counts packets
-over the whole run, but a person looks for them in a file, and so may a program, so every output gives the number within the
-file, and names the file as soon as there is more than one.
+`Places` names a packet: by its number where there is a single file, by file and number within it where there are several. The
+pipeline counts packets over the whole run, but users look for them in a file. So every output gives the number within the file,
+and names the file where there is more than one.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from dissect.wire.text import count as count  # noqa: PLC0414 - it is one of the
 class Places:
     """Finds packets of a run in its files.
 
-    ``files`` may still grow while it is asked. ``several`` says whether file names are told, whatever was read so far.
-    ``hosts`` are names of hosts by their address.
+    ``files`` may grow while the run goes on. ``several`` says whether outputs name files; it does not depend on how many were
+    read so far. ``hosts`` are names of hosts by address.
     """
 
     def __init__(self, files: Sequence[SourceFile], several: bool, hosts: Mapping[str, str] | None = None) -> None:
         self._files = files
-        self._latest: int = -1  # the file that was asked for last, and its name as text
+        self._latest: int = -1  # index of the file that `locate` returned last, and its name as text
         self._name: str = ""
         self.several = several
         self._hosts: dict[str, str] = {address: printable(name) for address, name in (hosts or {}).items()}
 
     def end(self, end: Endpoint) -> str:
-        """Return an end of a connection as text for a person has it: address and port, the name of the host for its address."""
+        """Return an end of a connection, for a person: address and port; the name of the host instead of a known address."""
         if self._hosts:
             name = self._hosts.get(end.host)
             if name is not None:
@@ -46,11 +46,11 @@ class Places:
         return str(end)
 
     def host(self, end: Endpoint) -> str:
-        """Return the address of an end of a connection as text for a person has it, or the name of the host."""
+        """Return the name of the host at an end of a connection, or its address where no name is known."""
         return self.name(end.host)
 
     def name(self, host: str) -> str:
-        """Return the name of a host by its address, or else the address."""
+        """Return the name of the host with an address, or the address where no name is known."""
         return self._hosts.get(host, host)
 
     def locate(self, frame: int) -> tuple[str, int]:
@@ -58,7 +58,7 @@ class Places:
         files = self._files
         index = self._latest
         behind = index + 1
-        # Most are asked for in the order of the run; the file after this one may have come since.
+        # Packets are mostly looked up in the order of the run; a file may have been added after the latest one.
         is_behind = behind < len(files) and frame >= files[behind].first_frame
         if index < 0 or is_behind or frame < files[index].first_frame:
             self._latest = index = max(bisect_right(files, frame, key=lambda file: int(file.first_frame)) - 1, 0)
@@ -70,14 +70,14 @@ class Places:
         return self.locate(frame)[1] if self.several else frame
 
     def mark(self, frame: int) -> str:
-        """Return a packet as a line begins with it: ``12``, or ``NAME:12`` in several files."""
+        """Return a packet for the beginning of a line: ``12``, or ``NAME:12`` in several files."""
         if not self.several:
             return str(frame)
         name, number = self.locate(frame)
         return f"{printable(name)}:{number}"
 
     def pair(self, request_frame: int, response_frame: int) -> str:
-        """Return the packets of a request and its answer, 0 for none: ``8→9``, ``8→?``, ``NAME:8→9``, ``ONE:8→OTHER:1``."""
+        """Return the packets of a request and its answer: ``8→9``, ``8→?``, ``NAME:8→9``, ``ONE:8→OTHER:1``; 0 means none."""
         asked = self.mark(request_frame) if request_frame else "?"
         if not response_frame:
             return f"{asked}→?"
@@ -107,7 +107,7 @@ def _numbered(numbers: Sequence[int]) -> str:
     return f"packet{'s' if len(numbers) > 1 else ''} {', '.join([str(number) for number in numbers])}"
 
 
-#: What people call the protocols that TSDUs speak; the names of `UPPER_NAMES` are for programs.
+#: Names of the protocols in TSDUs for people; those of `UPPER_NAMES` are for programs.
 PROTOCOLS: Final = {
     "s7comm": "S7comm",
     "s7comm_plus": "S7comm-plus",
@@ -119,29 +119,29 @@ PROTOCOLS: Final = {
     IBH_NETLINK: "IBH-NetLink",
 }
 
-#: Elements of an array, characters of a text and octets that are shown on a line. No time is cut: an LTIME has up to 35.
+#: At most so many elements of an array, characters of a text (an LTIME has up to 35) and octets are shown on a line.
 SHOWN: Final = 8
 SHOWN_TEXT: Final = 36
 SHOWN_OCTETS: Final = 16
-#: Items or notes that a summary names, and characters of a note.
+#: At most so many items or notes are named in a summary, and so many characters of a note shown.
 NAMED: Final = 3
 NOTE: Final = 100
 
 
 def duration(ns: int | None) -> str:
-    """Return a duration in the unit that suits it, for example ``412 µs``, ``3.21 ms``, ``1.54 s``; ``-`` for none."""
+    """Return a duration in a fitting unit, for example ``412 µs``, ``3.21 ms``, ``1.54 s``; ``-`` for None."""
     if ns is None:
         return "-"
     return duration_text(ns)
 
 
 def answer_time(ns: int | None) -> str:
-    """Return how long an answer took; ``?`` where it was captured before its request, so that nobody can say."""
+    """Return how long an answer took; ``?`` where it was captured before its request, so that the time is not known."""
     return "?" if ns is not None and ns < 0 else duration(ns)
 
 
 def span(clock: Clock, first_ns: int, last_ns: int) -> str:
-    """Return the times of the first and the last packet; said where the last is earlier, as with captures in another order."""
+    """Return the times of the first and the last packet, with a remark where the last one is earlier."""
     if last_ns >= first_ns:
         return f"{clock.moment(first_ns)} to {clock.moment(last_ns)}"
     return f"{clock.moment(first_ns)} back to {clock.moment(last_ns)} (packets are not in order of time)"
@@ -156,14 +156,14 @@ def size(octets: int) -> str:
 
 
 def tsaps(calling: Tsap | None, called: Tsap | None, protocol: str) -> str:
-    """Return the TSAPs of a connection that speaks ``protocol``, ``?`` for one not captured."""
+    """Return the TSAPs of a connection that speaks ``protocol``; ``?`` for a TSAP that was not captured."""
     one = "?" if calling is None else printable(calling.means(protocol, False))
     other = "?" if called is None else printable(called.means(protocol))
     return f"TSAP {one} → {other}"
 
 
 def value(shown: Value) -> str:
-    """Return a decoded value on one line; long arrays and texts are cut with a note of how much there is."""
+    """Return a decoded value on one line; long arrays and texts are cut, with their length."""
     if isinstance(shown, bool):
         return "true" if shown else "false"
     if isinstance(shown, str):
@@ -177,7 +177,7 @@ def value(shown: Value) -> str:
 
 
 def octets(data: bytes) -> str:
-    """Return octets as hexadecimal on one line, cut after 16 with a note of how many there are, and the text in them if any."""
+    """Return octets in hexadecimal, cut after `SHOWN_OCTETS` with their number, and the text that they spell, if any."""
     text = spelled(data)
     said = f" '{_cut(text)}'" if text else ""
     if len(data) <= SHOWN_OCTETS:
@@ -186,7 +186,7 @@ def octets(data: bytes) -> str:
 
 
 def _cut(text: str) -> str:
-    """Return a text cut to a line."""
+    """Return a text cut after `SHOWN_TEXT` characters."""
     return printable(text if len(text) <= SHOWN_TEXT else f"{text[:SHOWN_TEXT]}…")
 
 
@@ -197,17 +197,17 @@ def some_notes(found: list[str], most: int = NAMED) -> str:
 
 
 def carried(tpdu: Tpdu) -> str:
-    """Return what people call the protocol of the user data of a DT or ED; empty when there is no data, or S7comm."""
+    """Return the name of the protocol in the user data of a DT or ED; empty as for `message_name`."""
     return message_name(tpdu.data)
 
 
 def message_name(octets: bytes) -> str:
-    """Return what people call the protocol of a message; empty when there is none, or one whose PDUs have own lines."""
+    """Return the name of the protocol of a message; empty for no data, and for protocols whose PDUs have lines of their own."""
     upper = classify(octets, 0, len(octets))
     return "" if upper in {S7COMM, S7COMM_PLUS, EMPTY} else PROTOCOLS[UPPER_NAMES[upper]]
 
 
 def named(connection: Connection) -> str:
-    """Return what people call the protocol of a connection and what identifies it, empty when nothing was said on it."""
+    """Return the name of a connection's protocol, and what it was identified by; empty when no data was seen."""
     name = PROTOCOLS.get(connection.protocol, printable(connection.protocol))
     return f"{name} ({connection.identified_by})" if connection.identified_by else name

@@ -1,7 +1,7 @@
-"""`Writer`, which writes results in one format, and the feeds that hand a writer the results that a command is about.
+"""`Writer`, which writes results in one format, and the feeds that pass on to it the results that a command is about.
 
-A writer is told of results like any observer, and keeps its lines until they are taken (`Writer.take`). A feed stands between
-the pipeline and the writer, because the pipeline tells of everything: of transactions, operations and findings.
+A writer is an observer that keeps its lines until they are taken (`Writer.take`). The pipeline reports everything to its
+observer (transactions, operations, findings …), so a feed stands in between and passes on only what is wanted.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import UNANSWERED, Transaction
 from dissect.wire.text import Clock
 
-#: Lines of transactions, and their characters, that wait for earlier transactions that are still held back.
+#: At most so many lines of transactions, and so many characters of them, wait for earlier transactions that are held back.
 KEPT_LINES: Final = 4096
 KEPT_CHARACTERS: Final = 16 * 1024 * 1024
 
@@ -36,34 +36,36 @@ KEPT_CHARACTERS: Final = 16 * 1024 * 1024
 _DT_HEAD: Final = 7
 _PLAIN_DT: Final = 0xF0
 
-#: The protocol of messages that carry none of `UPPER_NAMES`: TPDUs, and packets of IBH-NetLink.
+#: Protocol names, beside those of `UPPER_NAMES`, for messages that carry no PDU: TPDUs, and packets of IBH-NetLink.
 COTP: Final = "cotp"
 NETLINK: Final = "netlink"
 
-#: Tells whether a transaction is wanted; and the same of an operation.
+#: Return whether a transaction, or an operation, is wanted.
 Choice = Callable[[Transaction], bool]
 OperationChoice = Callable[[Operation], bool]
-#: Tells whether a message is wanted, by its protocol, packet, time, connection, the side that sent it, its octets, whether the
-#: capture cut it, and for SCD the message.
+#: Returns whether a message is wanted, by its protocol, packet, time in nanoseconds, connection, the side that sent it, octets,
+#: whether the capture cut it, and for SCD the message.
 MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessage | None], bool]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Writer(Observer):
-    """Writes results in one format: override the methods for what it takes, and name that in `dissect.report.formats`.
+    """Writes results in one format: override the methods for what it takes, and add a row to `dissect.report.formats`.
 
-    ``lines`` has items of one of three types: text as it is to be written (`str`), the octets of such text in UTF-8 (`bytes`),
-    or text with a style (`Line`), which a terminal wraps and colours; an item may be several lines. ``plain`` is True where no
-    terminal wraps and colours them, so that octets will do. ``clock`` writes times as the user wants to read them
-    (`Clock.moment`, or `Clock.iso` for programs, always UTC); ``verbose`` asks for everything there is (option -V of `show`).
-    ``number_width`` is the least number of characters that the number of a transaction takes. ``joint`` is what stands between
-    the numbers of transaction and connection, where each line names both in this way and nowhere else; it is empty where lines
-    name a connection alone, None where numbers may stand anywhere. Names and values come from the wire: what goes to a person
-    passes `dissect.wire.text.printable`.
+    ``lines`` are the lines that were written so far: text (`str`), its octets in UTF-8 (`bytes`), or text with a style
+    (`Line`), which a terminal wraps and colours. One item may hold several lines. ``plain`` is True where no terminal wraps and
+    colours them, so that a writer may return octets. ``clock`` writes times as the user wants to read them (`Clock.moment`; for
+    programs `Clock.iso`, always UTC). ``verbose`` asks for all details (option -V of `show`). Names and values come from the
+    wire: pass text for a person through `dissect.wire.text.printable`.
 
-    Feeds call these methods of an observer: `transaction`, `operation`, `comment`, and for PDUs `pdu` and `plus_pdu`, or `tpdu`
-    and `ibh_packet` where a packet carries none; besides them `packet` and `scd_message`. PDUs may hold passwords: see
-    `dissect.s7.hiding.without_secrets`.
+    ``number_width`` and ``joint`` say how numbers can be changed in finished lines. ``number_width`` is the least number of
+    characters that the number of a transaction takes. ``joint`` is what stands between the numbers of transaction and
+    connection, if each line names both in this way and nowhere else; it is empty if lines name only a connection, and None if
+    numbers may stand anywhere.
+
+    Feeds call these methods of an observer: `transaction`, `operation`, `comment`, for PDUs `pdu` and `plus_pdu`, and for
+    packets without a PDU `tpdu` and `ibh_packet`; and the methods `packet` and `scd_message` of this class. PDUs may hold
+    passwords: see `dissect.s7.hiding.without_secrets`.
     """
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
@@ -77,14 +79,14 @@ class Writer(Observer):
         self.plain: bool = False
 
     def begin(self, places: Places) -> None:
-        """Take ``places``, which name packets; called once, before the first result."""
+        """Take ``places``, which gives the names of packets; called once, before the first result."""
         self.places = places
 
     def packet(self, octets: bytes) -> None:
-        """Take the TPKT or IBH-NetLink packet that the next PDU is in, header included."""
+        """Take the TPKT or IBH-NetLink packet, header included, that carries the next PDU."""
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
-        """Take an SCD message, whether it came by itself or in an item of S7."""
+        """Take an SCD message, from a connection of its own or from an item of S7comm."""
 
     def take(self) -> list[Written]:
         """Return the lines collected since the last call."""
@@ -94,11 +96,11 @@ class Writer(Observer):
 
 
 class TransactionFeed(Observer):
-    """Hands transactions to a writer, all or those that are chosen, and keeps its lines in the order of the capture.
+    """Passes transactions on to a writer, all or those that ``choose`` wants, and keeps its lines in the order of the capture.
 
-    A transaction has its place at the packet that completed it; one without an answer, where the wait for the answer ended.
-    A transaction that was held back behind a gap of its TCP stream reaches the feed after others that completed later: its
-    lines are put before theirs.
+    The place of a transaction is that of the packet that completed it or, without an answer, where the wait for it ended. A
+    transaction that was held back behind a gap of its TCP stream reaches the feed late: its lines are put before those of
+    transactions that were completed by later packets.
     """
 
     def __init__(
@@ -113,16 +115,16 @@ class TransactionFeed(Observer):
         self._choose: Choice | None = choose
         self._most_lines: int = most_lines
         self._most_characters: int = most_characters
-        self._packets: list[int] = []  # for each line of the writer its packet; these ascend
+        self._packets: list[int] = []  # the packet of each line of the writer, in ascending order
         self._latest: i64 = 0
-        self.protocols: dict[str, int] = {}  # how many of the connections that are over spoke each protocol
+        self.protocols: dict[str, int] = {}  # by protocol: how many connections that spoke it are over
 
     def connection_closed(self, connection: Connection) -> None:
-        """Count what a connection spoke."""
+        """Count the protocol of a connection."""
         self.protocols[connection.protocol] = self.protocols.get(connection.protocol, 0) + 1
 
     def transaction(self, transaction: Transaction) -> None:
-        """Hand on a transaction."""
+        """Pass on a transaction if it is wanted."""
         if self._choose is not None and not self._choose(transaction):
             return
         packet: i64 = 0
@@ -133,14 +135,14 @@ class TransactionFeed(Observer):
         self.place(packet)
 
     def settle(self) -> None:
-        """Leave the lines that the writer has so far, such as a heading, where they are: before all others."""
+        """Give lines that the writer added by itself, such as a heading, their place: before those of all packets."""
         lines = self._writer.lines
         packets = self._packets
         while len(packets) < len(lines):
             packets.append(0)
 
     def place(self, packet: i64) -> None:
-        """Put the new lines of the writer where ``packet`` belongs; behind all others where that is 0."""
+        """Move the new lines of the writer to the place of ``packet``; 0 leaves them after all others."""
         lines = self._writer.lines
         packets = self._packets
         if packet == 0:
@@ -160,9 +162,9 @@ class TransactionFeed(Observer):
         packets[at:at] = [int(packet)] * int(fresh)
 
     def take(self, held: int) -> list[Written]:
-        """Return the lines before packet ``held``, the first one that is held back (0 for none): nothing can come before them.
+        """Return the lines before packet ``held``, the first packet that is held back (0 for none): no late line belongs there.
 
-        The others stay, up to ``most_lines`` and ``most_characters``; of more, the oldest are returned as well.
+        Other lines stay, up to ``most_lines`` and ``most_characters``; if there are more, the oldest are returned, too.
         """
         lines = self._writer.take()
         packets = self._packets
@@ -181,7 +183,7 @@ class TransactionFeed(Observer):
 
 
 class OperationFeed(Observer):
-    """Hands operations to a writer, all or those that are chosen."""
+    """Passes operations on to a writer, all or those that ``choose`` wants."""
 
     def __init__(self, writer: Writer, choose: OperationChoice | None = None) -> None:
         super().__init__()
@@ -189,15 +191,15 @@ class OperationFeed(Observer):
         self._choose: OperationChoice | None = choose
 
     def operation(self, operation: Operation) -> None:
-        """Hand on an operation."""
+        """Pass on an operation if it is wanted."""
         if self._choose is None or self._choose(operation):
             self._writer.operation(operation)
 
 
 class PduFeed(Observer):
-    """Hands a writer PDUs, and the TPDUs and packets that carry none: all, or those that one of ``frames`` completes.
+    """Passes PDUs on to a writer, and TPDUs and packets that carry none: all, or those that a packet of ``frames`` completes.
 
-    ``found`` are the packets of ``frames`` for which the format wrote something. ``decoder`` says which messages are SCD,
+    ``found`` are the packets of ``frames`` for which the writer wrote something. ``decoder`` decides which messages are SCD,
     ``choose`` which are wanted.
     """
 
@@ -216,16 +218,16 @@ class PduFeed(Observer):
         self._frames: frozenset[int] = frozenset(frames)
         self._decoder: PayloadDecoder | None = decoder
         self._choose: MessageChoice | None = choose
-        self._before: int = 0  # lines before the message at hand
+        self._before: int = 0  # how many lines the writer had before the present message
 
     def comment(self, frame: i64, text: str) -> None:
-        """Hand on a comment, unless messages are chosen: a comment is no message."""
+        """Pass on a packet comment, unless ``choose`` selects messages, to which comments do not belong."""
         if self._choose is None and self._wanted(frame):
             self._writer.comment(frame, text)
             self._find(frame)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Keep the TPKT for the PDU in it; hand on a TPDU that carries none."""
+        """Give the writer the TPKT of the PDU that may follow; pass on a TPDU that carries no PDU."""
         self._writer.packet(octets)
         if not self._wanted(frame):
             return
@@ -244,7 +246,7 @@ class PduFeed(Observer):
         self._find(frame)
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Keep the packet for the PDU in it; hand on one that carries no part of a PDU."""
+        """Give the writer the packet of the PDU that may follow; pass on a packet that carries no part of a PDU."""
         self._writer.packet(octets)
         if not self._wanted(frame):
             return
@@ -258,23 +260,23 @@ class PduFeed(Observer):
         self._find(frame)
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """Hand on an S7 PDU."""
+        """Pass on an S7 PDU if it is wanted."""
         if self._wanted(frame) and self._chosen(UPPER_NAMES[S7COMM], frame, time_ns, side, octets, cut):
             self._writer.pdu(frame, time_ns, side, octets, cut)
             self._find(frame)
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """Hand on an S7comm-plus PDU."""
+        """Pass on an S7comm-plus PDU if it is wanted."""
         if self._wanted(frame) and self._chosen(UPPER_NAMES[S7COMM_PLUS], frame, time_ns, side, octets, cut):
             self._writer.plus_pdu(frame, time_ns, side, octets, cut)
             self._find(frame)
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
-        """Hand on an SCD message of its own."""
+        """Pass on an SCD message from a connection of its own."""
         self._scd(found, side.connection)
 
     def transaction(self, transaction: Transaction) -> None:
-        """Hand on the SCD messages in an S7 transaction; those in a write belong to the packet of the request."""
+        """Pass on the SCD messages in an S7 transaction; those in a write have the packet of its request."""
         for found in transaction.carried or ():
             self._scd(found, transaction.connection)
 
@@ -295,7 +297,7 @@ class PduFeed(Observer):
         return choose(protocol, frame, time_ns, side.connection, side.index, octets, cut, None)
 
     def _find(self, frame: i64) -> None:
-        """Note that the format wrote something for a packet that was asked for."""
+        """Add ``frame`` to ``found`` if the writer wrote something for it."""
         if self._frames and len(self._writer.lines) > self._before:
             self.found.add(self._writer.places.number(int(frame)))
 

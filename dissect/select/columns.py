@@ -17,12 +17,12 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable
 
-#: What stands between several values of a field, as tshark has it.
+#: Separates several values of a field, as in tshark.
 SEPARATOR = ","
 
 
 class FieldsWriter(Writer):
-    """Writes the fields named with `write_fields`; a field that a result does not have is empty."""
+    """Writes the fields that were given to `write_fields`; a field that a result does not have is empty."""
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
@@ -30,7 +30,7 @@ class FieldsWriter(Writer):
         self._context = Context()
 
     def write_fields(self, names: Sequence[str], context: Context) -> None:
-        """Write these fields, in this order."""
+        """Choose the fields to write, in this order."""
         self._fields = [NAMES[name.lower()] for name in names]
         self._context = context
 
@@ -51,11 +51,11 @@ class FieldsWriter(Writer):
         self._message(UPPER_NAMES[S7COMM_PLUS], frame, time_ns, side, octets, cut)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Add the line of a TPDU that carries none."""
+        """Add the line of a TPDU that carries no PDU."""
         self._message(COTP, frame, time_ns, side, octets)
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Add the line of an IBH-NetLink packet that carries none."""
+        """Add the line of an IBH-NetLink packet that carries no PDU."""
         self._message(NETLINK, frame, time_ns, side, octets)
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:

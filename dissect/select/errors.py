@@ -1,4 +1,4 @@
-"""What is wrong with an expression, and where."""
+"""`SelectError`: what is wrong with an expression, and where."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Final
 
 from dissect.wire.text import printable
 
-#: Characters of an expression that are shown around the place that is wrong.
+#: So many characters of an expression are shown before the place that is wrong, and as many after its beginning.
 _SHOWN: Final = 70
 
 
 class SelectError(ValueError):
-    """An expression that cannot be: ``reason`` in one sentence, and what it is about: ``text[start:end]``."""
+    """An invalid expression: ``reason`` is one sentence, ``text[start:end]`` the part of the expression that is wrong."""
 
     def __init__(self, reason: str, text: str = "", start: int = 0, end: int = 0) -> None:
         super().__init__(reason)
@@ -26,7 +26,7 @@ class SelectError(ValueError):
         return self if self.text else SelectError(self.reason, text, start, end)
 
     def lines(self) -> list[str]:
-        """Return the reason, the expression, and a mark below what is wrong; safe to show."""
+        """Return the reason, the expression, and a mark below the part that is wrong; escaped."""
         if not self.text:
             return [printable(self.reason)]
         first = max(0, min(self.start, len(self.text)) - _SHOWN)
@@ -43,7 +43,7 @@ class SelectError(ValueError):
 
 
 def _one(character: str) -> str:
-    """Return a character that takes the place of one: what would not print is a question mark."""
+    """Return one printable character for any character, so that the mark stays in its place; "?" if it cannot be printed."""
     if character.isspace():
         return " "
     return character if printable(character) == character else "?"

@@ -1,7 +1,7 @@
-"""The fields: one table of name, type, meaning, example, and how each kind of thing answers. Everything else reads it.
+"""The fields of selections: one table of name, type, meaning, example, and getters for each kind of thing.
 
-`s7dissect fields`, docs/select.md, completion and the predicates take their names from here. ``also`` are further names: those
-of the JSON contract where a field has a shorter one, so that both can be typed.
+`s7dissect fields`, docs/select.md, completion and the predicates read this table. ``also`` are further names: where the JSON
+contract has a longer name for the same, both can be typed.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
 
 
 class Field:
-    """A field: its names, the type of its values, what it means, a condition as an example, and who has it.
+    """A field: its names, the type of its values, its meaning, a condition as an example, and which things have it.
 
-    ``getters`` are by kind of thing (`dissect.select.things.KINDS`). ``of_item`` gives the value of one item, for those
-    that items have: these may have an index behind their name. ``decided`` tells that the ends and the number of a connection
-    alone say what its value is, so that what is not selected need not be read.
+    ``getters`` are by kind of thing (`dissect.select.things.KINDS`). ``of_item`` returns the value for one item; a field that
+    has it may be followed by an index in brackets. ``decided``: the value depends only on the ends and the number of a
+    connection, so that connections which are not selected need not be read.
     """
 
     __slots__ = ("about", "also", "decided", "example", "getters", "kind", "name", "of_item")
@@ -89,7 +89,7 @@ class Field:
 
     @property
     def things(self) -> tuple[str, ...]:
-        """The kinds of things that have it."""
+        """The kinds of things that have this field."""
         return tuple([kind for kind in KINDS if kind in self.getters])
 
 
@@ -114,7 +114,7 @@ def _item(
     kinds: Iterable[str] = _PDUS,
     others: Mapping[str, Getter] | None = None,
 ) -> Field:
-    """Return a field that every item has for itself; ``others`` are getters of things whose items are not known."""
+    """Return a field whose value each item has for itself; ``others`` are getters for further kinds, without items."""
 
     def got(thing: Any, context: Context) -> list[Any]:
         found: list[Any] = []
@@ -139,12 +139,12 @@ def _text(get: Getter, kinds: Iterable[str]) -> dict[str, Getter]:
 
 
 def _thing(name: str) -> Getter:
-    """Return the getter of a number that a thing keeps under this name."""
+    """Return a getter that returns the attribute ``name`` of a thing, a number."""
     return lambda thing, _context: int(getattr(thing, name))
 
 
 def _word(name: str) -> Getter:
-    """Return the getter of a word that a thing keeps under this name; None for none."""
+    """Return a getter that returns the attribute ``name`` of a thing, a word; None for an empty one."""
 
     def got(thing: Any, _context: Context) -> CodeValue | None:
         word = getattr(thing, name)
@@ -157,7 +157,7 @@ def _severity(finding: Finding) -> CodeValue:
     return CodeValue(_WEIGHTS[finding.severity], (finding.severity,))
 
 
-#: Severities by weight, so that they can be compared: `severity >= warning`.
+#: Severities with a rank, so that they can be compared: `severity >= warning`.
 _WEIGHTS: Final = {severity: len(SEVERITIES) - at for at, severity in enumerate(SEVERITIES)}
 
 
@@ -363,16 +363,16 @@ _ROWS: Final = (
     Field("scd.error", Text(), "Why it was not decoded.", "scd.error == E_CRC", _all(of.of_scd(_scd_error), _PDUS)),
 )  # fmt: skip
 
-#: The fields by their name, in the order of the table.
+#: The fields by name, in the order of the table.
 FIELDS: Final[Mapping[str, Field]] = {field.name: field for field in _ROWS}
 
-#: Each name that can be typed, and its field.
+#: The fields by each name that can be typed.
 NAMES: Final[Mapping[str, Field]] = {
     **{also: field for field in _ROWS for also in field.also},
     **FIELDS,
 }
 
-#: What Wireshark calls some of them, for who types that.
+#: Wireshark's names of some fields, to suggest ours to users who type those.
 WIRESHARK: Final[Mapping[str, str]] = {
     "ip.addr": "host",
     "ip.host": "host",

@@ -1,6 +1,6 @@
-"""How each kind of thing answers for a field: functions of the thing and the `Context`, one value, several, or None.
+"""The getters of fields: functions of a thing and the `Context` that return the value of a field.
 
-Several are a list; None and an empty list both mean that the thing does not have the field.
+They return one value, or a list of several. None and an empty list both mean that the thing does not have the field.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ Getter = Callable[[Any, Context], Any]
 OfItem = Callable[[ItemFacts, Context], Any]
 OfConnection = Callable[[Connection], Any]
 
-#: What reads and writes are called in short, whatever protocol they are of.
+#: Short names of reads and writes, the same for all protocols.
 READ: Final = "read"
 WRITE: Final = "write"
 _MAX_KNOWN: Final = 4096
 
 
 def named(*names: str) -> CodeValue:
-    """Return a value that has names and no number."""
+    """Return a value that has names but no number."""
     return CodeValue(None, names)
 
 
 @functools.cache
 def name_code(name: str) -> CodeValue:
-    """Return a value that has a name only; of names that are few."""
+    """Return a value that has one name and no number; cached, so only for a small set of names."""
     return CodeValue(None, (name,))
 
 
@@ -69,7 +69,7 @@ def connection_of(thing: Any) -> Connection | None:
 
 
 def of_connection(get: OfConnection) -> Getter:
-    """Return the getter of what a thing's connection answers."""
+    """Return a getter that calls ``get`` with the connection of the thing."""
 
     def got(thing: Any, _context: Context) -> Any:
         connection = connection_of(thing)
@@ -79,7 +79,7 @@ def of_connection(get: OfConnection) -> Getter:
 
 
 def ends(thing: Any, _context: Context) -> Iterable[Endpoint] | None:
-    """Return both ends of the connection, or of a packet."""
+    """Return both ends of a packet, or of a thing's connection."""
     if isinstance(thing, Packet):
         return thing.ends
     connection = connection_of(thing)
@@ -98,17 +98,17 @@ def vlans(connection: Connection) -> list[int]:
 
 
 def asked_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
-    """Return who asked."""
+    """Return the end that sent the request."""
     return thing.connection.tcp.ends[thing.asked_by]
 
 
 def answered_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
-    """Return the other end."""
+    """Return the end that answers the request."""
     return thing.connection.tcp.ends[1 - thing.asked_by]
 
 
 def tsap(called: bool) -> OfConnection:
-    """Return what gives a TSAP as text."""
+    """Return a function that returns the called or calling TSAP of a connection as text."""
 
     def got(connection: Connection) -> str | None:
         found = connection.tsap_called if called else connection.tsap_calling
@@ -135,7 +135,7 @@ def ended(connection: Connection, _context: Context) -> CodeValue | None:
 
 
 def protocol(thing: Any, _context: Context) -> CodeValue | None:
-    """Return the protocol of a thing's own, or of its connection."""
+    """Return the protocol of a message or transaction; for other things, that of their connection."""
     if isinstance(thing, Message):
         return name_code(thing.protocol)
     if isinstance(thing, Transaction):
@@ -148,7 +148,7 @@ def protocol(thing: Any, _context: Context) -> CodeValue | None:
 
 
 def frames(thing: Any, context: Context) -> list[int]:
-    """Return the packets that a thing is known by."""
+    """Return the packets of a thing: those of request and answer, its first and last, or those of a finding."""
     if isinstance(thing, Transaction):
         found = [thing.request_frame, thing.response_frame]
     elif isinstance(thing, Operation):
@@ -163,7 +163,7 @@ def frames(thing: Any, context: Context) -> list[int]:
 
 
 def frame_at(place: int) -> Getter:
-    """Return the getter of the first or second of two packets."""
+    """Return a getter for a packet of a transaction or an operation: 0 for request or first one, 1 for answer or last one."""
 
     def got(thing: Transaction | Operation, context: Context) -> int | None:
         if isinstance(thing, Operation):
@@ -176,7 +176,7 @@ def frame_at(place: int) -> Getter:
 
 
 def time(thing: Any, _context: Context) -> int | None:
-    """Return when a thing was: its first packet, of a transaction the request where there is one."""
+    """Return the time of a thing's first packet; for a transaction that of its request or, without one, of its answer."""
     if isinstance(thing, Transaction):
         return int(thing.request_ns if thing.request_frame else thing.response_ns)
     if isinstance(thing, Operation):
@@ -189,17 +189,17 @@ def time(thing: Any, _context: Context) -> int | None:
 
 
 def request_time(thing: Transaction, _context: Context) -> int | None:
-    """Return when the request came."""
+    """Return the time of the request."""
     return int(thing.request_ns) if thing.request_frame else None
 
 
 def response_time(thing: Transaction, _context: Context) -> int | None:
-    """Return when the answer came."""
+    """Return the time of the answer."""
     return int(thing.response_ns) if thing.response_frame else None
 
 
 def duration(thing: Operation | Connection, _context: Context) -> int:
-    """Return how long it took."""
+    """Return how long an operation or a connection lasted, in nanoseconds."""
     if isinstance(thing, Connection):
         return int(thing.tcp.last_ns - thing.tcp.first_ns)
     return thing.duration_ns
@@ -209,7 +209,7 @@ def duration(thing: Operation | Connection, _context: Context) -> int:
 
 
 def failed(thing: Transaction | Operation, _context: Context) -> bool:
-    """Tell whether something was refused or not answered."""
+    """Return whether something was refused or not answered."""
     if isinstance(thing, Operation):
         return thing.result not in NO_FAILURES
     return bool(thing.failed)
@@ -305,7 +305,7 @@ def userdata_type(thing: Transaction | Message, _context: Context) -> CodeValue 
 
 
 def rosctr(thing: Transaction | Message, _context: Context) -> CodeValue | None:
-    """Return the kind of an S7 PDU, of a transaction that of its request."""
+    """Return the ROSCTR of an S7 PDU; for a transaction that of its request."""
     if isinstance(thing, Message):
         number = thing.pdu.rosctr if thing.pdu is not None else -1
     else:
@@ -314,7 +314,7 @@ def rosctr(thing: Transaction | Message, _context: Context) -> CodeValue | None:
 
 
 def pdu_ref(thing: Transaction | Message, _context: Context) -> int | None:
-    """Return the number by which request and answer belong together."""
+    """Return the number that request and answer have in common."""
     if isinstance(thing, Transaction):
         text = facets.facet_of(thing).reference(thing)
         return int(text) if text else None
@@ -326,7 +326,7 @@ def pdu_ref(thing: Transaction | Message, _context: Context) -> int | None:
 
 
 def subject(thing: Transaction | Operation, _context: Context) -> str:
-    """Return what it is about, in words."""
+    """Return what a transaction or an operation is about, in words."""
     return thing.subject if isinstance(thing, Operation) else facets.subject(thing)
 
 
@@ -352,7 +352,7 @@ def errors(thing: Transaction | Operation | Message, _context: Context) -> list[
 
 
 def error_text(what: str) -> Getter:
-    """Return the getter of a text of every error: ``where`` or ``text``."""
+    """Return a getter for one text of every error; ``what`` is "where" or "text"."""
 
     def got(thing: Transaction, _context: Context) -> list[str]:
         return [getattr(error, what) for error in thing.errors] if thing.has_errors else []
@@ -361,7 +361,7 @@ def error_text(what: str) -> Getter:
 
 
 def malformed(thing: Message, _context: Context) -> bool:
-    """Tell whether a PDU contradicts itself."""
+    """Return whether a PDU is malformed."""
     found = thing.pdu or thing.plus
     return bool(found.malformed) if found is not None else False
 
@@ -385,12 +385,12 @@ def return_codes(thing: Message, _context: Context) -> list[CodeValue]:
 
 
 def of_finding(get: Callable[[Any], Any]) -> Getter:
-    """Return the getter of what a finding answers."""
+    """Return a getter that calls ``get`` with the finding."""
     return lambda found, _context: get(found.finding)
 
 
 def techniques(finding: Any) -> list[str]:
-    """Return the techniques of MITRE ATT&CK that a finding may be part of."""
+    """Return the MITRE ATT&CK techniques that a finding may be a sign of, by name and by their ids in both versions."""
     return [text for one in finding.rule.techniques for text in (one.name, one.v18, one.v19) if text]
 
 
@@ -398,7 +398,7 @@ def techniques(finding: Any) -> list[str]:
 
 
 def of_plus(get: Callable[[Any], Any]) -> Getter:
-    """Return the getter of what request and response of S7comm-plus answer."""
+    """Return a getter that calls ``get`` with each S7comm-plus PDU of a thing: request and response, or the message."""
 
     def got(thing: Transaction | Message, _context: Context) -> list[Any]:
         if isinstance(thing, Message):
@@ -419,7 +419,7 @@ def known(value: int) -> int | None:
 
 
 def of_scd(get: Callable[[ScdMessage], Any]) -> Getter:
-    """Return the getter of what the SCD messages of a thing answer."""
+    """Return a getter that calls ``get`` with each SCD message of a thing."""
 
     def got(thing: Transaction | Message, _context: Context) -> list[Any]:
         messages = ([thing.scd] if thing.scd else []) if isinstance(thing, Message) else thing.scd
@@ -436,5 +436,5 @@ def of_scd(get: Callable[[ScdMessage], Any]) -> Getter:
 
 
 def scd_number(role: str) -> Callable[[ScdMessage], int | None]:
-    """Return what gives a field of the envelope by its role; None where the envelope has none."""
+    """Return a function that returns the number with this role from the envelope; None where the envelope has none."""
     return lambda found: found.message.numbers.get(role)

@@ -1,6 +1,6 @@
-"""The language of selections: from text to a tree of conditions.
+"""The language of selections: parses text into a tree of conditions.
 
-What a field is and what it may be compared with is not known here.
+This module does not know which fields exist, nor what each may be compared with (`dissect.select.where`).
 
 Operators are those of Wireshark's display filters, with their other spellings (`eq`, `&&`, `~` …).
 """
@@ -18,7 +18,7 @@ from dissect.select.errors import SelectError
 if TYPE_CHECKING:
     from lark import Lark, Token
 
-#: Characters of an expression, and conditions within each other.
+#: Greatest number of characters of an expression, and of levels of conditions within each other.
 MAX_SIZE: Final = 4000
 MAX_DEPTH: Final = 100
 
@@ -46,7 +46,7 @@ STRING: /"(\\.|[^"\\])*"|'(\\.|[^'\\])*'/s
 %ignore /\s+/
 """
 
-#: Each spelling of an operator.
+#: Other spellings of operators.
 _OPERATORS: Final = {
     "eq": "==",
     "ne": "!=",
@@ -58,16 +58,16 @@ _OPERATORS: Final = {
     "all_eq": "===",
     "any_ne": "!==",
 }
-#: All that may stand between a field and a value, as people look for it.
+#: All operators between a field and a value, in the order in which help lists them.
 OPERATORS: Final = ("==", "!=", "<", "<=", ">", ">=", "===", "!==", "in", "contains", "matches", "overlaps")
 _WORDS: Final = (*_OPERATORS, *OPERATORS, "and", "or", "not in")
-#: What people write who know another language.
+#: Operators of other languages, to suggest ours.
 _ELSEWHERE: Final = {"=": "==", "is": "==", "equals": "==", "<>": "!=", "=~": "matches", "like": "contains", "=<": "<="}
 
 
 @dataclass(frozen=True)
 class Literal:
-    """A value as it was written: ``text`` without quotes; ``quoted`` tells that it had some."""
+    """A value as it was written: ``text`` without quotes; ``quoted`` says whether it had any."""
 
     text: str
     quoted: bool
@@ -77,7 +77,7 @@ class Literal:
 
 @dataclass(frozen=True)
 class FieldName:
-    """A field as it was written; ``index`` is what stood in brackets behind it, empty for nothing."""
+    """A field as it was written; ``index`` is the text in brackets after it, empty without brackets."""
 
     name: str
     index: str
@@ -87,14 +87,14 @@ class FieldName:
 
 @dataclass(frozen=True)
 class Presence:
-    """The field is there; of one that is true or false: it is true."""
+    """A field alone: the thing has this field; for a field of type truth: its value is true."""
 
     field: FieldName
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A field compared with values, of which one has to fit: more than one only where ``operator`` is ``in``."""
+    """A field compared with literals, one of which has to fit; there are several only for the operator ``in``."""
 
     field: FieldName
     operator: str
@@ -105,7 +105,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Negation:
-    """What is within does not hold."""
+    """The condition ``within`` does not hold."""
 
     within: Node
 
@@ -128,7 +128,7 @@ Node = Presence | Comparison | Negation | All | Either
 
 
 def parse(text: str) -> Node:
-    """Return the tree of an expression. Raises `SelectError`, which says where it goes wrong."""
+    """Return the tree of an expression. Raises `SelectError` with the place of a mistake."""
     if len(text) > MAX_SIZE:
         raise SelectError(f"an expression has at most {MAX_SIZE} characters; this one has {len(text)}")
     if not text.strip():
@@ -147,12 +147,12 @@ def parse(text: str) -> Node:
 
 @functools.cache
 def _parser() -> Lark:
-    """Return the parser; made when the first expression is read, because that takes longer than reading it."""
+    """Return the parser. It is made for the first expression, not on import, because making it takes long."""
     from lark import Lark, v_args
     from lark.visitors import Transformer
 
     class Builder(Transformer[Any, Any]):
-        """Makes nodes while the text is read, so that how deep they are is known before they get too deep."""
+        """Makes nodes while the text is parsed, so that parsing stops as soon as they are nested too deep."""
 
         def start(self, parts: list[_Deep]) -> _Deep:
             return parts[0]
@@ -196,7 +196,7 @@ def _parser() -> Lark:
 
 @dataclass(frozen=True)
 class _Deep:
-    """A node, and how many are within each other in it."""
+    """A node, and how many levels of nodes there are in it."""
 
     node: Node
     depth: int
@@ -224,7 +224,7 @@ _ESCAPE: Final = re.compile(r"\\([\"'\\])")
 
 
 def _unquoted(text: str) -> str:
-    r"""Return a quoted text: ``\"`` and ``\\`` mean what is behind them, and all else stays, as patterns need it."""
+    r"""Return the content of a quoted text: ``\"`` and ``\\`` are unescaped; other backslashes stay, for patterns."""
     return _ESCAPE.sub(r"\1", text[1:-1])
 
 
@@ -235,7 +235,7 @@ _NEXT: Final = re.compile(r"[\w.]+|[^\s\w]+|\S")
 
 
 def _explain(text: str, error: Any) -> NoReturn:
-    """Raise the error for a person: what was met, and what could have stood there."""
+    """Raise the `SelectError` for an error of the parser: what it met, and what it expected."""
     at = getattr(error, "pos_in_stream", None)
     token = getattr(error, "token", None)
     if token is not None and token.type == "$END":
@@ -266,7 +266,7 @@ def _explain(text: str, error: Any) -> NoReturn:
 
 
 def _wanted(could: set[str]) -> str:
-    """Return in words what may stand somewhere, by the names of the grammar."""
+    """Return in words what the parser expected; ``could`` are names of terminals."""
     if "OPERATOR" in could:
         return f"an operator ({', '.join(OPERATORS)})"
     if "FIELD" in could:

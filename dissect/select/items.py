@@ -1,4 +1,4 @@
-"""Items as selections see them: address, type, value, return code, of S7comm, S7comm-plus and SCD in one form."""
+"""Items for selections: address, type, value and return code of S7comm, S7comm-plus and SCD items in one form."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from dissect.select.literals import CodeValue, Place, place_of
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.transaction import Transaction
 
-#: Request items whose facts are remembered: polling repeats the same ones.
+#: The facts of so many request items are remembered: polling repeats the same ones.
 _MOST_KNOWN: Final = 8192
 _UNKNOWN_ELEMENT: Final = 1
-#: An element of an array of one dimension: its name; and the lowest index of those that an item covers, of all by their
-#: type, of some by their name.
+#: The name of an element of an array of one dimension. Where an item covers all elements, the lowest index is in the tag's type
+#: (`_ALL`); where it covers some, in the tag's name (`_SOME`).
 _ELEMENT: Final = re.compile(r"(.+)\[(-?[0-9]{1,9})\]", re.DOTALL)
 _ALL: Final = re.compile(r"Array\[(?P<low>-?[0-9]{1,9})\.\.-?[0-9]{1,9}\] of ")
 _SOME: Final = re.compile(r"(?P<name>.+)\[(?P<low>-?[0-9]{1,9})\.\.-?[0-9]{1,9}\]", re.DOTALL)
 
 
 class ItemFacts:
-    """One item. What it does not have is None; ``values`` are its value, or the elements of an array.
+    """One item; attributes that it does not have are None.
 
-    ``source`` is the `ItemResult`, `PlusItem`, row of SCD or value of a tag it was made of. ``naming`` knows the tags on its
+    ``source`` is the `ItemResult`, `PlusItem`, SCD row or `NamedValue` that it was made from. ``naming`` knows the tags of its
     connection.
     """
 
@@ -61,7 +61,7 @@ class ItemFacts:
 
     @property
     def values(self) -> list[object]:
-        """Its value as the JSON contract has it: one element, or those of an array; none where it cannot be decoded."""
+        """Its value in the form of the JSON contract: one element, or those of an array; empty where it cannot be decoded."""
         source = self.source
         if isinstance(source, ItemResult):
             value: object = source.value
@@ -77,13 +77,13 @@ class ItemFacts:
 
     @property
     def tags(self) -> list[NamedValue]:
-        """The tags that it covers, wholly or in part; none where none are loaded."""
+        """The tags that the item covers, wholly or in part; empty where no tags are loaded."""
         if self.naming is None or not isinstance(self.source, ItemResult):
             return []
         return [named for named in self.naming.named(self.source) if named.name]
 
     def of_tag(self, name: str) -> ItemFacts | None:
-        """Return one of the tags that it covers, or one element of an array, as an item of its own; None where it has none."""
+        """Return the tag ``name`` that this item covers, or an element of an array, as an item; None where it covers none."""
         tags = self.tags
         for named in tags:
             if named.name == name:
@@ -106,7 +106,7 @@ class ItemFacts:
 
 
 def _element(named: NamedValue, array: str, index: int) -> NamedValue | None:
-    """Return an element of the tag ``array`` out of the elements of it that an item covers, None where it is not among them."""
+    """Return element ``index`` of ``array`` if it is among the elements that ``named`` holds, else None."""
     whole = named.name == array
     covered = _ALL.match(named.type) if whole else _SOME.fullmatch(named.name)
     if covered is None or not isinstance(named.value, list) or not (whole or covered["name"] == array):
@@ -131,7 +131,7 @@ def _flatten(value: object, into: list[object]) -> None:
 
 
 class ItemReader:
-    """Reads the items of transactions; remembers what request items say, and the items of the latest transaction."""
+    """Makes the items of transactions; remembers the facts of request items, and the items of the latest transaction."""
 
     def __init__(self) -> None:
         self._known: dict[Item, ItemFacts] = {}
@@ -139,7 +139,7 @@ class ItemReader:
         self._facts: list[ItemFacts] = []
 
     def items(self, transaction: Transaction) -> list[ItemFacts]:
-        """Return the items of a transaction, those of SCD behind those of S7."""
+        """Return the items of a transaction: those of S7, then those of SCD."""
         if transaction is self._latest:
             return self._facts
         if transaction.is_plus:
@@ -149,13 +149,13 @@ class ItemReader:
             facts = [self.s7(result, naming) for result in transaction.results()]
         if transaction.is_scd or transaction.carried is not None:
             facts += [scd_facts(row) for found in transaction.scd for row in found.values]
-        # Only of what will not change any more may be said the same when it is asked again.
+        # A transaction without an outcome may still change, so its items are not remembered.
         self._latest = transaction if transaction.outcome else None
         self._facts = facts
         return facts
 
     def requested(self, items: Iterable[Item], naming: Naming | None) -> list[ItemFacts]:
-        """Return the facts of the items of a request, of which no value is known."""
+        """Return the facts of the items of a request, without values."""
         if naming is None:
             return [self.asked(item) for item in items]
         return [self.s7(ItemResult(item, -1, None, None), naming) for item in items]
@@ -175,7 +175,7 @@ class ItemReader:
         return facts
 
     def asked(self, item: Item) -> ItemFacts:
-        """Return what a request item says; the same object for the same item."""
+        """Return the facts of a request item; the same object for the same item."""
         facts = self._known.get(item)
         if facts is None:
             if len(self._known) >= _MOST_KNOWN:

@@ -1,6 +1,7 @@
-"""What a field may be compared with: one class for each type of value, which reads literals and makes a test of them.
+"""The types of values of fields: one class for each, which parses literals and makes tests.
 
-A test takes one value of a field and tells whether it fits. It is made once for an expression, and called for every result.
+A test is a function that returns whether one value of a field fits. It is made once for an expression, and called for every
+result.
 """
 
 from __future__ import annotations
@@ -34,22 +35,23 @@ _ORDER: Final[dict[str, Callable[[Any, Any], bool]]] = {
     ">": lambda a, b: bool(a > b),
     ">=": lambda a, b: bool(a >= b),
 }
-#: Characters of a pattern, and names that are listed as what was expected.
+#: Greatest number of characters of a pattern, and of names that an error lists as expected.
 _MAX_PATTERN: Final = 200
 _MOST_LISTED: Final = 12
 
 
 class CodeValue(NamedTuple):
-    """A number with names: a function, an area, an error. ``number`` is None where it has names only."""
+    """A number with names: a function, an area, an error. ``number`` is None where there are only names."""
 
     number: int | None
     names: tuple[str, ...]
 
 
 class Place(NamedTuple):
-    """An address of an item: as text, and for those of S7ANY ``area``, ``db``, and bits from ``start``, ``size`` of them.
+    """An address of an item, as text and for S7ANY in numbers: ``area``, ``db``, first bit ``start``, ``size`` in bits.
 
-    In the areas of timers and counters these are numbers of objects. ``area`` is -1 for other addresses.
+    In the areas of timers and counters, ``start`` and ``size`` count timers or counters. ``area`` is -1 for addresses that are
+    not S7ANY.
     """
 
     text: str
@@ -65,7 +67,7 @@ class Place(NamedTuple):
         return self.size == _WHOLE
 
     def overlaps(self, other: Place) -> bool:
-        """Tell whether both name a bit in common."""
+        """Return whether both addresses have a bit in common."""
         return (
             self.area == other.area >= 0
             and self.db == other.db
@@ -75,22 +77,25 @@ class Place(NamedTuple):
 
 
 class Kind(ABC):
-    """A type of values. ``name`` is what `s7dissect fields` calls it, ``operators`` those that may stand before a literal."""
+    """A type of values. ``name`` is its name in `s7dissect fields`; ``operators`` are the operators that it takes."""
 
     name = ""
     operators: tuple[str, ...] = (EQUAL, "!=", "===", "!==", IN)
-    #: True where a field alone, without a comparison, means that it is true.
+    #: True if a field alone, without a comparison, is a condition that its value is true.
     truth = False
 
     def test(self, operator: str, literals: Sequence[Literal], start: Start) -> Test:
-        """Return the test for one of `operators`, but those that negate (`dissect.select.where`). Raises `SelectError`."""
+        """Return the test for an operator; not for != and !==, which `dissect.select.where` turns into others.
+
+        Raises `SelectError` for a literal that is not of this type.
+        """
         if operator == IN:
             tests = [self._member(literal, start) for literal in literals]
             return lambda value: any([test(value) for test in tests])
         return self.compare(operator, literals[0], start)
 
     def _member(self, literal: Literal, start: Start) -> Test:
-        """Return the test for an element of a set: a value, or a range of them where they have an order."""
+        """Return the test for an element of a set: a value or, for types with an order, a range such as ``1..5``."""
         low, dots, high = literal.text.partition("..")
         if "<=" not in self.operators or not dots or literal.quoted:
             return self.compare(EQUAL, literal, start)
@@ -117,12 +122,12 @@ class Kind(ABC):
         return self.wrong(literal, f"{expected}; got {literal.text!r}")
 
     def wrong(self, literal: Literal, reason: str) -> SelectError:
-        """Return the error of a literal for a reason that names it."""
+        """Return the error for a literal; ``reason`` names the literal."""
         return SelectError(reason, "", literal.start, literal.end)
 
 
 def _pattern(literal: Literal) -> Callable[[str], bool]:
-    """Return the search for a regular expression, which ignores case as that of Wireshark does."""
+    """Return the search for a regular expression; it ignores case, as in Wireshark."""
     if len(literal.text) > _MAX_PATTERN:
         raise SelectError(
             f"a pattern has at most {_MAX_PATTERN} characters; this one has {len(literal.text)}",
@@ -130,7 +135,7 @@ def _pattern(literal: Literal) -> Callable[[str], bool]:
         )  # fmt: skip
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what a later Python may read differently: nothing for who typed it
+            warnings.simplefilter("ignore")  # warnings on what later Python versions may change are no help to users
             search = re.compile(literal.text, re.IGNORECASE).search
     except (re.error, OverflowError, RecursionError) as error:
         raise SelectError(f"invalid regular expression: {error}", "", literal.start, literal.end) from None
@@ -141,7 +146,7 @@ _NUMBER: Final = re.compile(r"[+-]?(0x[0-9a-f]+|[0-9]+(\.[0-9]+)?(e[+-]?[0-9]{1,
 
 
 def number(text: str) -> int | float | None:
-    """Return the number that a text is, decimal or hexadecimal; None for others."""
+    """Return the number in a text, decimal or hexadecimal; None if it is not one."""
     if not _NUMBER.fullmatch(text) or len(text) > 40:
         return None
     if "x" in text.lower():
@@ -186,7 +191,7 @@ _DURATION: Final = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+)?) ?([^\d\s.]*)")
 
 
 class Duration(Kind):
-    """Stretches of time in nanoseconds. ``bare``: a number without a unit counts nanoseconds."""
+    """Durations in nanoseconds. ``bare``: a number without a unit means nanoseconds."""
 
     name = "duration"
     operators = Number.operators
@@ -195,11 +200,11 @@ class Duration(Kind):
         self._bare = bare
 
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
-        """Compare with a time and its unit."""
+        """Compare with a duration."""
         return _compared(operator, self.nanoseconds(literal))
 
     def nanoseconds(self, literal: Literal) -> int:
-        """Return what a literal is in nanoseconds. Raises `SelectError`."""
+        """Return the duration that a literal stands for, in nanoseconds. Raises `SelectError`."""
         found = _DURATION.fullmatch(literal.text)
         if found is None:
             raise self.unfit(literal, "expected a duration, such as 20ms or 1.5s")
@@ -229,7 +234,7 @@ class Time(Kind):
     operators = Number.operators
 
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
-        """Compare with a moment: a date and time, a time of the day on which the capture begins, or a time after its start."""
+        """Compare with a date and time, a time on the day on which the capture begins, or a duration after its start."""
         moment = self._moment(literal)
         wanted = 0
         resolved_for: int | None = None
@@ -247,7 +252,7 @@ class Time(Kind):
         return lambda value: order(value, at())
 
     def _member(self, literal: Literal, start: Start) -> Test:
-        """Return the test for a stretch of time, as option ``--time`` of `cut` takes it, or for a moment."""
+        """Return the test for a range of time, in the form of option ``--time`` of `cut`, or for a moment."""
         if ".." not in literal.text:
             return super()._member(literal, start)
         try:
@@ -283,7 +288,7 @@ class Time(Kind):
 
 
 class Text(Kind):
-    """Texts; ``==`` and ``contains`` take upper and lower case for different, ``matches`` does not."""
+    """Texts; ``==`` and ``contains`` distinguish upper and lower case, ``matches`` does not."""
 
     name = "text"
     operators = (EQUAL, "!=", "===", "!==", IN, CONTAINS, MATCHES)
@@ -318,15 +323,15 @@ class Truth(Kind):
 
 
 def folded(name: str) -> str:
-    """Return a name as names are compared: without case, spaces, and what joins words."""
+    """Return a name for comparison: without case, spaces, underscores and hyphens."""
     return re.sub(r"[\s_\-]+", "", name).casefold()
 
 
 class Code(Kind):
-    """Numbers with names (`CodeValue`): compared by either.
+    """Numbers with names (`CodeValue`), compared by number or by name.
 
-    ``names`` gives the names that there can be, for what is typed wrong; others may come as well where they begin with
-    ``also``. ``ranks`` gives names an order.
+    ``names`` returns the possible names; another name is an error, unless it begins with ``also``. ``ranks`` are numbers that
+    give names an order.
     """
 
     name = "name or number"
@@ -344,7 +349,7 @@ class Code(Kind):
 
     @property
     def choices(self) -> list[str]:
-        """The names there can be."""
+        """The possible names."""
         return list(dict.fromkeys(self._names()))
 
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
@@ -367,7 +372,7 @@ class Code(Kind):
         choices = {folded(choice): choice for choice in self.choices}
         if name not in choices and (self._also is None or not name.startswith(self._also)):
             raise self._unknown(literal, list(choices.values()))
-        # The same few values come again and again: what was compared once is remembered.
+        # The same few values repeat, so results of comparisons are remembered.
         known: dict[tuple[str, ...], bool] = {}
 
         def equal(value: CodeValue) -> bool:
@@ -390,7 +395,7 @@ class Code(Kind):
         return self.wrong(literal, f"no such name {literal.text!r}; expected a number or one of {listed}{more}")
 
     def shown(self, value: Any) -> str:
-        """Return its first name, or its number."""
+        """Return the first name of a value, or its number."""
         return str(value.names[0]) if value.names else str(value.number)
 
 
@@ -431,7 +436,7 @@ class Host(Kind):
         return lambda value: len(value.address) == size and int.from_bytes(value.address, "big") & mask == first
 
     def network(self, literal: Literal) -> tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, int]:
-        """Return the network of a literal, of one address where it names one, and the port, -1 for none."""
+        """Return the network that a literal names (an address is a network of one), and the port, -1 for none."""
         text, port = literal.text, -1
         if found := _WITH_PORT.fullmatch(text):
             text, port = found[1] or found[2], int(found[3])
@@ -449,7 +454,7 @@ _WITH_PORT: Final = re.compile(r"(?:\[([0-9a-fA-F:.]+)\]|([0-9]+(?:\.[0-9]+){3})
 
 
 class S7Address(Kind):
-    """Addresses of items (`Place`): the same, or with a bit in common (``overlaps``)."""
+    """Addresses of items (`Place`): equal, or with a bit in common (``overlaps``)."""
 
     name = "S7 address"
     operators = (EQUAL, "!=", "===", "!==", IN, CONTAINS, MATCHES, OVERLAPS)
@@ -474,7 +479,7 @@ class S7Address(Kind):
         return lambda value: wanted == (value.label if counted else value.text)
 
     def shown(self, value: Any) -> str:
-        """Return it with its count."""
+        """Return an address with its count."""
         return str(value.label)
 
 
@@ -482,13 +487,13 @@ _EXPECTED: Final = 'expected an S7 address, such as DB10.DBW4, DB10.DBX4.1, MW20
 _COUNTED: Final = re.compile(r"(.+?) ?x([0-9]{1,5})", re.IGNORECASE)
 _BLOCK: Final = re.compile(r"(DB|DI)([0-9]{1,5})")
 _OBJECT: Final = re.compile(r"0x[0-9a-f]{1,8}(:[0-9]{1,3})?")
-#: As many bits as a block can have.
+#: Size in bits of a `Place` that is a whole block: more than any block can have.
 _WHOLE: Final = 1 << 27
 _BITS: Final = {"X": 1, "B": 8, "W": 16, "D": 32, "L": 64, "": 1}
 
 
 def place_of(text: str) -> Place | None:
-    """Return what a text names: an address with or without a count, a whole block, an object of SCD; None for others."""
+    """Return the place that a text names: an address with or without a count, a block, an SCD object; None for others."""
     if _OBJECT.fullmatch(text.lower()):
         return Place(text.lower(), text.lower())
     counted = _COUNTED.fullmatch(text)
@@ -514,7 +519,7 @@ def place_of(text: str) -> Place | None:
 
 
 def _written(address: Address) -> str:
-    """Return an address as `dissect.s7.address.address_text` writes it: with English letters."""
+    """Return an address in the form of `dissect.s7.address.address_text`: with English letters."""
     sizes = {"X": 0x01, "": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x30}
     return address_text(address.area, address.db, address.field, sizes[address.width])
 
@@ -544,7 +549,7 @@ class Octets(Kind):
 
 
 class AnyValue(Kind):
-    """Values of variables: numbers, texts, true or false; a literal is compared with those of its own sort."""
+    """Values of variables: numbers, texts, true or false. A literal fits only values of its own sort."""
 
     name = "value"
     operators = (*Number.operators, CONTAINS, MATCHES)

@@ -1,8 +1,8 @@
-"""Which packets of a capture an expression selects: one reading tells, another one asks.
+"""Which packets of a capture an expression selects. The capture is read twice: to find out, and to test each packet.
 
-A packet is judged by what it carries: by the transactions whose request or answer it completes or holds a part of, and by the
-findings that name it, where the expression asks for what only findings have. One that carries neither is judged by itself: its
-number, its time, its ends, its connection. Where the expression asks for nothing else, every packet is judged so.
+A packet is selected if it carries a part of a request or answer of a selected transaction; and, if the expression names fields
+that only findings have, if a selected finding names it. A packet that carries none of these is tested by its own fields:
+number, time, ends, connection. If the expression names only such fields, every packet is tested by them.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from dissect.transactions.side import Side
 from dissect.transactions.table import endpoints, keys_of, reverse_key
 from dissect.transactions.transaction import Transaction
 
-#: Kinds of things that an expression about packets may ask for.
+#: Kinds of things whose fields an expression for packets may name.
 KINDS: Final = (PACKET, TRANSACTION, FINDING)
-#: Tells whether a packet is selected: number, time, buffer, start, end, link type.
+#: Returns whether a packet is selected; arguments: number, time, buffer, start, end, link type.
 PacketTest = Callable[[int, int, bytes, int, int, int], bool]
 _EVER: Final = (-(2**63), 2**63)
 
 
 class _Ends:
-    """What of the TCP side of a connection a packet's fields ask for."""
+    """The part of `Connection.tcp` that the fields of a packet need."""
 
     __slots__ = ("ends", "vlan")
 
@@ -43,7 +43,7 @@ class _Ends:
 
 
 class _Line:
-    """A connection of which only that is kept which the fields of a packet ask for, and where in the capture it is."""
+    """A connection, reduced to what the fields of a packet need, and its first and last place in the capture."""
 
     __slots__ = ("client", "first", "last", "number", "pdu_length", "server", "tcp", "tsap_called", "tsap_calling")
 
@@ -60,7 +60,7 @@ class _Line:
 
 
 class PacketSelection(Observer):
-    """Watches the first reading; `test` then gives what tells of each packet whether it is selected."""
+    """Observes the first reading; `test` then returns the test for the packets of the second one."""
 
     def __init__(self, where: Where) -> None:
         super().__init__()
@@ -81,7 +81,7 @@ class PacketSelection(Observer):
         self._where.context.opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Remember what packets of a connection are asked for."""
+        """Remember what tests of packets need of a connection."""
         self._where.context.closed(connection)
         line = _Line(connection)
         self._same.note(connection.tcp)
@@ -90,23 +90,23 @@ class PacketSelection(Observer):
                 self._lines.setdefault(one, []).append(line)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Take note where a TPKT stands in its stream."""
+        """Note where in its stream a TPKT is."""
         self._book.tpkt(side, octets)
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Take note where an IBH-NetLink packet stands in its stream."""
+        """Note where in its stream an IBH-NetLink packet is."""
         self._book.ibh_packet(side, octets)
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """Take note where a PDU stands in its stream."""
+        """Note where in its stream an S7 PDU is."""
         self._book.pdu(side, int(frame), len(octets))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """Take note where a PDU stands in its stream."""
+        """Note where in its stream an S7comm-plus PDU is."""
         self._book.pdu(side, int(frame), len(octets))
 
     def transaction(self, transaction: Transaction) -> None:
-        """Remember where request and answer stand, if the transaction is selected."""
+        """Remember where in their streams request and answer are, if the transaction is selected."""
         if self._alone:
             return
         number, asked_by = int(transaction.connection.number), int(transaction.asked_by)
@@ -126,7 +126,7 @@ class PacketSelection(Observer):
         ]
 
     def finding(self, finding: Finding) -> None:
-        """Remember the packets of a finding, where that decides."""
+        """Remember the packets of a finding, if the expression names fields of findings."""
         if not self._findings:
             return
         for frame in finding.frames:
@@ -135,7 +135,7 @@ class PacketSelection(Observer):
             self._frames.update([int(frame) for frame in finding.frames])
 
     def test(self) -> PacketTest:
-        """Return what tells of a packet whether it is selected. Never raises."""
+        """Return the function that returns whether a packet is selected. It never raises."""
         carried = Choice(False, frozenset(self._frames), (), self._spans, _EVER, {}, self._same.found)
         itself = self._where.predicate(PACKET)
 

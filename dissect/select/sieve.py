@@ -1,8 +1,7 @@
-"""Between the pipeline and whoever is told: lets pass what is selected, and what belongs to it.
+"""`Sieve`: an observer between the pipeline and another observer, which passes on only what is selected.
 
-A thing is judged by its own fields where it has all that the expression asks for. Where it does not, it passes with the
-transactions it belongs to: a connection that has a selected one, an operation that consists of some, a finding
-that shows a packet of one.
+A thing that has all fields of the expression is selected by its own fields. Any other thing is selected with transactions: a
+connection that has a selected transaction, an operation that contains one, a finding that names a packet of one.
 """
 
 from __future__ import annotations
@@ -27,13 +26,13 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
-#: Numbers are remembered a bit each, in pages, of which the oldest go: 16 million in 2 MiB.
+#: `Numbers` takes a bit for each number, in pages of `_PAGE` bits. It keeps up to `_PAGES` pages: 16 million numbers in 2 MiB.
 _PAGE: Final = 32_768
 _PAGES: Final = 512
 
 
 class Numbers:
-    """A set of numbers that come about in order, in little memory; the oldest are forgotten."""
+    """A set of numbers that are added roughly in order, in little memory; the oldest page is forgotten first."""
 
     def __init__(self) -> None:
         self._pages: OrderedDict[int, bytearray] = OrderedDict()
@@ -55,10 +54,11 @@ class Numbers:
 
 
 class Sieve(Observer):
-    """Tells ``observer`` of what ``where`` selects. ``left_out`` counts the rest by kind; ``findings`` what passed, by slug.
+    """Passes on to ``observer`` what ``where`` selects.
 
-    With ``at_once`` a finding is judged when it comes, as a live line needs it. Otherwise it waits for its transaction where
-    only that can tell, until its connection is over.
+    ``left_out`` counts what was not passed on, by kind; ``findings`` what was, by slug. With ``at_once``, for live runs, a
+    finding is judged when it comes. Otherwise a finding that is selected with its transactions waits until its connection is
+    over, since its transaction may come later.
     """
 
     def __init__(self, observer: Observer, where: Where, at_once: bool = False) -> None:
@@ -77,18 +77,18 @@ class Sieve(Observer):
         self._numbers = Numbers()
         self._frames = Numbers()
         self._waiting: dict[int, list[Finding]] = {}
-        self._passing = False  # what was looked at last was selected
+        self._passing = False  # whether the latest transaction or operation was selected
         self._by_itself = {kind: where.knows(kind) for kind in PLURALS}
 
     def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
-        """The run begins: its pipeline, and its files, by which packets are numbered where there are ``several``."""
+        """Take the pipeline and files of a run that begins; with ``several`` files packets are numbered within their file."""
         context = self._where.context
         context.start = lambda: int(pipeline.first_ns)
         if several:
             context.number = Places(files, several).number
 
     def part(self, pipeline: Pipeline) -> Part:
-        """Return what an analysis says of the selection, after ``pipeline`` has finished."""
+        """Return the `Part` for an analysis: how much was selected and left out. Call it after ``pipeline`` has finished."""
         part = Part(self._where.text)
         part.transactions = self.left_out[TRANSACTION]
         part.operations = self.left_out[OPERATION]
@@ -101,14 +101,14 @@ class Sieve(Observer):
         return part
 
     def connection_opened(self, connection: Connection) -> None:
-        """Tell of a connection whose ends decide."""
+        """Pass on a new connection if its own fields select it."""
         self._where.context.opened(connection)
         self._open.add(int(connection.number))
         if self._by_itself[CONNECTION] and self._where.connection(connection):
             self._observer.connection_opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Tell of the end of a connection, and of the findings that waited for it."""
+        """Judge the findings that waited for the end of this connection, then the connection itself."""
         number = int(connection.number)
         self._where.context.closed(connection)
         self._open.discard(number)
@@ -121,7 +121,7 @@ class Sieve(Observer):
             self._observer.connection_closed(connection)
 
     def transaction(self, transaction: Transaction) -> None:
-        """Tell of a transaction that is selected."""
+        """Pass on a transaction that is selected, and remember it for the things that are selected with it."""
         self._passing = bool(self._wanted(transaction))
         if not self._passing:
             self.left_out[TRANSACTION] += 1
@@ -138,7 +138,7 @@ class Sieve(Observer):
         self._observer.transaction(transaction)
 
     def operation(self, operation: Operation) -> None:
-        """Tell of an operation that is selected, or that selected transactions are part of."""
+        """Pass on an operation that is selected, or that contains a selected transaction."""
         if self._by_itself[OPERATION]:
             wanted = self._where.operation(operation)
         else:
@@ -149,17 +149,17 @@ class Sieve(Observer):
             self._observer.operation(operation)
 
     def finding(self, finding: Finding) -> None:
-        """Tell of a finding that is selected, or that shows a selected transaction."""
+        """Pass on a finding that is selected, or that names a packet of a selected transaction."""
         if self._by_itself[FINDING]:
             self._pass_finding(finding, self._where.finding(finding))
         elif self._at_once or finding.connection not in self._open:
             self._pass_finding(finding, self._shows_selected(finding))
         else:
-            # The reporter bounds how many there are.
+            # This list needs no bound: the reporter passes on only so many findings.
             self._waiting.setdefault(int(finding.connection), []).append(finding)
 
     def fact(self, fact: Fact) -> None:
-        """Tell of what a station said in the transaction or operation at hand, and of the addresses of its network card."""
+        """Pass on a fact that a station stated in the present transaction or operation if that is selected; MACs always."""
         if self._passing or fact.key == MAC:
             self._observer.fact(fact)
 
@@ -181,17 +181,17 @@ class Sieve(Observer):
     # ---- messages ---------------------------------------------------------------------------------------------------
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Tell of a PDU that is selected by what it says itself."""
+        """Pass on an S7 PDU that its own fields select."""
         if self._takes(UPPER_NAMES[S7COMM], frame, time_ns, side, octets, cut):
             self._observer.pdu(frame, time_ns, side, octets, cut)
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Tell of a PDU that is selected by what it says itself."""
+        """Pass on an S7comm-plus PDU that its own fields select."""
         if self._takes(UPPER_NAMES[S7COMM_PLUS], frame, time_ns, side, octets, cut):
             self._observer.plus_pdu(frame, time_ns, side, octets, cut)
 
     def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
-        """Tell of an SCD message that is selected by what it says itself."""
+        """Pass on an SCD message that its own fields select."""
         if self._takes(UPPER_NAMES[SCD], frame, time_ns, side, found.octets, scd=found):
             self._observer.scd(frame, time_ns, side, found)
 
@@ -212,13 +212,13 @@ class Sieve(Observer):
         )
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
-        """Hand on a TPKT: whoever wants them knows what they are part of."""
+        """Pass on every TPKT: an observer needs it for the PDU in it, whose selection comes later."""
         self._observer.tpdu(frame, time_ns, side, octets)
 
     def ibh_packet(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
-        """Hand on an IBH-NetLink packet, for the same reason."""
+        """Pass on every IBH-NetLink packet, for the same reason."""
         self._observer.ibh_packet(frame, time_ns, side, octets)
 
     def comment(self, frame: int, text: str) -> None:
-        """Hand on a comment of the capture."""
+        """Pass on every packet comment."""
         self._observer.comment(frame, text)

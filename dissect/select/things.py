@@ -1,6 +1,6 @@
-"""What selections are about beside transactions, operations and connections: findings, messages, packets.
+"""The kinds of things that can be selected, and classes for some of them: findings, messages, packets.
 
-`Context` holds what a field needs beyond the thing itself.
+`Context` holds what fields need beyond the thing itself.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ MESSAGE: Final = "message"
 PACKET: Final = "packet"
 KINDS: Final = (TRANSACTION, OPERATION, FINDING, CONNECTION, MESSAGE, PACKET)
 
-#: Connections that are over and still remembered, for findings that come later.
+#: So many connections that are over are still remembered, for findings that come later.
 _REMEMBERED: Final = 4096
 
 
 class Context:
-    """What fields need beyond a thing: the start of the capture, places of packets, connections by their number.
+    """What fields need beyond a thing: the start of the capture, numbers of packets, connections by their number.
 
     ``start`` returns the time of the first packet, nanoseconds since 1970. ``number`` returns the number of a packet within its
     file.
@@ -53,7 +53,7 @@ class Context:
         self._connections[int(connection.number)] = connection
 
     def closed(self, connection: Connection) -> None:
-        """Remember a connection that is over for a while longer."""
+        """Remember a connection that is over, until `_REMEMBERED` others are."""
         number = int(connection.number)
         self._connections.pop(number, None)
         self._over[number] = connection
@@ -61,12 +61,12 @@ class Context:
             self._over.popitem(last=False)
 
     def connection(self, number: int) -> Connection | None:
-        """Return the connection of a number; None for 0, the capture as a whole."""
+        """Return the connection with this number; None for 0, which means the capture as a whole."""
         return self._connections.get(number) or self._over.get(number)
 
 
 class Found:
-    """A finding, and the connection it is about, None for the capture as a whole."""
+    """A finding, and the connection that it is about; None for the capture as a whole."""
 
     __slots__ = ("connection", "finding")
 
@@ -76,9 +76,9 @@ class Found:
 
 
 class Message:
-    """A message of `show`: ``octets`` of a PDU of ``protocol``, or of a TPDU or packet that carries none.
+    """A message of `show`: ``octets`` of a PDU of ``protocol``, or of a TPDU or packet that carries no PDU.
 
-    ``scd`` is an SCD message in the place of octets. What is inside is read when a field asks for it.
+    ``scd`` is the message if it is one of SCD. A PDU is decoded only when a field needs it.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Message:
         return parse_plus(self.octets, self.frame, self.time_ns, int(self.connection.number), self.side, self.cut)
 
     def items(self, reader: ItemReader) -> list[ItemFacts]:
-        """Return the items that a request names or a notification of S7comm-plus brings, and the values of SCD."""
+        """Return the items of a request or of an S7comm-plus notification, or the values of an SCD message."""
         if self.scd is not None:
             from dissect.select.items import scd_facts
 
@@ -139,9 +139,9 @@ class Message:
 
 
 class Packet:
-    """A packet of a capture: its number and time, who sent it to whom where that is known, and its connection.
+    """A packet of a capture: its number and time, sender and receiver where they are known, and its connection.
 
-    ``connection`` need have no more than a packet's fields ask for.
+    ``connection`` may be any object with the attributes that the fields of a packet need.
     """
 
     __slots__ = ("connection", "ends", "frame", "time_ns")

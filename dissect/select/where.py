@@ -1,7 +1,7 @@
-"""An expression as predicates: one for each kind of thing, made once, when the first such thing comes.
+"""`Where`: an expression as predicates, one for each kind of thing, made when the first such thing comes.
 
-What a comparison means: it holds if any value of the field fits (`!=`: if none is equal, and there is one); a field that a
-thing does not have makes every comparison false. `not X` holds exactly where X does not, so that X and not X together are all.
+A comparison holds if any value of the field fits; `!=` holds if there are values and none is equal. If a thing does not have
+the field, every comparison with it is false. `not X` holds exactly where X does not.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
 
 Predicate = Callable[[Any], bool]
-#: Returns whether a condition holds for everything in something larger, a connection or a file, for nothing in it, or None
-#: where that is not known.
+#: Judges a connection or a file as a whole: True if a condition holds for everything in it, False if for nothing in it, None if
+#: that is not known.
 Judge = Callable[[Any], bool | None]
 
-#: What is in quotes as a whole.
+#: A text that is in quotes as a whole.
 _QUOTED: Final = re.compile(r"""(["'])((?:(?!\1).)*)\1""", re.DOTALL)
-#: What people call many of a kind.
+#: The plurals of kinds.
 PLURALS: Final = {
     TRANSACTION: "transactions",
     OPERATION: "operations",
@@ -54,9 +54,9 @@ PLURALS: Final = {
 
 
 class Where:
-    """A selection. ``text`` is as it was typed; further expressions in ``also`` have to hold as well.
+    """A selection. ``text`` is the expression as it was typed; the expressions in ``also`` have to hold as well.
 
-    ``kinds`` are the kinds of things it is asked about: a field that none of them has is an error. Raises `SelectError`.
+    ``kinds`` are the kinds of things that will be judged: a field that none of them has is an error. Raises `SelectError`.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Where:
 
     @property
     def names(self) -> frozenset[str]:
-        """The fields that are asked about."""
+        """The names of the fields in the expression."""
         return frozenset(self._names)
 
     @property
@@ -86,59 +86,59 @@ class Where:
     # ---- what it selects --------------------------------------------------------------------------------------------
 
     def transaction(self, transaction: Transaction) -> bool:
-        """Tell whether a transaction is selected."""
+        """Return whether a transaction is selected."""
         return self.predicate(TRANSACTION)(transaction)
 
     def operation(self, operation: Operation) -> bool:
-        """Tell whether an operation is selected."""
+        """Return whether an operation is selected."""
         return self.predicate(OPERATION)(operation)
 
     def connection(self, connection: Connection) -> bool:
-        """Tell whether a connection is selected."""
+        """Return whether a connection is selected."""
         return self.predicate(CONNECTION)(connection)
 
     def finding(self, finding: Finding) -> bool:
-        """Tell whether a finding is selected; its connection is one that the context was told of."""
+        """Return whether a finding is selected; the context has to know its connection (`Context.opened`)."""
         return self.predicate(FINDING)(Found(finding, self.context.connection(int(finding.connection))))
 
     def message(self, message: Message) -> bool:
-        """Tell whether a message is selected."""
+        """Return whether a message is selected."""
         return self.predicate(MESSAGE)(message)
 
     def packet(self, packet: Packet) -> bool:
-        """Tell whether a packet is selected."""
+        """Return whether a packet is selected."""
         return self.predicate(PACKET)(packet)
 
     def predicate(self, kind: str) -> Predicate:
-        """Return the predicate of a kind of things, made at the first call."""
+        """Return the predicate for a kind of thing; it is made at the first call."""
         made = self._made.get(kind)
         if made is None:
             made = self._made[kind] = _together([_Maker(kind, self.context).predicate(node) for node in self._nodes])
         return made
 
     def knows(self, kind: str) -> bool:
-        """Tell whether things of a kind have every field that is asked for, so that they can be judged by themselves."""
+        """Return whether things of a kind have every field of the expression, so that their own fields can select them."""
         return all([kind in FIELDS[name].getters for name in self._names])
 
     @property
     def narrows(self) -> bool:
-        """True when the ends or the number of a connection can rule out all that is on it."""
+        """Whether the ends or the number of a connection may be enough to rule out everything on it."""
         return any([FIELDS[name].decided or name in _ENDS for name in self._names])
 
     def may_hold(self, connection: Connection) -> bool:
-        """Tell whether anything on a connection can be selected, by its ends and its number alone; True when in doubt."""
+        """Return whether anything on a connection may be selected, judged by its ends and number; True when in doubt."""
         if self._judges is None:
             self._judges = self.judges(lambda condition: _of_ends(condition, self.context))
         return all([judge(connection) is not False for judge in self._judges])
 
     def judges(self, of_condition: Callable[[Presence | Comparison], Judge]) -> list[Judge]:
-        """Return what judges something larger by each expression, given what judges it by a single condition."""
+        """Return a judge for each expression; ``of_condition`` returns the judge for a single condition."""
         return [_judge(node, of_condition) for node in self._nodes]
 
     # ---- making -----------------------------------------------------------------------------------------------------
 
     def _checked(self, text: str) -> Node:
-        """Return the tree of an expression all of whose fields exist, and whose values are of their types."""
+        """Return the tree of an expression. Raises `SelectError` for unknown fields and values of the wrong type."""
         node = parse(text)
         for condition in _conditions(node):
             name = condition.field
@@ -186,14 +186,14 @@ def _together(predicates: list[Predicate]) -> Predicate:
     return lambda thing: all([predicate(thing) for predicate in predicates])
 
 
-#: Operators that ask of every value what their counterpart asks of any.
+#: Operators that hold if their counterpart holds for no value.
 _NEGATED: Final = {"!=": "==", "!==": "=="}
 
 
 def comparison_test(condition: Comparison, field: Field, context: Context) -> Test:
-    """Return the test of one value; for `!=` and `!==` that of `==`.
+    """Return the test of one value; for `!=` and `!==` the test of `==`.
 
-    Raises `SelectError` where the field cannot be compared so.
+    Raises `SelectError` if the field does not take the operator or the literals.
     """
     operator = condition.operator
     if operator not in field.kind.operators:
@@ -207,7 +207,10 @@ def comparison_test(condition: Comparison, field: Field, context: Context) -> Te
 
 
 def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFacts], ItemFacts | None] | None:
-    """Return what gives of an item what the brackets name: itself by its address, or a tag in it; None without brackets."""
+    """Return a function that picks what the brackets name: the item with this address, or this tag in it.
+
+    None for a field without brackets. Raises `SelectError` for brackets after a field that items do not have.
+    """
     if not name.index:
         return None
     if field.of_item is None:
@@ -230,7 +233,7 @@ def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFac
 
 
 class _Maker:
-    """Makes the predicate of one kind of things."""
+    """Makes predicates for one kind of thing."""
 
     def __init__(self, kind: str, context: Context) -> None:
         self._kind = kind
@@ -349,12 +352,12 @@ def _some(parts: list[Predicate]) -> Predicate:
 
 # ---- what a connection alone decides --------------------------------------------------------------------------------
 
-#: Fields that name one end: where it is neither end of the connection, they do not hold.
+#: Fields that name one end. A comparison with an address that neither end of the connection has cannot hold.
 _ENDS: Final = frozenset(("client", "server", "asked_by", "answered_by"))
 
 
 def _of_ends(condition: Presence | Comparison, context: Context) -> Judge:
-    """Return what judges a connection by a condition, from its ends and its number alone."""
+    """Return the judge of connections for one condition, by their ends and number."""
     if isinstance(condition, Comparison):
         field = NAMES[condition.field.name]
         if field.decided:
@@ -366,12 +369,12 @@ def _of_ends(condition: Presence | Comparison, context: Context) -> Judge:
 
 
 def predicate_of(kind: str, condition: Presence | Comparison, context: Context) -> Predicate:
-    """Return the predicate of one condition for a kind of things."""
+    """Return the predicate of one condition for a kind of thing."""
     return _Maker(kind, context).predicate(condition)
 
 
 def _judge(node: Node, of_condition: Callable[[Presence | Comparison], Judge]) -> Judge:
-    """Return what says of something larger whether an expression can hold for anything in it."""
+    """Return the judge of a whole expression, made from the judges of its conditions."""
     if isinstance(node, Negation):
         inner = _judge(node.within, of_condition)
 
@@ -386,7 +389,7 @@ def _judge(node: Node, of_condition: Callable[[Presence | Comparison], Judge]) -
 
 
 def _joined(parts: list[Judge], either: bool) -> Judge:
-    """Return the judge of conditions one of which holds (``either``) or all of which hold."""
+    """Return the judge of several conditions: one of them has to hold (``either``), or all of them."""
 
     def joined(thing: Any) -> bool | None:
         found = [part(thing) for part in parts]

@@ -1,4 +1,4 @@
-"""Transactions as CSV (docs/json.md): a row per item, values in full, no cell that a spreadsheet runs as a formula."""
+"""Transactions as CSV (docs/json.md): a row for each item, values in full, no cell that a spreadsheet takes for a formula."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from dissect.wire.build import COMPILED
 from dissect.wire.digits import Times, write_decimal, write_hexadecimal
 from dissect.wire.text import SHORT, Clock, cell, decimal, hexadecimal
 
-#: Of the transaction, the same in all of its rows; with several files `FILE_COLUMNS` stand behind ``response_frame``.
+#: Columns of the transaction, the same in all its rows; with several files `FILE_COLUMNS` follow ``response_frame``.
 _COLUMNS: Final[list[str]] = [
     "number",
     "connection",
@@ -46,8 +46,8 @@ _COLUMNS: Final[list[str]] = [
     "reason",
 ]
 FILE_COLUMNS: Final[list[str]] = ["request_file", "response_file"]
-_FILES_AT: Final = 10  # in `_COLUMNS`, behind "response_frame"
-#: Of one item, or of a transaction that has none.
+_FILES_AT: Final = 10  # index in `_COLUMNS`, after "response_frame"
+#: Columns of one item, or of a transaction that has none.
 _ITEM_COLUMNS: Final[list[str]] = [
     "item",
     "address",
@@ -63,30 +63,30 @@ _ITEM_COLUMNS: Final[list[str]] = [
 ]
 CSV_COLUMNS: Final[list[str]] = _COLUMNS + _ITEM_COLUMNS
 
-#: Where an error is that belongs to an item.
+#: Beginning of `TransactionError.where` for an error that belongs to an item.
 _ITEM: Final = "item"
-#: Cached cells are forgotten together when there are this many.
+#: A cache with so many entries is emptied.
 _MAX_CACHED: Final = 8192
-#: One encoder for all values: to make one takes longer than to use it.
+#: One encoder for all values: making an encoder takes longer than using it.
 _JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)
-#: What `json` makes of the numbers that JSON does not have.
+#: How the json module writes numbers that JSON does not have.
 _NO_NUMBERS: Final[dict[str, str]] = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
-#: A row's end where a transaction has no items: the cells between its own and those of errors and subject.
+#: In the row of a transaction without items: the empty cells between those of the transaction and errors, subject.
 _NO_ITEM: Final = "," * 9
-#: What a transaction that was answered has behind its latency, no reason among it.
+#: The cells after the latency of an answered transaction, with an empty reason.
 _ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,".encode("ascii")
-#: What becomes of what UTF-8 has no form for, as in all outputs.
+#: How characters are written that UTF-8 cannot encode; all outputs do so.
 _ERRORS: Final = "backslashreplace"
 _COMMA: Final = 0x2C
 _QUOTE: Final = 0x22
-#: A quote within quotes, and what JSON has for nothing.
+#: A quote within quotes, and JSON's null.
 _DOUBLED: Final = b'""'
 _NULL: Final = b"null"
 _LINE_FEED: Final = 0x0A
 
 
 def quoted(text: str) -> str:
-    """Return a cell as RFC 4180 writes it: in quotes where it holds a comma, a quote or a line end."""
+    """Return a cell in the form of RFC 4180: in quotes if it holds a comma, a quote or a line end."""
     if "," in text or '"' in text or "\n" in text or "\r" in text:
         doubled = text.replace('"', '""')
         return f'"{doubled}"'
@@ -94,9 +94,9 @@ def quoted(text: str) -> str:
 
 
 class CsvRows:
-    """Makes rows of transactions: cells in the order of `columns`, safe for spreadsheets.
+    """Makes the rows of transactions: cells in the order of `columns`, safe for spreadsheets.
 
-    Rows are put together from cached texts instead of by `csv`, which looks at every character of every cell again.
+    Rows are put together from cached texts. The csv module would look at every character of every cell again.
     """
 
     def __init__(self, places: Places) -> None:
@@ -106,7 +106,7 @@ class CsvRows:
         self._ends: dict[int, str] = {}
         self._cells: dict[str, str] = {}
         self._good: str = self._code(SUCCESS)
-        self._polled: bytes = b""  # what a read has between its reference and its packets
+        self._polled: bytes = b""  # the cells of a read between its reference and its packets
         self._begun: dict[int, bytes] = {}  # `_ends` in octets
         self._out: BytesWriter = BytesWriter()
         self._step: GoodItems = GoodItems()
@@ -118,7 +118,7 @@ class CsvRows:
         return CSV_COLUMNS[:_FILES_AT] + FILE_COLUMNS + CSV_COLUMNS[_FILES_AT:]
 
     def octets(self, transaction: Transaction) -> bytes:
-        """Return `lines` in UTF-8, line feeds between them."""
+        """Return the rows of a transaction (`lines`) in UTF-8, separated by line feeds."""
         if COMPILED and self._step.begin(transaction) and is_usual(transaction, self._places):
             rows = self._usual(transaction)
             if self._step.whole:
@@ -126,7 +126,7 @@ class CsvRows:
         return "\n".join(self.lines(transaction)).encode("utf-8", _ERRORS)
 
     def _usual(self, transaction: Transaction) -> bytes:
-        """Return the rows of a read that is stepped over, put together as octets."""
+        """Return the rows of an ordinary read, written straight as octets; ``_step.whole`` says whether they are complete."""
         out = self._out
         out.truncate(0)
         if len(self._polled) == 0:
@@ -168,8 +168,8 @@ class CsvRows:
         return out.getvalue()
 
     def _write_item(self, out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-        """Write `_item` of octets without a text in between; False, and too much may be written, where that cannot be."""
-        if len(item.cell) == 0:  # for bytes that is quicker to ask (mypyc)
+        """Write the cells of `_item` without a str in between. False where it cannot; then part of them may be written."""
+        if len(item.cell) == 0:  # quicker than the truth of bytes (mypyc)
             item.cell = f"{self._cell(item.label)},,{self._good},".encode("utf-8", _ERRORS)
         out.write(item.cell)
         if not _write_value(out, item, octets, at, size):
@@ -190,15 +190,15 @@ class CsvRows:
         return found
 
     def lines(self, transaction: Transaction) -> list[str]:
-        """Return the rows of a transaction, one at least: of the items of a read or write, then of the values of SCD.
+        """Return the rows of a transaction, at least one: for the items of a read or write, then for the values of SCD.
 
-        An item with tags has a row for each of them, and for the octets between them. What is in neither is the subject of a
-        row of its own. No row has a line end.
+        An item with tags has a row for each tag, and for octets that no tag covers. A transaction with neither items nor values
+        has one row with its subject. No row has a line end.
         """
         own = self._own(transaction)
         lines: list[str] = []
         good = good_octets(transaction) if transaction.carried is None else None
-        if good:  # nearly always; each item meets its own octets without an object in between
+        if good:  # nearly always: then no `ItemResult` has to be made
             items = transaction.parameters.items
             return [
                 f"{own},{SHORT[index + 1]},{self._item(items[index], self._good, good[index])},,"
@@ -227,7 +227,7 @@ class CsvRows:
         return lines
 
     def _own(self, transaction: Transaction) -> str:
-        """Return the cells that all rows of a transaction share. Numbers and times are safe as they are."""
+        """Return the cells that all rows of a transaction share. Numbers and times need no quotes."""
         facet = facet_of(transaction)
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
@@ -252,7 +252,7 @@ class CsvRows:
         )
 
     def _both(self, connection: Connection, asked_by: i64) -> str:
-        """Return the connection, who asked and who answered."""
+        """Return the cells for the connection, who sent the request and who answered."""
         key: i64 = connection.number * 2 + asked_by
         found = self._ends.get(key)
         if found is None:
@@ -266,7 +266,7 @@ class CsvRows:
         return found
 
     def _cell(self, text: str) -> str:
-        """Return the cell of a text that comes again and again."""
+        """Return the cell of a text that repeats, from a cache."""
         found = self._cells.get(text)
         if found is None:
             if len(self._cells) >= _MAX_CACHED:
@@ -289,7 +289,7 @@ class CsvRows:
         return self._item(item, code, data) if item is not None else f",,{code},,,,{data.hex()}"
 
     def _item(self, item: Item, code: str, data: bytes) -> str:
-        """Return the cells of an item with octets, from its address to these; ``code`` are those of its return code."""
+        """Return the cells of an item with octets, from its address to its octets; ``code`` has those of its return code."""
         label = self._cell(item.label)
         size: i64 = len(data)
         if item.size != size and not item.fits(size):
@@ -308,7 +308,7 @@ class CsvRows:
         return f"{label},,{code},{value},,,{hexadecimal(data)}"
 
     def _plus_rows(self, transaction: Transaction, own: str, errors: list[TransactionError], whole: str) -> list[str]:
-        """Return the rows of the items of S7comm-plus; what creates a subscription is about more than its items."""
+        """Return the rows of S7comm-plus items, with a subject too if the request creates a subscription or another object."""
         items = transaction.plus_items()
         about = ""
         if items and transaction.function == CREATE_OBJECT:
@@ -339,7 +339,7 @@ class CsvRows:
 
 
 def _write_value(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-    """Write the cell of a value that no text stands beside; False, and too much may be written, where that cannot be."""
+    """Write the cell of a value without ``value_text``. False where it cannot; then part of it may be written."""
     step = step_of(item, octets, at, size)
     if step == 0:
         return write_word(out, item, octets, at, size, b"", size) or _write_others(out, item, octets, at, size)
@@ -354,7 +354,7 @@ def _write_value(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64
 
 
 def _write_others(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-    """Write the cell of several times, or of what is a text before it is octets."""
+    """Write the cell of an array of times or, in the slow way, of another value; False for bytes and data that do not fit."""
     if item.transport_size == BYTE or (item.size != size and not item.fits(size)):
         return False
     begin = len(out)
@@ -368,7 +368,7 @@ def _write_others(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i6
 
 
 def _any_value(item: Item, data: bytes) -> str:
-    """Return the cell of any value."""
+    """Return the cell of a value of any type, in the slow way."""
     return quoted(plain_cell(decode_value(item.transport_size, data)))
 
 
@@ -384,7 +384,7 @@ def _error(error: TransactionError) -> str:
 
 
 def plain_cell(value: Value) -> str:
-    """Return the cell of a value, not in quotes; only text can hold what a spreadsheet would take for a formula."""
+    """Return the cell of a value, not quoted. Only text needs `cell`: nothing else can look like a formula."""
     if value is None:
         return ""
     if isinstance(value, str):
@@ -397,7 +397,7 @@ def plain_cell(value: Value) -> str:
 
 
 def json_cell(value: object) -> str:
-    """Return the cell of what JSON has for a value, not in quotes: a structure as JSON."""
+    """Return the cell of a value as it is in JSON outputs, not quoted; a structure as JSON."""
     if value is None or isinstance(value, (str, list, bool, int, float)):
         return plain_cell(value)
     return cell(_JSON.encode(value))
@@ -410,17 +410,17 @@ def _number(value: Value) -> str:
     if value is False:
         return "false"
     if isinstance(value, float) and math.isfinite(value):
-        return repr(value)  # what the encoder does, in a fraction of the time
+        return repr(value)  # the same text as the encoder's, in a fraction of the time
     return str(value) if isinstance(value, int) else _JSON.encode(value)
 
 
 def _text(value: object) -> str:
-    """Return a value whole: text as it is, everything else as JSON writes it."""
+    """Return a value in full: text as it is, everything else as JSON."""
     return value if isinstance(value, str) else _JSON.encode(value)
 
 
 class CsvWriter(Writer):
-    """Writes the names of the columns, then a row for each item of each transaction."""
+    """Writes the heading, then a row for each item of each transaction."""
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
@@ -428,7 +428,7 @@ class CsvWriter(Writer):
         self._rows: CsvRows = CsvRows(self.places)
 
     def begin(self, places: Places) -> None:
-        """Name packets with ``places``, and begin with the names of the columns."""
+        """Take ``places`` for the names of packets, and write the heading."""
         super().begin(places)
         self._rows = CsvRows(places)
         self.lines.append(",".join(self._rows.columns()).encode("ascii"))

@@ -1,7 +1,7 @@
 """Records as JSON lines: one object a line, keys in a fixed order (docs/json.md).
 
-This is the bulk output, so lines are put together from cached pieces: what a polled item or a request block looks like is
-written once and used for every transaction that repeats it (`dissect.report.item_json`, `dissect.report.plus_octets`).
+This is the bulk output, so lines are put together from cached pieces: the text of a polled item or of a parameter block is made
+once, and used for every transaction that repeats it (`dissect.report.item_json`, `dissect.report.plus_octets`).
 """
 
 from __future__ import annotations
@@ -59,30 +59,31 @@ TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 _CONNECTION: Final = ',"connection":'
 _ITEMS: Final = ',"items":['
-#: What stands between latency and items of a transaction that was answered, and behind those where all is well.
+#: What follows the latency of an answered transaction; the same up to its items; and what follows items without errors.
 _ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("ascii")
 _WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
 _WELL_TEXT: Final = _WELL.decode("ascii")
 _NO_ERRORS: Final = b'],"errors":[]}'
-#: What stands between items and errors of any other.
+#: What stands between items and errors.
 _ERRORS: Final = b'],"errors":['
 _NO_ERRORS_TEXT: Final = _NO_ERRORS.decode("ascii")
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
 _SECOND_NS: Final = 1_000_000_000
-#: Cached pieces are forgotten together when there are this many.
+#: A cache with so many entries is emptied.
 _MAX_CACHED: Final = 8192
-#: Beginnings of lines that are found without a dictionary, a power of two.
+#: Places in the table of beginnings of lines (`_starts`), a power of two; a table is faster than a dictionary.
 _PLACES: Final = 1024
 
-#: Where the header holds the PDU reference, and the octets of PDUs whose notes are cached.
+#: First octet of the PDU reference in the header, and the one after its last. Notes are cached for PDUs of at most `_SHORT`
+#: octets.
 _REFERENCE_AT: Final = 4
 _REFERENCE_END: Final = 6
 _SHORT: Final = 240
 
 
 class _Start:
-    """What a connection and who asks on it have in a line, by a number for both."""
+    """The part of a line that depends on the connection and on who sent the request; ``key`` is a number for both."""
 
     __slots__ = ("key", "octets")
 
@@ -92,9 +93,9 @@ class _Start:
 
 
 class TransactionLines(Observer):
-    """Writes transactions as lines of JSON; ``lines`` collects those it is told of as an observer.
+    """Makes the JSON lines of transactions; as an observer, it collects them in ``lines``.
 
-    With ``locate`` packets are numbered within their file, and its name stands beside the number.
+    With ``locate``, a packet's number is that within its file, and the file is named.
     """
 
     def __init__(self) -> None:
@@ -107,11 +108,11 @@ class TransactionLines(Observer):
         self._out: BytesWriter = BytesWriter()
         self._good: GoodItems = GoodItems()
         self._starts: list[_Start | None] = [None] * _PLACES
-        self._polls: list[bytes] = [b""] * 256  # by function: what a job has between its reference and its packet
+        self._polls: list[bytes] = [b""] * 256  # by function: the part of a job's line between its reference and packet
         self._short: dict[bytes, str] = {}
         self._texts: JsonTexts = JsonTexts()
         self._plus_lines: PlusLines = PlusLines()
-        self._plans: dict[Parameters, ReadPlan] = {}  # interpreted
+        self._plans: dict[Parameters, ReadPlan] = {}  # only used when interpreted
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -139,7 +140,7 @@ class TransactionLines(Observer):
         return self._any_line(transaction).encode("utf-8", "backslashreplace")
 
     def _polled(self, transaction: Transaction) -> str:
-        """Return the line of a read in which all is well, put together at once; empty for another one."""
+        """Return the line of a read without an error, from its `ReadPlan`; empty for any other transaction."""
         parameters = transaction.parameters
         layout = parameters.good_layout
         if (
@@ -182,7 +183,7 @@ class TransactionLines(Observer):
         return plan
 
     def _is_usual(self, transaction: Transaction) -> bool:
-        """Tell whether a transaction is a job that was answered, as most are."""
+        """Return whether a transaction is an answered job, as most are, both packets captured and without anything special."""
         return (
             transaction.outcome == ANSWERED
             and transaction.rosctr == JOB
@@ -195,7 +196,7 @@ class TransactionLines(Observer):
         )
 
     def _usual(self, transaction: Transaction) -> bytes:
-        """Return the line of a usual transaction. What does not vary is put together once."""
+        """Return the line of a transaction that `_is_usual`; constant parts are cached."""
         out = self._out
         out.truncate(0)
         out.write(_HEAD_OCTETS)
@@ -241,7 +242,7 @@ class TransactionLines(Observer):
         return out.getvalue()
 
     def _write_when(self, out: BytesWriter, transaction: Transaction) -> None:
-        """Write the packets and times of a transaction of any outcome, and that."""
+        """Write packets, times and outcome of a transaction of any outcome."""
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
         if self.locate is not None:
@@ -253,7 +254,7 @@ class TransactionLines(Observer):
         if asked:
             out.write(b',"request_time":"')
             self._times.write(out, transaction.request_ns)
-        else:  # nothing else tells when it was
+        else:  # without a request, the time of the answer has to be given
             out.write(b',"request_time":null,"response_time":"')
             self._times.write(out, transaction.response_ns)
         out.write(b'","latency_ns":')
@@ -269,7 +270,7 @@ class TransactionLines(Observer):
         out.write(self._again(transaction).encode("ascii"))
 
     def _write_polled(self, out: BytesWriter, transaction: Transaction) -> None:
-        """Write what follows the latency of a read or write of which all is well."""
+        """Write what follows the latency of a read or write without an error."""
         out.write(_WELL)
         begin = len(out)
         good = self._good
@@ -285,10 +286,10 @@ class TransactionLines(Observer):
         out.write(_NO_ERRORS)
 
     def _poll(self, parameters: Parameters) -> bytes:
-        """Return what a job has between its reference and its packet."""
+        """Return the part of a job's line between its reference and its packet."""
         function: i64 = parameters.function
         found = self._polls[function]
-        if len(found) == 0:  # for bytes that is quicker to ask (mypyc)
+        if len(found) == 0:  # quicker than the truth of bytes (mypyc)
             found = f',"rosctr":{JOB},"function":{function_text(parameters)},"request_frame":'.encode("ascii")
             self._polls[function] = found
         return found
@@ -318,7 +319,7 @@ class TransactionLines(Observer):
             frames = f'{decimal(asked)},"response_frame":{decimal(told)}'
         else:
             frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
-        # Where there is no request, nothing else tells when it was.
+        # Without a request, the time of the answer has to be given.
         time_ns: i64 = transaction.request_ns
         at = '"'
         if not asked:
@@ -359,7 +360,7 @@ class TransactionLines(Observer):
         )
 
     def _again(self, transaction: Transaction) -> str:
-        """Return that TCP sent a request more than once, empty for nearly all."""
+        """Return the key ``sent_again`` of a request that TCP sent more than once; empty for nearly all."""
         again = transaction.again
         if again is None:
             return ""
@@ -371,7 +372,7 @@ class TransactionLines(Observer):
         return f',"sent_again":{{"times":{again.times},"frame":{number}{file},"after_ns":{after}}}'
 
     def _places(self, asked: i64, told: i64, locate: Locate) -> str:
-        """Return the packets of request and answer (0 for none) by number and file."""
+        """Return numbers and files of the packets of request and answer; 0 means none."""
         asked_at, asked_in = self._place(asked, locate)
         told_at, told_in = self._place(told, locate)
         return f'{asked_at},"response_frame":{told_at},"request_file":{asked_in},"response_file":{told_in}'
@@ -383,7 +384,7 @@ class TransactionLines(Observer):
         return decimal(number), self._texts.of(name)
 
     def _connection(self, connection: Connection, asked_by: i64) -> str:
-        """Return what a connection has between the number of a transaction and its reference."""
+        """Return the part of a line between the number of the transaction and its reference."""
         key: i64 = connection.number * 2 + asked_by
         found = self._ends.get(key)
         if found is None:
@@ -406,7 +407,7 @@ class TransactionLines(Observer):
         return f',"setup":{{"asked":{setup_text(asked)},"granted":{setup_text(granted)}}}'
 
     def _notes(self, transaction: Transaction) -> str:
-        """Return what request and answer are about, for functions whose items do not tell it."""
+        """Return the keys ``asks`` and ``tells``, notes on request and answer; empty for reads, writes and setups."""
         function: i64 = transaction.parameters.function
         if function == READ_VAR or function == WRITE_VAR or function == SETUP_COMMUNICATION:
             return ""
@@ -415,7 +416,7 @@ class TransactionLines(Observer):
         return f',"asks":[{asks}],"tells":[{tells}]'
 
     def _noted(self, octets: bytes, transaction: Transaction, asked: bool) -> str:
-        """Return the notes of a PDU. Short ones, most requests among them, come again and again with other references."""
+        """Return the notes on a PDU; those of short PDUs are cached, as most repeat with other references."""
         if not octets:
             return ""
         key = octets[:_REFERENCE_AT] + octets[_REFERENCE_END:] if len(octets) <= _SHORT else b""
@@ -443,7 +444,7 @@ class TransactionLines(Observer):
                 ]
             )
         good = good_octets(transaction)
-        if good is not None:  # nearly always; each item meets its own octets without an object in between
+        if good is not None:  # nearly always: then no `ItemResult` has to be made
             items = transaction.parameters.items
             return ",".join([item_json(items[index], SUCCESS, good[index]) for index in range(len(good))])
         return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.results()])
@@ -458,7 +459,7 @@ def _write_number(out: BytesWriter, packet: i64) -> None:
 
 
 class JsonlWriter(Writer):
-    """Writes an object for each record, all of them with everything that is known."""
+    """Writes a JSON object for each record, always with all details."""
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
@@ -467,7 +468,7 @@ class JsonlWriter(Writer):
         self._pdus: PduLines = PduLines()
 
     def begin(self, places: Places) -> None:
-        """Name packets with ``places``."""
+        """Take ``places`` for the names of packets."""
         super().begin(places)
         if places.several:
             self._transactions.locate = places.locate
@@ -489,7 +490,7 @@ class JsonlWriter(Writer):
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
-        from dissect.s7.hiding import without_secrets  # late: eight modules, and lines of transactions do without
+        from dissect.s7.hiding import without_secrets  # late: eight modules that transactions do not need
 
         connection = side.connection
         pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)

@@ -1,4 +1,4 @@
-"""Tests as JUnit XML: what CI systems show."""
+"""Test results as JUnit XML, which CI systems show."""
 
 from __future__ import annotations
 

@@ -38,22 +38,22 @@ from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import Clock, decimal, hex_number, shortened
 
-#: Characters of a packet comment that are shown.
+#: At most so many characters of a packet comment are shown.
 _COMMENT: Final = 1000
 _BLANKS: Final[list[str]] = [" " * count for count in range(13)]
-#: Faults that a PDU has only because its end is missing.
+#: Faults that a PDU may have only because its end is missing.
 _SHORT: Final = frozenset(("too_short", "length_beyond", "count_mismatch"))
 _KINDS: Final = ("push", "request", "response", "type 3")
 
 
 def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> str:
-    """Return one transaction on one line: when, who asked whom, how long, what, what came of it."""
+    """Return one transaction on one line: when, who asked whom, how long, function, outcome, items or notes."""
     ends = transaction.connection.tcp.ends
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
     asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
     facet = facet_of(transaction)
     if transaction.outcome == PUSH and facet.pushes_both_ways():
-        asked, answered = answered, asked  # shown as it went
+        asked, answered = answered, asked  # show the direction in which the push was sent
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
     ending = facets.outcome(transaction)
     subject = facet.subject(transaction)
@@ -70,7 +70,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
 
 
 def _blanks(count: i64) -> str:
-    """Return what fills a column that has room for so many characters more, which may be less than none."""
+    """Return ``count`` blanks; none if it is negative."""
     return _BLANKS[count] if count > 0 else ""
 
 
@@ -80,7 +80,7 @@ def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> 
 
 
 def _pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places, faults: list[Malformed]) -> str:
-    """Return the line of a PDU; ``faults`` are filled with what its parts have against themselves."""
+    """Return the line of a PDU; contradictions within its parts are added to ``faults``."""
     said = f"  {body}" if (body := _body(pdu, connection.naming, faults)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
@@ -101,7 +101,7 @@ def scd_line(found: ScdMessage, connection: Connection, clock: Clock, places: Pl
 
 
 def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places, contents: Shown | None = None) -> str:
-    """Return one S7comm-plus PDU on one line; ``contents`` are its contents where they were read before."""
+    """Return one S7comm-plus PDU on one line; ``contents`` are its decoded contents, if they were decoded before."""
     parts = [f"S7comm-plus {pdu.kind:<12}"]
     if pdu.readable:
         parts.append(f"seq {pdu.sequence}")
@@ -158,13 +158,13 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
 
 
 def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> str:
-    """Return the items a job asks for, with the values it writes."""
+    """Return the items of a job, with the values that it writes."""
     data = pdu.data_items()
     said = []
     for index, item in enumerate(items):
         answer = data[index] if index < len(data) else None
         written = answer.data if answer is not None else None
-        # Of data that the capture cut its own length says how much there was.
+        # Where the capture cut the data, the length field of the data item says how much there was.
         said.append(facets.item(ItemResult(item, -1, written, answer if pdu.cut else None), index + 1, naming))
     return ", ".join(said)
 
@@ -216,21 +216,21 @@ def netlink_line(
 
 
 def comment_line(frame: int, text: str, places: Places) -> str:
-    """Return a comment the capture holds about a packet."""
+    """Return the line of a comment in the capture on a packet."""
     return f"{places.mark(frame).rjust(6)}  comment: {shortened(text, _COMMENT)}"
 
 
 class TextWriter(Writer):
-    """Writes a line for each record; a PDU with ``verbose`` as its field tree and octets as well."""
+    """Writes a line for each record; with ``verbose`` also the field tree and octets of each PDU."""
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self.number_width = NUMBER_WIDTH
-        self._packet: bytes = b""  # the TPKT or IBH-NetLink packet at hand
+        self._packet: bytes = b""  # the present TPKT or IBH-NetLink packet
         self._octets: LineOctets = LineOctets(self.clock, self.places)
 
     def begin(self, places: Places) -> None:
-        """Name packets with ``places``."""
+        """Take ``places`` for the names of packets."""
         super().begin(places)
         self._octets = LineOctets(self.clock, places)
 
@@ -253,7 +253,7 @@ class TextWriter(Writer):
         self._add(comment_line(int(frame), text, self.places))
 
     def packet(self, octets: bytes) -> None:
-        """Keep the packet that the next PDU is in."""
+        """Keep the packet that carries the next PDU."""
         self._packet = octets
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
@@ -311,7 +311,7 @@ class TextWriter(Writer):
             self._tree("\n".join(scd_tree_lines(found)))
 
     def _whole(self, octets: bytes, cut: bool) -> bytes:
-        """Return the packet at hand where it carries a PDU whole, else nothing."""
+        """Return the present packet if it carries the whole PDU, else empty octets."""
         return self._packet if self._packet.endswith(octets) and not cut else b""
 
     def _add(self, text: str, failed: bool = False) -> None:
@@ -325,7 +325,7 @@ class TextWriter(Writer):
 
 
 def _own_faults(pdu: Pdu) -> list[Malformed]:
-    """Return what a PDU has against itself; that a PDU cut by the capture is shorter than it says is no fault of its own."""
+    """Return the faults of a PDU, without those that it only has because the capture cut it."""
     return [fact for fact in pdu.malformed if not (pdu.cut and fact.reason in _SHORT)]
 
 
