@@ -1,1 +1,1 @@
-"""Results for other tools: tables as Parquet, DuckDB, SQLite, CSV and Arrow, SQL over them, logs of Zeek, ECS, STIX."""
+"""Exports to other tools: tables as Parquet, DuckDB, SQLite, CSV and Arrow, SQL over them, Zeek logs, ECS, STIX."""

@@ -1,7 +1,7 @@
-"""Rows as Arrow: the one place that says what a type of `dissect.export.tables` is in Arrow and Parquet.
+"""Rows as Arrow record batches, and the Arrow type of each type of column (`dissect.export.tables`).
 
-pyarrow is imported when the first schema is made. Timestamps have no time zone and are in UTC: DuckDB has next to no functions
-for a timestamp with a zone in nanoseconds.
+pyarrow is imported when the first schema is made. Timestamps are in UTC but have no time zone, because DuckDB has hardly any
+functions for timestamps in nanoseconds with a zone.
 """
 
 from __future__ import annotations
@@ -72,9 +72,9 @@ class Batches:
         return pa.RecordBatch.from_arrays([arrays[column.name] for column in self.table.columns], schema=self.schema)
 
     def _part(self, part: Part, runs: dict[int, Any]) -> list[Any]:
-        """Return the columns of a part. Rows that others share are made into arrays anew only when there are more of them.
+        """Return the columns of a part as arrays. Arrays of shared rows are made anew only when rows were added.
 
-        ``runs`` keeps what was made of ``part.ends``, by the identity of that.
+        ``runs`` keeps what `_runs` returned for ``part.ends``, by the identity of that list.
         """
         pa = self._pa
         known = self._shared.get(part.names)
@@ -108,7 +108,7 @@ def _array(pa: Any, values: Sequence[Any], kind: Any) -> Any:
 
 
 def _runs(pa: Any, ends: Sequence[int]) -> Any:
-    """Return, for each row, the number of its run; ``ends`` are the rows at which runs are over."""
+    """Return the number of its run for each row; ``ends`` has the row after the last one of each run."""
     numbers = _array(pa, array("i", range(len(ends))), pa.int32())
     runs = pa.RunEndEncodedArray.from_arrays(_array(pa, array("i", ends), pa.int32()), numbers)
     return needed("pyarrow.compute").run_end_decode(runs)

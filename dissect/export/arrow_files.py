@@ -1,4 +1,4 @@
-"""Arrow IPC files (Feather version 2): one for each table, read without a copy."""
+"""Arrow IPC files (Feather version 2), one for each table; readers can map them into memory without a copy."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from dissect.export.transaction_rows import Row
 
 
 class ArrowSink(Sink):
-    """Writes each table to a file below ``path``, or the only one to ``path`` itself (``alone``).
+    """Writes each table to a file in the folder ``path``; with ``alone``, the only table to the file ``path``.
 
-    Repeated texts are plain: a file, other than a stream, cannot change a dictionary between batches.
+    Repeated texts are not dictionary-encoded: unlike a stream, a file cannot change a dictionary between batches.
     """
 
     def __init__(self, path: Path, tables: Iterable[Table], alone: bool, metadata: Mapping[str, str]) -> None:
@@ -33,12 +33,12 @@ class ArrowSink(Sink):
         self._writers[table.name].write_batch(self._batches[table.name].batch(rows))
 
     def close(self) -> None:
-        """Write the ends of the files."""
+        """Write the footers, and close the files."""
         for writer in self._writers.values():
             writer.close()
 
     def abandon(self) -> None:
-        """Close files of which nothing will be kept."""
+        """Close the files, which will be deleted."""
         for writer in self._writers.values():
-            with suppress(Exception):  # it could not be written to
+            with suppress(Exception):  # the file may be what failed
                 writer.close()

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 
 class Tactic(NamedTuple):
-    """A tactic: its id, its name, and what it is called as a phase of a kill chain."""
+    """A tactic: its id, its name, and its name as a phase of the kill chain in STIX."""
 
     id: str
     name: str

@@ -1,4 +1,4 @@
-"""Rows that are handed on together: by whole columns to those who can, one by one to all."""
+"""`Batch`: rows that are passed on together. A sink may take whole columns, or the rows one by one."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from dissect.export.transaction_rows import Row
 
 
 class Part(NamedTuple):
-    """Columns that belong together: each row of the batch has, in these, the one of ``rows`` that ``at`` says, or its own.
+    """Some columns of a batch, with shared values: row n of the batch has ``rows[at[n]]``; ``rows[n]`` if ``at`` is None.
 
-    With ``ends``, rows of the batch have it together up to each of these: ``at`` has an entry for each such run of rows.
+    With ``ends``, neighbouring rows share their values: ``at`` has an entry for each run of rows, ``ends`` the row after its
+    last one.
     """
 
     names: tuple[str, ...]
@@ -23,13 +24,13 @@ class Part(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many rows the batch has."""
+        """The number of rows of the batch."""
         if self.ends is not None:
             return self.ends[-1] if self.ends else 0
         return len(self.rows if self.at is None else self.at)
 
     def spread(self) -> Sequence[Row]:
-        """Return what each row of the batch has."""
+        """Return the values of each row of the batch."""
         rows = self.rows if self.at is None else [self.rows[at] for at in self.at]
         if self.ends is None:
             return rows
@@ -38,7 +39,7 @@ class Part(NamedTuple):
 
 
 class Batch(Sequence[Row]):
-    """Rows of a table: ``parts`` and plain ``columns``, which together are all of its stored columns."""
+    """Rows of a table: ``parts`` and plain ``columns`` together hold all its stored columns."""
 
     def __init__(self, table: Table, parts: Sequence[Part], columns: Mapping[str, Sequence[Any]]) -> None:
         self.table = table

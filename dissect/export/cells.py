@@ -1,4 +1,4 @@
-"""Values as text: for CSV, and for the lists of databases that have none."""
+"""Values as text: for CSV, and lists for databases without a list type."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dissect.wire.text import Clock, cell
 
 
 class Cells:
-    """Makes cells of CSV: no text that a spreadsheet runs as a formula, times in ISO 8601 (UTC), bytes in hexadecimal."""
+    """Makes CSV cells: no text that a spreadsheet takes for a formula, times in ISO 8601 (UTC), bytes in hexadecimal."""
 
     def __init__(self, columns: Sequence[Column]) -> None:
         self._columns = tuple(columns)

@@ -15,7 +15,7 @@ from dissect.export.transaction_rows import Row
 
 
 class CsvSink(Sink):
-    """Writes each table to a file below ``path``, or the only one to ``path`` itself (``alone``)."""
+    """Writes each table to a file in the folder ``path``; with ``alone``, the only table to the file ``path``."""
 
     def __init__(self, path: Path, tables: Iterable[Table], alone: bool) -> None:
         self._files: dict[str, TextIO] = {}
@@ -39,7 +39,7 @@ class CsvSink(Sink):
             file.close()
 
     def abandon(self) -> None:
-        """Close files of which nothing will be kept."""
+        """Close the files, which will be deleted."""
         for file in self._files.values():
-            with suppress(OSError):  # no room for what it still holds
+            with suppress(OSError):  # there may be no room for what is still buffered
                 file.close()

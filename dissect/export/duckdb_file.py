@@ -1,4 +1,4 @@
-"""DuckDB: all tables in one file. Its format belongs to the version of DuckDB that wrote it; Parquet lasts longer."""
+"""DuckDB: all tables in one file. The file format depends on the DuckDB version; Parquet stays readable for longer."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class DuckdbSink(Sink):
                 self._database.execute(f'CREATE TABLE "{name}" AS SELECT * FROM incoming')  # noqa: S608 - our own names
                 self._comment(batches.table)
         except self._error as error:
-            self.abandon()  # nobody else has this sink yet
+            self.abandon()  # the caller does not get this sink, so it cannot close it
             raise _refused(error) from error
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
@@ -57,9 +57,9 @@ class DuckdbSink(Sink):
             raise _refused(error) from error
 
     def abandon(self) -> None:
-        """Close a database of which nothing will be kept, and remove what DuckDB leaves beside it then."""
+        """Close the database, which will be deleted, and delete the log that DuckDB leaves beside it."""
         if self._database is not None:
-            with suppress(self._error):  # it could not be written to
+            with suppress(self._error):  # the database may be what failed
                 self._database.close()
         self._log.unlink(missing_ok=True)
 

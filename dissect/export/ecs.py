@@ -1,7 +1,7 @@
 """Documents in the Elastic Common Schema: transactions, findings and connections as NDJSON, with an index template.
 
-Names and allowed values follow ECS 9.4.0. What ECS has no field for stands below ``s7dissect``, so that it meets neither the
-``s7`` of Security Onion nor the ``zeek`` of Malcolm.
+Names and allowed values follow ECS 9.4.0. Values for which ECS has no field are below ``s7dissect``, so that they collide
+neither with ``s7`` of Security Onion nor with ``zeek`` of Malcolm.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, encodable
 
 ECS_VERSION: Final = "9.4.0"
-#: Longest text that is indexed: what is longer is not found again.
+#: Elasticsearch indexes texts up to so many characters; longer ones cannot be searched.
 _LONGEST: Final = 1024
 _TCP: Final = "6"
 _UDP: Final = "17"
-#: Severities as numbers, the heaviest the highest.
+#: Severities as numbers; the highest is the most severe.
 _SEVERITIES: Final = {"note": 3, "warning": 6, "error": 9}
-#: Functions by what they do, for ``event.category``; all others are network alone.
+#: Functions with a category of their own in ``event.category``; all others are only "network".
 _TRANSFER: Final = frozenset(range(0x1A, 0x20))
 _CONTROL: Final = frozenset((0x28, 0x29))
 _SECURITY_GROUP: Final = 5
@@ -120,15 +120,15 @@ class EcsExport(Export, Observer):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Documents of each file."""
+        """The number of documents in each file."""
         return self._counts
 
     def begin(self, run: Run) -> None:
-        """Name packets by the files of the run."""
+        """Take the files of the run, by which packets are named."""
         self._rows = Rows(run.files)
 
     def flush(self) -> None:
-        """Documents are written as they come."""
+        """Do nothing: documents are written as they come."""
 
     def close(self) -> None:
         """Close the files."""
@@ -136,11 +136,11 @@ class EcsExport(Export, Observer):
             file.close()
 
     def abandon(self) -> None:
-        """Close files of which nothing will be kept."""
+        """Close the files, which will be deleted."""
         for file in self._files.values():
             try:
                 file.close()
-            except OSError:  # no room for what it still holds
+            except OSError:  # there may be no room for what is still buffered
                 continue
 
     # ---- as an observer ---------------------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ class EcsExport(Export, Observer):
     def _document(
         self, kind: str, time_ns: int, connection: Connection | None, sender: Endpoint | None
     ) -> dict[str, Any]:
-        """Return what all documents have. The sender of the first packet is the source, where none is known the client."""
+        """Return the keys that all documents have. ``sender``, or the client where that is None, is the source."""
         told: dict[str, Any] = {
             "@timestamp": self._clock.iso(time_ns),
             "ecs": {"version": ECS_VERSION},
@@ -310,7 +310,7 @@ def _end(end: Endpoint) -> dict[str, Any]:
 
 
 def _categories(row: Mapping[str, Any]) -> list[str]:
-    """Return the categories of a transaction beside network."""
+    """Return the categories of a transaction besides "network"."""
     function = row["function"]
     if row["userdata_group"] == _SECURITY_GROUP:
         return ["authentication"]
@@ -326,7 +326,7 @@ def _tactics(techniques: list[str]) -> list[str]:
 
 
 def _action(name: str | None) -> str:
-    """Return a function as a verb of lower-case words with hyphens."""
+    """Return the name of a function in lower-case words joined by hyphens."""
     words = "".join([one if one.isalnum() else " " for one in (name or "unknown").lower()]).split()
     return "-".join(words)
 
@@ -338,12 +338,12 @@ def _outcome(row: Mapping[str, Any]) -> str:
 
 
 def _duration(ns: int | None) -> int | None:
-    """Return a duration, None below zero: the clock of the capture ran backwards, and the schema has none of these."""
+    """Return a duration; None if it is negative (the clock of the capture ran backwards), which ECS does not allow."""
     return ns if ns is None or ns >= 0 else None
 
 
 def _without_nothing(told: dict[str, Any]) -> dict[str, Any]:
-    """Return an object without what is None or empty; texts are such that any encoding can hold them."""
+    """Return an object without keys whose values are None or empty; texts are made encodable."""
     kept: dict[str, Any] = {}
     for key, value in told.items():
         if isinstance(value, dict):

@@ -1,22 +1,22 @@
-"""Libraries that not every installation has, imported when they are needed."""
+"""Optional libraries, imported when they are needed."""
 
 from __future__ import annotations
 
 import importlib
 from typing import Any, Final
 
-#: Each library and the extra that brings it.
+#: The extra of this package that installs each library.
 _EXTRAS: Final = {"pyarrow": "data", "duckdb": "data"}
-#: These are the user's own choice.
+#: Libraries that users choose and install themselves.
 _THEIRS: Final = ("pandas", "polars")
 
 
 class MissingLibraryError(ImportError):
-    """A library is not installed; its text says what to type."""
+    """A library is not installed; the text has the command that installs it."""
 
 
 def needed(name: str, what: str = "this export") -> Any:
-    """Import a library. Raises `MissingLibraryError` with the line to type when it is missing; ``what`` needs it."""
+    """Import a library. If it is missing, raises `MissingLibraryError`, which says that ``what`` needs it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

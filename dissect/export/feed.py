@@ -1,4 +1,4 @@
-"""What tells a sink of rows: an observer that keeps some thousand rows of each wanted table and hands them on together."""
+"""`TableFeed`: an observer that makes rows of the wanted tables, and passes them on to a sink some thousands at a time."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 
-#: Rows of a table that are handed on together, and bytes of items that may wait.
+#: So many rows of a table are passed on together; items earlier, when their PDUs have so many bytes.
 ROWS: Final = 8192
 _MOST_BYTES: Final = 16 * 1024 * 1024
-#: Most rows of an export, collected column by column.
+#: The tables with most rows, which are collected column by column.
 _BULK: Final = (TRANSACTIONS, ITEMS)
 
 
 class Sink(ABC):
-    """Where rows go."""
+    """Takes the rows of tables and writes or keeps them."""
 
     @abstractmethod
     def take(self, table: Table, rows: Sequence[Row]) -> None:
-        """Take rows of a table, each with the values of its stored columns; many of them come as a `Batch`."""
+        """Take rows of a table, each with the values of its stored columns; ``rows`` may be a `Batch`."""
 
 
 class TableFeed(Observer):
-    """Makes rows of ``tables`` and hands them to ``sink``; ``counts`` are the rows of each table so far.
+    """Makes rows of ``tables`` and passes them on to ``sink``; ``counts`` are the rows of each table so far.
 
-    `begin` names the files of the run before the first packet, `flush` hands on what waits, and `finish` does so after the last
-    one, with the rows that only then are known.
+    Call `begin` before the first packet and `finish` after the last one, which adds the rows that are known only then. `flush`
+    passes on the rows that wait.
     """
 
     def __init__(self, tables: Iterable[Table], sink: Sink) -> None:
@@ -68,7 +68,7 @@ class TableFeed(Observer):
         self._collect([])
 
     def begin(self, files: Sequence[SourceFile]) -> None:
-        """Name packets by ``files``, which may grow."""
+        """Take the files of the run, by which packets are named; more may be added later."""
         self._collect(files)
 
     def count_from(self, before: int) -> None:
@@ -86,7 +86,7 @@ class TableFeed(Observer):
             self._collected = Collected(transactions, items, self._made.item_count, ROWS)
 
     def flush(self) -> None:
-        """Hand on the rows that wait."""
+        """Pass on the rows that wait."""
         for table in self.tables:
             rows = self._waiting.get(table.name)
             some = rows if rows is not None else self._batch(table)
@@ -99,7 +99,7 @@ class TableFeed(Observer):
         self._items.clear()
 
     def _batch(self, table: Table) -> Batch:
-        """Return what was collected of one of the two tables that are collected by columns."""
+        """Return the rows that were collected of a table in `_BULK`."""
         if table is TRANSACTIONS:
             done = self._transactions
             parts = [
@@ -126,7 +126,7 @@ class TableFeed(Observer):
         return Batch(table, parts, columns)
 
     def finish(self, pipeline: Pipeline, files: Sequence[SourceFile]) -> None:
-        """Hand on the rest, when ``pipeline`` has read ``files`` to their end."""
+        """Pass on the remaining rows, when ``pipeline`` has read ``files`` to their end."""
         if self._devices is not None:
             self._inventory.take(pipeline, list(files))
             self._devices += [self._made.device(device) for device in self._inventory.devices]
@@ -168,7 +168,7 @@ class TableFeed(Observer):
             self._add(self._operations, self._made.operation(operation))
 
     def fact(self, fact: Fact) -> None:
-        """Take what a device said of itself."""
+        """Take a fact that a device stated."""
         if self._devices is not None:
             self._inventory.fact(fact)
 
@@ -190,7 +190,7 @@ class TableFeed(Observer):
             self._add(self._pdus, row)
 
     def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
-        """Add the row of an SCD message of its own."""
+        """Add the row of an SCD message from a connection of its own."""
         if self._pdus is not None:
             self._add(self._pdus, self._made.scd(found, side.connection))
 

@@ -1,6 +1,6 @@
-"""The forms of ``s7dissect export``: one table of them, found by a prefix (``parquet:DIR``) or by the ending of a name.
+"""The forms of ``s7dissect export``: one table; a form is found by a prefix (``parquet:DIR``) or by the ending of a name.
 
-To add one: a class in a file of its own, derived from `Export`, and a row in `FORMS`.
+To add a form, derive a class from `Export` in a file of its own, and add a row to `FORMS`.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from dissect.session import Run
 
 
 class UnknownFormError(ValueError):
-    """A name whose form nobody knows."""
+    """The form of an export cannot be found from its name."""
 
 
 class Target(NamedTuple):
-    """Where an export goes: its form, the path, and whether that is a folder."""
+    """The target of an export: its form, its path, and whether the path is a folder."""
 
     form: Form
     path: str
@@ -34,7 +34,7 @@ class Target(NamedTuple):
 
 
 class Export(ABC):
-    """An export while it is written. ``observer`` is told of the traffic, ``counts`` are rows written, by part."""
+    """An export while it is written. ``observer`` observes the run."""
 
     observer: Observer
 
@@ -49,21 +49,21 @@ class Export(ABC):
 
     @abstractmethod
     def flush(self) -> None:
-        """Hand on what waits."""
+        """Write the rows that wait."""
 
     @abstractmethod
     def close(self) -> None:
-        """Write the rest; nothing comes any more."""
+        """Write the rest, and close; called after the last packet."""
 
     @abstractmethod
     def abandon(self) -> None:
-        """Close files of which nothing will be kept; never raises."""
+        """Close the files, which will be deleted; never raises."""
 
 
 class Request(NamedTuple):
-    """What is to be written: to ``path``, which is a folder or not; ``parts`` of it only, all when empty.
+    """What to export: to ``path``; ``folder`` says whether that is a folder. ``parts`` are the wanted parts, all when empty.
 
-    ``files`` are the captures, ``version`` is that of the package.
+    ``files`` are the captures, ``version`` is the version of this package.
     """
 
     path: Path
@@ -75,9 +75,9 @@ class Request(NamedTuple):
 
 
 class Form(NamedTuple):
-    """A form: ``endings`` of names, what it is in a few words, what makes it ("module:name"), and the names of its parts.
+    """A form: the ``endings`` of its names, its help text, the function that makes it ("module:name"), and its parts.
 
-    ``shape``: ``file``, ``folder``, or ``either``: a file when there is only one table.
+    ``shape``: ``file``, ``folder``, or ``either``, which means a file when there is only one table.
     """
 
     name: str
@@ -88,17 +88,17 @@ class Form(NamedTuple):
     parts: tuple[str, ...] = ()
 
     def names(self) -> tuple[str, ...]:
-        """Return what ``--only`` may name."""
+        """Return the names that ``--only`` takes."""
         return self.parts or tuple(TABLES)
 
     def open(self, request: Request) -> Export:
-        """Begin to write. Raises `MissingLibraryError` when a library is missing, OSError when nothing can be written."""
+        """Begin an export. Raises `MissingLibraryError` when a library is missing, OSError when it cannot be written."""
         module, _, name = self.maker.partition(":")
         return cast("Export", getattr(importlib.import_module(module), name)(request))
 
 
 class TableExport(Export):
-    """Tables in a sink."""
+    """An export of tables to a sink."""
 
     def __init__(self, request: Request, sink: Any) -> None:
         self.observer: TableFeed = TableFeed(chosen_tables(request.parts), cast("Sink", sink))
@@ -107,16 +107,16 @@ class TableExport(Export):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Rows of each table."""
+        """The number of rows of each table."""
         return self.observer.counts
 
     def begin(self, run: Run) -> None:
-        """Name packets by the files of the run."""
+        """Take the files of the run, by which packets are named."""
         self._run = run
         self.observer.begin(run.files)
 
     def flush(self) -> None:
-        """Hand on the rows that wait."""
+        """Pass the rows that wait on to the sink."""
         self.observer.flush()
 
     def close(self) -> None:
@@ -126,7 +126,7 @@ class TableExport(Export):
         self.sink.close()
 
     def abandon(self) -> None:
-        """Close what is open."""
+        """Abandon the sink."""
         self.sink.abandon()
 
 
@@ -172,11 +172,11 @@ def duckdb_export(request: Request) -> Export:
     return TableExport(request, DuckdbSink(request.path, chosen_tables(request.parts), _metadata(request)))
 
 
-#: What `dissect.export.ecs` writes.
+#: The parts of an export in `dissect.export.ecs`.
 ECS_PARTS: Final = ("transactions", "findings", "connections")
 _HERE: Final = "dissect.export.forms:"
 _ZEEK: Final = "dissect.export.zeek.export:"
-#: By name.
+#: All forms by name.
 FORMS: Final[dict[str, Form]] = {
     form.name: form
     for form in (
@@ -194,9 +194,9 @@ FORMS: Final[dict[str, Form]] = {
 
 
 def target_of(text: str, only: Sequence[str], files: int) -> Target:
-    """Return where and how an export goes that the user calls ``text``, with these parts, of so many captures.
+    """Return the target that the user names with ``text``; ``only`` are the wanted parts, ``files`` the number of captures.
 
-    Raises `UnknownFormError` and `UnknownTableError` with what may have been meant.
+    Raises `UnknownFormError` and `UnknownTableError` with suggestions.
     """
     prefix, colon, rest = text.partition(":")
     form = FORMS.get(prefix) if colon else None
@@ -209,7 +209,7 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
         raise UnknownFormError(_unknown(prefix if colon and len(prefix) > 1 else "", text))
     if not path:
         raise UnknownFormError(f"{text} names no file or folder.")
-    if path == "-":  # which is standard output elsewhere: nobody means a file of that name
+    if path == "-":  # means standard output in other commands, so a file of that name cannot be meant
         raise UnknownFormError(
             f"{text} is not possible: an export is not written to standard output; name a file or folder."
         )
@@ -223,7 +223,7 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
 
 
 def _unknown(prefix: str, text: str) -> str:
-    if "://" in text:  # of all forms only this one goes to another machine
+    if "://" in text:  # Parquet is the only form that can be written to another machine
         parquet = FORMS["parquet"]
         name = text.rstrip("/")
         return f"the form of {text!r} is not known. Write {name}{parquet.endings[0]} or {parquet.name}:{name}."

@@ -1,4 +1,4 @@
-"""The tables as data frames of pandas or polars, through Arrow."""
+"""The tables as data frames of pandas or polars, made from Arrow tables."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dissect.wire.text import encodable
 if TYPE_CHECKING:
     from dissect.select import Where
 
-#: What frames are made of, and the library for each.
+#: The libraries whose frames can be made.
 LIBRARIES: Final = ("pandas", "polars", "arrow")
 
 
 class Frames:
-    """Frames by the names of their tables: ``frames["items"]``, or ``frames.items``; iterating gives the names.
+    """Data frames by the names of their tables: ``frames["items"]`` or ``frames.items``; iterating yields the names.
 
-    A table is made into a frame when it is asked for.
+    A frame is made when it is first accessed.
     """
 
     def __init__(self, tables: dict[str, Any], library: str) -> None:
@@ -43,7 +43,7 @@ class Frames:
         return len(self._tables)
 
     def __dir__(self) -> list[str]:
-        """Name the tables too, as whoever presses Tab after the point looks for them."""
+        """Return the names of the tables, too, so that interactive completion offers them."""
         return sorted([*super().__dir__(), *self._tables])
 
     def __getitem__(self, name: str) -> Any:
@@ -78,11 +78,11 @@ def frames(
 ) -> Frames:
     """Return the tables of one capture or several as data frames, columns as in docs/tables.md.
 
-    ``library`` is ``pandas``, ``polars`` or ``arrow`` (a `pyarrow.Table`). Integers with nulls stay integers in pandas: their
-    type is that of Arrow. ``tables`` names those that are wanted, all by default; fewer are faster. The others are those of
-    `dissect.open`. Everything is held in memory.
-    Raises `MissingLibraryError` (an ImportError) with what to type when a library is missing, ValueError for a wrong name of
-    a library or a table, `CaptureError` when a file cannot be read, and `SelectError` for a wrong expression.
+    ``library`` is ``pandas``, ``polars`` or ``arrow`` (a `pyarrow.Table`). In pandas, columns have Arrow types, so that
+    integers with nulls stay integers. ``tables`` names the wanted tables, all by default; fewer are faster. The other arguments
+    are those of `dissect.open`. Everything is held in memory. Raises `MissingLibraryError` (an ImportError) with the command
+    that installs a missing library, ValueError for a wrong name of a library or a table, `CaptureError` when a file cannot be
+    read, and `SelectError` for a wrong expression.
     """
     if library not in LIBRARIES:
         near = close_names(library, LIBRARIES)

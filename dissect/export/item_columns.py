@@ -1,8 +1,8 @@
-"""Rows of the items of transactions, column by column, compiled: most rows of an export, for which no row is made.
+"""The table of items, collected column by column, compiled: it has most rows of an export, so no tuple is made for each row.
 
-Most items come again and again with other values. What a request asks for, what a return code means and who talks to whom is
-kept once, and each row only says which of these it has. What the items of one transaction share is kept once for all of them,
-with the row at which they end.
+Most items repeat, with other values. The columns for what a request asks for, for a return code, and for who talks to whom are
+kept once; each row has only an index into these. Columns that all items of a transaction share are kept once for the
+transaction, with the row at which its items end.
 """
 
 from __future__ import annotations
@@ -41,30 +41,30 @@ from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import encodable
 
-#: The columns that the items of a transaction share, of which those of `ROUTE` come again and again, those of what is asked
-#: for, and those of the return code.
+#: Groups of columns: `BEGIN` and `ROUTE` are shared by the items of a transaction, and those of `ROUTE` repeat; then the
+#: columns of the request item, and those of the return code.
 BEGIN: Final = ("transaction", "ts_ns")
 ROUTE: Final = ("connection", "server_host", "client_host", "operation")
 ASKED: Final = ("area", "db", "byte", "bit", "address", "type", "count")
 CODE: Final = ("return_code", "return_name", "refused")
 
 _NO_ITEM: Final[Row] = (None,) * len(ASKED)
-#: Return code, its name, and whether it refuses, of each code, and of no answer.
+#: Return code, its name, and whether it means a refusal, for each code; and the same for no answer.
 _CODES: Final[list[Row]] = [(code, RETURN_CODES.name(code), code != SUCCESS) for code in range(256)]
 _NO_CODE: Final[Row] = (None, None, False)
 _NO_CODE_AT: Final = 256
-#: An item without a code of its own, of an answer that refuses the whole request.
+#: The same for an item without a code, in an answer that refuses the whole request.
 _WHOLE: Final[Row] = (None, None, True)
 _WHOLE_AT: Final = 257
-#: Transport sizes of elements of two bytes.
+#: Transport sizes whose elements have two bytes.
 _SHORT: Final = frozenset((WORD, INT))
-#: For any count of items that a request may have: their numbers, and their return codes when all is well.
+#: By number of items of a request: the numbers of the items, and their return codes without errors.
 _NUMBERS: Final[list[array[int]]] = [array("q", range(1, count + 1)) for count in range(256)]
 _GOOD: Final[list[array[int]]] = [array("i", [SUCCESS] * count) for count in range(256)]
-#: Up to here each integer is a number of floating point of its own.
+#: Up to this, a floating-point number represents every integer exactly.
 _MOST_EXACT: Final = 2**53
 _NO_NAME: Final[list[str | None]] = [None]
-#: What a transaction does with its items.
+#: What a transaction does with its items: an index into `_OPERATIONS`.
 _READ: Final = 0
 _WRITE: Final = 1
 _NOTIFY: Final = 2
@@ -72,12 +72,12 @@ _OPERATIONS: Final[list[str]] = ["read", "write", "notify"]
 
 
 class ItemColumns:
-    """Collects the items of transactions; the columns have an entry for each, or say with ``…_at`` which of another it has.
+    """Collects the items of transactions in columns.
 
-    `begins` and ``routes_at`` have an entry for each transaction; ``ends`` are the rows at which its items are over.
-
-    ``others`` gives the items of other protocols: of each a name, the columns `ASKED` and `CODE`, number, text and bytes.
-    It is `full` with ``most`` items, or with those of ``most_octets`` of PDUs.
+    A column has an entry for each item; ``…_at`` has an index into a list of shared rows instead. `begins` and ``routes_at``
+    have an entry for each transaction, and ``ends`` the row after its last item. ``others`` returns the items of other
+    protocols: for each its name, the columns `ASKED` and `CODE`, number, text and bytes. The columns are `full` with ``most``
+    items, or with items from ``most_octets`` octets of PDUs.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class ItemColumns:
 
     @property
     def full(self) -> bool:
-        """True when it is time to hand on what was collected, and to `clear`."""
+        """Whether it is time to pass on what was collected, and to `clear`."""
         return len(self.data) >= self._most or self._octets >= self._most_octets
 
     @property
@@ -116,7 +116,7 @@ class ItemColumns:
         return self._names + _NO_NAME * (len(self.data) - len(self._names))
 
     def clear(self) -> None:
-        """Begin with new columns: those at hand are somebody else's now."""
+        """Begin new columns; the present ones stay with whoever took them."""
         self._octets = 0
         self.begins = []
         self.routes_at = []
@@ -136,7 +136,7 @@ class ItemColumns:
             self._request_at = {}
 
     def add(self, transaction: Transaction) -> int:
-        """Take the items of a transaction in wire order, those of S7comm first; return how many these are."""
+        """Add the items of a transaction in wire order, those of S7comm first; return how many there are."""
         others: list[Row] | None = None
         if transaction.carried is not None or transaction.rosctr >= PLUS:
             others = self._others(transaction)
@@ -171,7 +171,7 @@ class ItemColumns:
         return count
 
     def _begin(self, transaction: Transaction, count: int) -> None:
-        """Note what the next items share, and number them."""
+        """Add what the next ``count`` items share."""
         self._octets += transaction.request_size + transaction.response_size
         self.routes_at.append(self._route(transaction))
         asked: bool = transaction.request_frame != 0
@@ -181,7 +181,7 @@ class ItemColumns:
         self.numbers.extend(_NUMBERS[count] if count < len(_NUMBERS) else array("q", range(1, count + 1)))
 
     def _route(self, transaction: Transaction) -> int:
-        """Return where connection, hosts and operation of a transaction are kept."""
+        """Return the index of the row with connection, hosts and operation of a transaction."""
         connection = transaction.connection
         does = _operation(transaction)
         key: int = directed(connection) * len(_OPERATIONS) + does
@@ -195,7 +195,7 @@ class ItemColumns:
         return found
 
     def _read(self, transaction: Transaction, answers: list[bytes]) -> int:
-        """Take the items of a read that was answered as asked: most of all."""
+        """Add the items of a read that was answered without errors, as most are."""
         count = len(answers)
         if not count:
             return 0
@@ -216,7 +216,7 @@ class ItemColumns:
         return count
 
     def _asked(self, item: Item) -> int:
-        """Return where the columns of a request item are kept."""
+        """Return the index of the row with the columns of a request item."""
         known = self._item_at
         found = known.get(item)
         if found is None:
@@ -226,7 +226,7 @@ class ItemColumns:
         return found
 
     def _code(self, result: ItemResult, no_code: int) -> int:
-        """Return where the columns of a return code are kept; ``no_code`` where there is none."""
+        """Return the index of the row with the columns of a return code; ``no_code`` if there is none."""
         code: i64 = result.return_code
         if code < 0 or code >= _NO_CODE_AT:
             return no_code
@@ -236,13 +236,13 @@ class ItemColumns:
         return int(code)
 
     def _name(self, name: str | None) -> None:
-        """Name the latest item of which there are data."""
+        """Set the name of the item that was added last."""
         if name is not None:
             self._names.extend(_NO_NAME * (len(self.data) - 1 - len(self._names)))
             self._names.append(name)
 
     def _named(self, naming: Naming, result: ItemResult) -> None:
-        """Add the names of the tags in an item, and its value: that of the tag where there is only one."""
+        """Add the names of the tags in an item, and its value: the tag's value if there is only one tag."""
         known = [named for named in naming.named(result) if named.name]
         self._name(", ".join([named.name for named in known]) if known else None)
         if len(known) == 1 and known[0].whole and known[0].value is not None:
@@ -279,7 +279,7 @@ class ItemColumns:
             return
         if size > 4 or (size == 4 and kind in _SHORT):  # several
             text = ",".join(number_texts(kind, data, size))
-            if text and "n" not in text:  # NaN and the infinities are no numbers of JSON
+            if text and "n" not in text:  # JSON has no numbers for NaN and infinities
                 self._add(None, f"[{text}]")
                 return
         self._shown(decode_value(kind, data))
@@ -304,12 +304,15 @@ class ItemColumns:
 
 
 def rounded(value: int) -> str | None:
-    """Return an integer as text where the number that stands for it in a table is not quite the same, else None."""
+    """Return an integer as text if its floating-point number in the table may not be exact, else None."""
     return str(value) if not -_MOST_EXACT <= value <= _MOST_EXACT else None
 
 
 class Collected:
-    """Takes transactions for their table and that of their items, where these are wanted; ``counted`` counts items else."""
+    """Collects transactions for the tables of transactions and items, if wanted.
+
+    ``counted`` returns the number of items where their table is not wanted.
+    """
 
     def __init__(
         self,
@@ -324,7 +327,7 @@ class Collected:
         self._most: i64 = most
 
     def add(self, transaction: Transaction) -> bool:
-        """Take a transaction; return whether it is time to hand on what was collected."""
+        """Add a transaction; return whether it is time to pass on what was collected."""
         items = self._items
         count = items.add(transaction) if items is not None else self._counted(transaction)
         transactions = self._transactions

@@ -1,4 +1,4 @@
-"""Identifiers of connections that other tools know: Community ID, and a uid in the form of Zeek's."""
+"""Identifiers of connections for other tools: Community ID, and a uid in the form of Zeek's."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _DIGITS: Final = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ
 
 
 def community_id(one: Endpoint, other: Endpoint, protocol: int = _TCP, seed: int = 0) -> str:
-    """Return the Community ID v1 of two ends, the same whichever comes first (corelight/community-id-spec).
+    """Return the Community ID v1 of two ends in any order (corelight/community-id-spec).
 
-    ``protocol`` is the number of IP: 6 for TCP, 17 for UDP.
+    ``protocol`` is the IP protocol number: 6 for TCP, 17 for UDP.
     """
     ends = sorted((end.address, end.port & 0xFFFF) for end in (one, other))
     (low, low_port), (high, high_port) = ends
@@ -37,8 +37,8 @@ def connection_community_id(connection: Connection) -> str:
 def connection_uid(connection: Connection) -> str:
     """Return an identifier in the form of Zeek's: ``C`` and 96 bits in base 62.
 
-    Zeek's own are random; this one is made of the time of the first packet, the ends, the protocol and the VLANs, so that the
-    same traffic has the same in each run. It never equals that of a live Zeek: join by Community ID and time.
+    Zeek's uids are random. This one is a hash of the time of the first packet, the ends, the protocol and the VLANs, so that it
+    is the same in each run. It never equals the uid of a live Zeek: join by Community ID and time.
     """
     tcp = connection.tcp
     one, other = sorted(tcp.ends, key=lambda end: (end.address, end.port))

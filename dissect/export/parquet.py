@@ -1,6 +1,6 @@
 """Parquet: a file for each table, or with several captures a folder for each, divided by day.
 
-Row groups are written as they fill, so that memory stays the same however long the capture is.
+Row groups are written as they fill, so that the memory needed does not depend on the length of the capture.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from dissect.export.tables import BYTES, INT, TEXT, TIME, WORD, Table
 from dissect.export.transaction_rows import Row
 from dissect.wire.text import civil
 
-#: Rows of a row group: what DuckDB takes as a unit of work. A group is written earlier when it has so many bytes.
+#: Rows of a row group: DuckDB's unit of work. A group is written earlier when it has so many bytes.
 ROW_GROUP: Final = 122_880
 _GROUP_BYTES: Final = 64 * 1024 * 1024
-#: Files of one table that are open at once, each of one day.
+#: At most so many files of one table are open at once; each is for one day.
 _MOST_OPEN: Final = 4
 _DAY_NS: Final = 86_400_000_000_000
-#: What the convention of Hive calls a partition without a value.
+#: Hive's name for a partition without a value.
 _NO_DAY: Final = "__HIVE_DEFAULT_PARTITION__"
 
 
 class ParquetFile:
     """One Parquet file, and the batches that wait for its next row group.
 
-    A row group is encoded and compressed by a thread, which needs no Python for it, while the next one is gathered; what went
-    wrong there is raised with the next row group, or when the file is closed. ``create`` makes the file: it returns a path, or
-    what can be written to, closed, and before that discarded.
+    While the next row group is collected, a thread encodes and compresses the full one, which it can do without the GIL. An
+    error in the thread is raised with the next row group, or when the file is closed. ``create`` makes the file: it returns a
+    path, or an object with the methods write, close and discard.
     """
 
     def __init__(self, path: Path, batches: Batches, create: Callable[[Path], Any] | None = None) -> None:
@@ -59,12 +59,12 @@ class ParquetFile:
             compression="zstd",
             use_dictionary=[column.name for column in columns if column.type in {TEXT, WORD, BYTES}],
             column_encoding={column.name: "DELTA_BINARY_PACKED" for column in columns if column.type == INT},
-            # A reader leaves out row groups by least and greatest values, which are of use where they grow with the rows.
+            # Readers skip row groups by their least and greatest values; that only works where values grow with the rows.
             write_statistics=[name for column in columns if column.type == TIME for name in (column.name, column.of)],
         )
 
     def add(self, batch: Any) -> None:
-        """Take a `pyarrow.RecordBatch`; write a row group when it is full."""
+        """Add a `pyarrow.RecordBatch`; write a row group when it is full."""
         self._waiting.append(batch)
         self._rows += batch.num_rows
         self._bytes += batch.nbytes
@@ -80,7 +80,7 @@ class ParquetFile:
             self._rows = self._bytes = 0
 
     def close(self) -> None:
-        """Write the rest, and the end of the file. When that fails, the file is abandoned."""
+        """Write the remaining rows and the footer. When that fails, the file is abandoned."""
         try:
             self.write()
             self._settle()
@@ -93,33 +93,33 @@ class ParquetFile:
             raise
 
     def abandon(self) -> None:
-        """Close a file of which nothing will be kept; once more does nothing."""
+        """Close the file, which will be deleted; a second call does nothing."""
         if self._abandoned:
             return
         self._abandoned = True
         self._writes.shutdown()
         if self._stream is not None:
             self._stream.discard()
-        with suppress(Exception):  # it could not be written to
+        with suppress(Exception):  # the file may be what failed
             self._writer.close()
-        self._writer.is_open = False  # else it tries again when it is forgotten, and complains
+        self._writer.is_open = False  # else the writer tries to close again when it is collected, and complains
 
     def _write(self, batches: list[Any], rows: int) -> None:
         table = self._pa.Table.from_batches(batches, self._batches.schema).unify_dictionaries()
         self._writer.write_table(table, row_group_size=rows)
 
     def _settle(self) -> None:
-        """Wait for the row group that is being written. Raises what went wrong with it."""
+        """Wait for the row group that is being written. Raises the error that the thread met."""
         writing, self._writing = self._writing, None
         if writing is not None:
             writing.result()
 
 
 class ParquetSink(Sink):
-    """Writes tables to Parquet below ``path``: one file (``alone``), a file for each table, or with ``by_day`` folders.
+    """Writes tables to Parquet: to the file ``path`` (``alone``), to a file for each, or with ``by_day`` to a folder for each.
 
-    ``empty``: there is a file of a table without rows as well. ``create`` makes files as `ParquetFile` has it; ``part`` stands
-    in the names of those in folders, before their number.
+    ``empty``: write a file for a table without rows, too. ``create`` makes files, as for `ParquetFile`; ``part`` is in the
+    names of the files in folders, before their number.
     """
 
     def __init__(
@@ -146,13 +146,13 @@ class ParquetSink(Sink):
             return
         try:
             for name in self._batches:
-                self._file(name, "")  # a table without rows is there too, with its columns
+                self._file(name, "")  # a table without rows has a file too, with its columns
         except BaseException:
-            self.abandon()  # nobody else has this sink yet
+            self.abandon()  # the caller does not get this sink, so it cannot close it
             raise
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
-        """Write rows to the files they belong to."""
+        """Write rows to the file of their table, or to those of their days."""
         batch = self._batches[table.name].batch(rows)
         if not self._by_day:
             self._file(table.name, "").add(batch)
@@ -161,7 +161,7 @@ class ParquetSink(Sink):
             self._file(table.name, day).add(some)
 
     def close(self) -> None:
-        """Write what waits, and close."""
+        """Write the remaining rows, and close the files."""
         for name in self._batches:
             if self._by_day and self._empty and not any(key[0] == name for key in self._parts):
                 self._file(name, _NO_DAY)
@@ -169,7 +169,7 @@ class ParquetSink(Sink):
             file.close()
 
     def abandon(self) -> None:
-        """Close files of which nothing will be kept."""
+        """Close the files, which will be deleted."""
         for file in self._open.values():
             file.abandon()
         self._open.clear()
@@ -194,7 +194,7 @@ class ParquetSink(Sink):
 
 
 def by_days(table: Table, batch: Any) -> dict[str, Any]:
-    """Return a `pyarrow.RecordBatch` divided by the day (UTC) of the time that dates its rows, in their order."""
+    """Return a `pyarrow.RecordBatch` divided by day (UTC), by the column ``table.time``; rows keep their order."""
     found: dict[int | None, list[int]] = {}
     for at, time_ns in enumerate(batch.column(table.time).to_pylist()):
         found.setdefault(time_ns // _DAY_NS if time_ns is not None else None, []).append(at)
@@ -211,5 +211,5 @@ def _day_text(day: int | None) -> str:
 
 
 def metadata_of(version: str, files: Iterable[str]) -> dict[str, str]:
-    """Return what every file says of itself: who wrote it, and of which captures."""
+    """Return the metadata of every file: the version of this package, and the captures."""
     return {"s7dissect.version": version, "s7dissect.files": json.dumps(list(files))}

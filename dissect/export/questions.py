@@ -1,4 +1,4 @@
-"""Questions that people ask of a plant, with the SQL that answers them: examples of `s7dissect sql`, and names it takes."""
+"""Usual questions about a plant, with the SQL that answers them: `s7dissect sql` takes their names and lists them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 
 class Question(NamedTuple):
-    """A question: the name it is asked by, the sentence, what to change in it for one's own plant, and the SQL."""
+    """A question: its name, the question as a sentence, what to change in the SQL for one's own plant, and the SQL."""
 
     name: str
     sentence: str
@@ -135,5 +135,5 @@ ORDER BY bytes DESC, client_host, server_host""",
     ),
 )
 
-#: By name.
+#: All questions by name.
 QUESTIONS: Final[dict[str, Question]] = {question.name: question for question in _ALL}

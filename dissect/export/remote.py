@@ -1,7 +1,7 @@
-"""An export in a folder of another machine: ``s3://BUCKET/KEY``, ``sftp://HOST/DIR`` and where else fsspec can write.
+"""An export to a folder on another machine: ``s3://BUCKET/KEY``, ``sftp://HOST/DIR`` and whatever else fsspec can write to.
 
-Files are written under their own names, because an object store cannot rename. What is not whole has the file `UNFINISHED`,
-which is there before all others and goes when all of them are written.
+Files are written under their final names, because an object store cannot rename. Therefore the file `UNFINISHED` is written
+before all others, and removed when all of them are complete.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from typing import Any, Final, TypeVar
 
 from dissect.source.remote import explained, file_system, shown
 
-#: Is in a folder as long as its export is being written.
+#: The file that is in a folder while its export is being written.
 UNFINISHED: Final = "s7dissect-unfinished"
-#: Bytes that are sent at once. Object stores want 5 MiB at least, and take 10,000 such pieces.
+#: Bytes that are sent at once. Object stores want pieces of at least 5 MiB, and take at most 10,000 of them.
 _PIECE: Final = 8 * 1024 * 1024
-#: Transports whose folders are made, where those of others exist as soon as something is in them.
+#: Transports on which a folder has to be made first; on others it exists as soon as something is in it.
 _WITH_FOLDERS: Final = frozenset(("file", "local", "sftp", "ssh", "smb", "ftp", "hdfs"))
 
 T = TypeVar("T")
 
 
 class RemoteFolder:
-    """The folder that ``url`` names. All methods raise OSError, in words for a person, with the name as it may be shown."""
+    """The folder that ``url`` names. All methods raise OSError with a text for users, and the URL without secrets."""
 
     def __init__(self, url: str) -> None:
         self.name = shown(url.rstrip("/"))
@@ -34,7 +34,7 @@ class RemoteFolder:
         self._path = str(path).rstrip("/")
 
     def create(self, path: Path) -> Any:
-        """Return a new file that can be written to, closed and discarded; ``path`` is relative to the folder."""
+        """Return a new file with the methods write, close and discard; ``path`` is relative to the folder."""
         place = f"{self._path}/{path.as_posix()}"
 
         def opened() -> Any:
@@ -51,7 +51,7 @@ class RemoteFolder:
         file.close()
 
     def names(self) -> list[str]:
-        """Return the files and folders in the folder, none where it is not there."""
+        """Return the names of the files and folders in the folder; empty if it does not exist."""
 
         def listed() -> list[str]:
             self._files.invalidate_cache()
@@ -63,7 +63,7 @@ class RemoteFolder:
         return self._asked(listed)
 
     def has(self, name: str) -> bool:
-        """Return whether there is a file, as things are now."""
+        """Return whether there is a file with this name now (not according to a cache)."""
 
         def there() -> bool:
             self._files.invalidate_cache()
@@ -72,7 +72,7 @@ class RemoteFolder:
         return self._asked(there)
 
     def clear(self) -> None:
-        """Remove all that is in the folder; `UNFINISHED` goes first, so that whoever still writes sees that nobody wants it."""
+        """Remove everything in the folder; `UNFINISHED` first, so that a run that still writes there notices."""
         if UNFINISHED in self.names():
             self.remove(UNFINISHED)
         for name in self.names():
@@ -83,7 +83,7 @@ class RemoteFolder:
         self._asked(lambda: self._files.rm(f"{self._path}/{name}", recursive=True))
 
     def remove_matching(self, pattern: str) -> None:
-        """Remove the files that a pattern finds, ``*`` for one name of a path."""
+        """Remove the files that match a pattern, in which ``*`` stands for one part of a path."""
 
         def removed() -> None:
             self._files.invalidate_cache()
@@ -99,12 +99,12 @@ class RemoteFolder:
             raise self.refused(error) from None
 
     def refused(self, error: Exception) -> OSError:
-        """Return what an error of a transport is."""
+        """Return the OSError for an error of a transport."""
         return OSError(errno.EIO, explained(error, writing=True), self.name)
 
 
 class _Writing:
-    """A file of a `RemoteFolder` while it is written, as pyarrow takes it."""
+    """A file of a `RemoteFolder` while it is written, with the methods that pyarrow needs."""
 
     def __init__(self, folder: RemoteFolder, stream: Any, name: str) -> None:
         self._folder = folder
@@ -128,22 +128,22 @@ class _Writing:
         return self._octets
 
     def flush(self) -> None:
-        """What waits is sent in pieces."""
+        """Do nothing: octets are sent when a piece is full."""
 
     def readable(self) -> bool:
-        """It is for writing."""
+        """Return False."""
         return False
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     def seekable(self) -> bool:
-        """It is written from its beginning to its end."""
+        """Return False: the file is written from its beginning to its end."""
         return False
 
     def close(self) -> None:
-        """Send the rest; the file is there then."""
+        """Send the rest; only then does the file exist."""
         if self.closed:
             return
         self.closed = True
@@ -153,16 +153,16 @@ class _Writing:
             raise self._folder.refused(error) from None
 
     def discard(self) -> None:
-        """Leave nothing of the file; may be called whatever became of it."""
+        """Close and remove the file; may be called in any state."""
         if self.closed:
             return
         self.closed = True
-        with suppress(Exception):  # where the connection is lost, there is nothing that could be done
+        with suppress(Exception):  # if the connection is lost, nothing can be done
             discard = getattr(self._stream, "discard", None)
             if discard is not None:
                 discard()
-                self._stream.closed = True  # else it is sent when it is forgotten
+                self._stream.closed = True  # else the stream is sent when it is collected
             else:
                 self._stream.close()
-        with suppress(Exception):  # most often it is not there
+        with suppress(Exception):  # mostly the file does not exist
             self._folder.remove(self._name)

@@ -13,18 +13,18 @@ from dissect.export.sql import Result
 from dissect.report.outcome import Outcome
 from dissect.wire.text import cell, printable, shortened
 
-#: Characters of a text that a person gets to see.
+#: At most so many characters of a text are shown in a table.
 _WIDEST: Final = 120
 
 
 class QueryOutcome(Outcome):
-    """A result, read once, by one of the formats."""
+    """The result of a query, as an outcome. Only one format can read it, once."""
 
     def __init__(self, result: Result) -> None:
         self.result = result
 
     def text(self) -> Iterator[str]:
-        """Return a table for a person: numbers to the right, a line of names above."""
+        """Return a table with a heading; columns of numbers are aligned to the right."""
         columns = self.result.columns
         rows = list(self.result.rows())
         cells = [[printable(name) for name in columns], *[[_shown(value) for value in row] for row in rows]]
@@ -40,7 +40,7 @@ class QueryOutcome(Outcome):
             yield "  ".join(parts).rstrip()
 
     def as_dict(self) -> Mapping[str, object]:
-        """Return names and rows."""
+        """Return the names of the columns, and the rows."""
         return {"columns": self.result.columns, "rows": list(self.result.rows())}
 
 
@@ -57,7 +57,7 @@ def _shown(value: Any) -> str:
 
 
 def json_lines(outcome: QueryOutcome) -> Iterator[str]:
-    """Yield a JSON object for each row, keys in the order of the columns; NaN and infinities as text."""
+    """Yield a JSON object for each row, keys in the order of the columns; NaN and infinities are strings."""
     columns = outcome.result.columns
     for row in outcome.result.rows():
         told = dict(zip(columns, [_finite(value) for value in row], strict=True))
@@ -69,7 +69,7 @@ def _finite(value: Any) -> Any:
 
 
 def csv_lines(outcome: QueryOutcome) -> Iterator[str]:
-    """Yield the names of the columns and each row as CSV, no cell that a spreadsheet runs as a formula."""
+    """Yield a heading and each row as CSV, without cells that a spreadsheet takes for formulas."""
     line = StringIO()
     writer = csv.writer(line, lineterminator="")
     for row in [[outcome.result.columns], outcome.result.rows()]:

@@ -1,7 +1,7 @@
-"""Parquet of a live line: files that are whole or not there, a new one of each table after a while.
+"""Parquet files of a live run: from time to time the file of each table is completed, and a new one begun.
 
-A file is written under a name that ends with ``.part`` and gets its own when its time is over: who reads the folder finds
-whole files only, also after a run that was killed.
+A file is written under a name that ends with ``.part`` and renamed when it is complete. So readers of the folder only find
+complete files, even after a run that was killed.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from dissect.wire.text import Clock
 
 
 class RotatingSink(Sink):
-    """Writes ``FOLDER/TABLE/day=YYYY-MM-DD/part-TIME-N.parquet``; `rotate` ends the files at hand.
+    """Writes ``FOLDER/TABLE/day=YYYY-MM-DD/part-TIME-N.parquet``; `rotate` completes the present files.
 
-    TIME is that of the latest `rotate` by the clock of the capture, in UTC. Raises `OSError` where nothing can be written.
+    TIME is the time of the latest `rotate`, by the clock of the capture, in UTC. Raises `OSError` if files cannot be written.
     """
 
     def __init__(self, folder: Path, tables: Iterable[Table], metadata: Mapping[str, str]) -> None:
-        needed("pyarrow.parquet", "--export")  # now, while everything can still be read
+        needed("pyarrow.parquet", "--export")  # now, before the process gives up its privileges
         self._folder = folder
         self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
         self._try_out()
@@ -45,7 +45,7 @@ class RotatingSink(Sink):
             found[1].add(some)
 
     def rotate(self, now_ns: int) -> None:
-        """End the files at hand: from now on they have their names."""
+        """Complete the present files, and give them their final names."""
         self._since = self._stamp(now_ns)
         while self._open:
             saving, file = self._open.pop(next(iter(self._open)))
@@ -53,14 +53,14 @@ class RotatingSink(Sink):
                 file.close()
 
     def abandon(self) -> None:
-        """Close files of which nothing will be kept."""
+        """Close the unfinished files, and delete them."""
         for saving, file in self._open.values():
             file.abandon()
             Path(saving.path).unlink(missing_ok=True)
         self._open.clear()
 
     def _try_out(self) -> None:
-        """Write an empty row of each table, and drop it: what pyarrow imports as it goes is then there."""
+        """Write an empty row of each table to a temporary folder, so that pyarrow imports everything that it needs now."""
         with TemporaryDirectory() as folder:
             for name, batches in self._batches.items():
                 file = ParquetFile(Path(folder, name), batches)

@@ -1,4 +1,4 @@
-"""Rows of every table, as tuples of what `dissect.export.tables` says their stored columns hold."""
+"""Makes the rows of every table: tuples of the values of its stored columns (`dissect.export.tables`)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SIDES: Final = ("client", "server")
 
 
 class Rows:
-    """Makes the rows of a run over ``files``, which may grow while it goes on."""
+    """Makes the rows of a run; ``files`` are its files, to which more may be added while it goes on."""
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._hot = TransactionRows(files)
@@ -43,7 +43,7 @@ class Rows:
         self._pdus = 0
 
     def count_from(self, before: int) -> None:
-        """Number findings and PDUs on from ``before``."""
+        """Begin to number findings and PDUs after ``before``."""
         self._findings = self._pdus = before
 
     # ---- connections ------------------------------------------------------------------------------------------------
@@ -100,12 +100,12 @@ class Rows:
 
     @property
     def transactions(self) -> TransactionRows:
-        """What makes the columns of transactions."""
+        """The object that makes the columns of transactions."""
         return self._hot
 
     @staticmethod
     def item_count(transaction: Transaction) -> int:
-        """Return how many rows the items of a transaction are."""
+        """Return the number of rows for the items of a transaction."""
         good = good_octets(transaction)
         if good is not None:
             count = len(good)
@@ -114,7 +114,7 @@ class Rows:
         return count + sum([len(found.values) for found in transaction.scd])
 
     def other_items(self, transaction: Transaction) -> list[Row]:
-        """Return the columns, from the name on, of each item of S7comm-plus, or of each value of SCD."""
+        """Return the columns, from the name on, of each S7comm-plus item or SCD value."""
         facts = [plus_facts(item) for item in transaction.plus_items()] if transaction.is_plus else []
         facts += [scd_facts(row) for found in transaction.scd for row in found.values]
         return [_facts(fact) for fact in facts]
@@ -174,7 +174,7 @@ class Rows:
         )
 
     def finding(self, finding: Finding, connection: Connection | None) -> Row:
-        """Return the row of a finding; ``connection`` is the one it is about, where that is known."""
+        """Return the row of a finding; ``connection`` is the connection that it is about, None if unknown."""
         self._findings += 1
         rule = finding.rule
         frames = [int(frame) for frame in finding.frames]

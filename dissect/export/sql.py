@@ -1,4 +1,4 @@
-"""SQL over the tables: DuckDB on Arrow tables in memory, without a file in between."""
+"""SQL over the tables: DuckDB queries Arrow tables in memory, without a file in between."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
 
 _WORD: Final = re.compile(r"\w+")
-#: What DuckDB says of a table that is not there, and which one it guesses was meant.
+#: DuckDB's error for a table that does not exist, and its guess which one was meant.
 _MISSING: Final = re.compile(r"Table with name (\S+) does not exist!")
 _OTHERS: Final = re.compile(r'Did you mean "[^"]*"\?')
-#: Rows of a result that are fetched together.
+#: So many rows of a result are fetched together.
 _FETCH: Final = 8192
 
 
 class SqlError(ValueError):
-    """What DuckDB says against a query, its lines as they are, the caret under the place."""
+    """DuckDB's error for a query, with its lines as they are: a caret marks the place."""
 
 
 class MemorySink(Sink):
-    """Keeps tables in memory, as Arrow."""
+    """A sink that keeps tables in memory, as Arrow."""
 
     def __init__(self, tables: Sequence[Table]) -> None:
         self._batches = {table.name: Batches(table) for table in tables}
@@ -45,26 +45,26 @@ class MemorySink(Sink):
 
 
 def named_tables(sql: str) -> list[Table]:
-    """Return the tables whose names stand in a query: no other can be read by it."""
+    """Return the tables whose names occur in a query: it cannot read any others."""
     words = {word.lower() for word in _WORD.findall(sql)}
     return [table for name, table in TABLES.items() if name in words]
 
 
 class Query:
-    """A query, first tried on empty tables, so that what is wrong with it is said before hours of reading.
+    """A query. It is tried on empty tables first, so that errors show before hours of reading.
 
-    ``files``: the SQL may read and write files and the network. Raises `SqlError`, and `MissingLibraryError` without DuckDB.
+    ``files``: the SQL may use files and the network. Raises `SqlError`, and `MissingLibraryError` without DuckDB.
     """
 
     def __init__(self, sql: str, files: bool = False) -> None:
         self.sql = sql
         self._files = files
         self.tables = named_tables(sql)
-        if not files:  # else it might write a file twice
+        if not files:  # a query that writes a file must not run twice
             self._try()
 
     def run(self, tables: dict[str, Any]) -> Result:
-        """Return the result over Arrow tables by their names. Raises `SqlError`."""
+        """Return the result of the query; ``tables`` are Arrow tables by name. Raises `SqlError`."""
         duckdb = needed("duckdb", "sql")
         connection = self._connect(tables)
         try:
@@ -77,7 +77,7 @@ class Query:
         duckdb = needed("duckdb", "sql")
         connection = self._connect(MemorySink(self.tables).tables())
         try:
-            connection.execute(self.sql)  # which says where in the line, other than `sql`
+            connection.execute(self.sql)  # unlike `sql`, its errors name the place in the line
         except duckdb.Error as error:
             raise SqlError(_said(error)) from None
         finally:
@@ -94,7 +94,7 @@ class Query:
 
 
 def _settings(files: bool) -> dict[str, str]:
-    """Return how DuckDB runs: without files and network unless asked, without variables of this program, unchangeable."""
+    """Return locked settings for DuckDB: no access to this program's variables, and without ``files`` to files and network."""
     settings = {
         "python_enable_replacements": "false",
         "autoinstall_known_extensions": "false",
@@ -106,7 +106,7 @@ def _settings(files: bool) -> dict[str, str]:
 
 
 def _said(error: Exception) -> str:
-    """Return what DuckDB says; of a table that is not there the nearest of ours, where it names one of its own."""
+    """Return DuckDB's error; for a table that does not exist, with a guess among our tables instead of DuckDB's."""
     text = str(error).replace("\t", "    ").strip("\n")
     missing = _MISSING.search(text)
     if missing is None:
@@ -117,7 +117,7 @@ def _said(error: Exception) -> str:
 
 
 class Result:
-    """The rows of a query, read once: ``columns`` are names, `rows` plain values, times as ISO 8601 text."""
+    """The result of a query: ``columns`` are names, `rows` plain values, times as ISO 8601 text. It can be read once."""
 
     def __init__(self, connection: Any, relation: Any, error: type[Exception]) -> None:
         self._connection = connection
@@ -126,7 +126,7 @@ class Result:
         self.columns: list[str] = list(self._reader.schema.names) if self._reader is not None else []
 
     def rows(self) -> Iterator[list[Any]]:
-        """Yield each row. Raises `SqlError` for what only shows in the values, such as a conversion."""
+        """Yield each row. Raises `SqlError` for errors that depend on values, such as a failed conversion."""
         if self._reader is None:
             return
         try:
@@ -138,12 +138,12 @@ class Result:
             self.close()
 
     def close(self) -> None:
-        """Give the database back."""
+        """Close the database."""
         self._connection.close()
 
 
 def _plain(column: Any) -> list[Any]:
-    """Return a column as values that JSON and people know."""
+    """Return a column as plain Python values that can be written as JSON or text."""
     pa = needed("pyarrow")
     kind = column.type
     if pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_date(kind) or pa.types.is_interval(kind):

@@ -1,6 +1,6 @@
 """SQLite: strict tables in one file, with indexes by connection and time.
 
-Lists are JSON texts. Timestamps are generated from the nanoseconds, as ISO 8601 in UTC, and take no room.
+Lists are JSON texts. Timestamps, ISO 8601 in UTC, are generated columns, computed from the nanoseconds when they are read.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SqliteSink(Sink):
         self._lists: dict[str, list[int]] = {}
         try:
             self._database = sqlite3.connect(path, isolation_level=None)
-            # A new file under a name that is not the final one: nothing is lost when the machine fails meanwhile.
+            # The file is new, and not yet under its final name: no journal is needed in case the machine fails meanwhile.
             for line in ("journal_mode = OFF", "synchronous = OFF", f"user_version = {TABLES_VERSION}"):
                 self._database.execute(f"PRAGMA {line}")
             self._database.execute("BEGIN")
@@ -78,8 +78,8 @@ class SqliteSink(Sink):
             raise _refused(error) from error
 
     def abandon(self) -> None:
-        """Close a database of which nothing will be kept."""
-        with suppress(sqlite3.Error):  # it could not be written to
+        """Close the database, which will be deleted."""
+        with suppress(sqlite3.Error):  # the database may be what failed
             self._database.close()
 
     def _create(self, table: Table) -> None:

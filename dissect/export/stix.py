@@ -1,7 +1,7 @@
-"""Findings as a STIX 2.1 bundle: a sighting of an ATT&CK technique for each finding that points to one, a note for the others.
+"""Findings as a STIX 2.1 bundle: a sighting of an ATT&CK technique for each finding that points to one, a note for others.
 
-Ids are the same in each run: those of addresses and traffic as the standard prescribes (UUIDv5 over the properties that
-identify them), all others UUIDv5 in a namespace of our own.
+Ids are the same in each run. Those of addresses and traffic are made as the standard prescribes: UUIDv5 over the properties
+that identify the object. All others are UUIDv5 in a namespace of our own.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from dissect.wire.text import Clock, encodable
 
 #: Namespace of the ids of observables (STIX 2.1, 2.9).
 _OBSERVABLES: Final = uuid.UUID("00abedb4-aa42-466c-9c01-fed23315a9b7")
-#: Namespace of our other ids: UUIDv5 of "s7dissect" in that of OIDs.
+#: Namespace of our other ids: UUIDv5 of "s7dissect" in the namespace of OIDs.
 _OURS: Final = uuid.uuid5(uuid.NAMESPACE_OID, "s7dissect")
 _SPEC: Final = "2.1"
 _FRAMEWORK: Final = "mitre-attack"
@@ -50,35 +50,35 @@ class StixExport(Export, Observer):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Findings, and objects of the bundle."""
+        """The numbers of findings, and of objects in the bundle."""
         return {"findings": self._findings, "objects": len(self._objects)}
 
     def begin(self, run: Run) -> None:
-        """Name packets by the files of the run."""
+        """Take the files of the run, by which packets are named."""
         self._rows = Rows(run.files)
 
     def flush(self) -> None:
-        """Nothing is written before the end."""
+        """Do nothing: the bundle is written at the end."""
 
     def close(self) -> None:
         """Write the bundle."""
         objects = list(self._objects.values())
         key = json.dumps(objects, sort_keys=True)
         bundle: dict[str, Any] = {"type": "bundle", "id": f"bundle--{uuid.uuid5(_OURS, key)}"}
-        if objects:  # an empty list is none that the standard knows
+        if objects:  # the standard does not allow an empty list
             bundle["objects"] = objects
         text = json.dumps(bundle, indent=1).replace("\x7f", "\\u007f")
         self._path.write_text(f"{text}\n", encoding="ascii")
 
     def abandon(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open before the end."""
 
     def connection_opened(self, connection: Connection) -> None:
         """Remember a connection for its findings."""
         self._context.opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Remember it a while longer."""
+        """Remember a connection that is over, for findings that come later."""
         self._context.closed(connection)
 
     def finding(self, finding: Finding) -> None:
@@ -146,7 +146,7 @@ class StixExport(Export, Observer):
         return self._add("identity", "tool", time, None, name=f"s7dissect {self._version}", identity_class="system")
 
     def _technique(self, technique: Technique, time: str) -> str:
-        """Add the object of a technique, with MITRE's own id, so that it joins with theirs."""
+        """Add the object of a technique, with MITRE's id for it, so that it can be joined with their data."""
         tactics, number = TECHNIQUES[technique.v18]
         id_ = f"attack-pattern--{number}"
         if id_ not in self._objects:
@@ -205,7 +205,7 @@ class StixExport(Export, Observer):
         return id_
 
     def _time(self, time_ns: int) -> str:
-        """Return a time in UTC with the microseconds that most readers keep."""
+        """Return a time in UTC with microseconds; most readers do not keep more digits."""
         return f"{self._clock.iso(time_ns)[:26]}Z"
 
 

@@ -1,8 +1,8 @@
-"""The tables: one definition of names, columns, types, units and meanings, which every form of export and docs/tables.md read.
+"""The tables: one definition of names, columns, types, units and meanings, for all forms of export and docs/tables.md.
 
-A row is a tuple of the columns that are not derived, in their order; `dissect.export.rows` makes it. Times are nanoseconds
-since 1970 in UTC, as integers, because only these are exact in every reader; beside each stands the same as a
-timestamp, derived.
+A row is a tuple of the columns that are not derived, in their order; `dissect.export.rows` makes it. Times are integers,
+nanoseconds since 1970 in UTC, because only integers are exact in every reader. Beside each there is a derived column with the
+same time as a timestamp.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from typing import Final, NamedTuple
 
 from dissect.config.hints import close_names
 
-# Types of columns. The form of export says what each is in its format (docs/tables.md).
+# Types of columns. Each form of export maps them to types of its format (docs/tables.md).
 INT: Final = "integer"
 REAL: Final = "real"
 BOOL: Final = "boolean"
 TEXT: Final = "text"
-WORD: Final = "word"  # a text that comes again and again: a dictionary where the format has one
+WORD: Final = "word"  # a text that repeats: dictionary-encoded if the format can do that
 BYTES: Final = "bytes"
-TIME: Final = "time"  # derived of the column of the same name with _ns
+TIME: Final = "time"  # derived from the column of the same name with _ns
 INTS: Final = "integers"
 WORDS: Final = "words"
 TYPES: Final = (INT, REAL, BOOL, TEXT, WORD, BYTES, TIME, INTS, WORDS)
 
 
 class Column(NamedTuple):
-    """A column: ``source`` says where in the package its values come from, ``of`` from which column it is derived."""
+    """A column: ``source`` says where in the package its values come from, ``of`` which column it is derived from."""
 
     name: str
     type: str
@@ -37,7 +37,7 @@ class Column(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table: a row for each ``about``, in the order of completion; ``time`` is the column its rows are dated by."""
+    """A table: a row for each ``about``, in the order of completion; ``time`` is the column with the time of a row."""
 
     name: str
     about: str
@@ -46,11 +46,11 @@ class Table(NamedTuple):
 
     @property
     def stored(self) -> list[Column]:
-        """The columns a row holds values of."""
+        """The columns that are not derived: a row has their values."""
         return [column for column in self.columns if not column.of]
 
     def position(self, name: str) -> int:
-        """Return where in a row the value of a column stands. KeyError for no such column."""
+        """Return the index of a column's value in a row. Raises KeyError for an unknown column."""
         for index, column in enumerate(self.stored):
             if column.name == name:
                 return index
@@ -58,7 +58,7 @@ class Table(NamedTuple):
 
 
 class UnknownTableError(ValueError):
-    """A name that no table has."""
+    """There is no table with this name."""
 
 
 def _time(name: str, about: str, source: str) -> tuple[Column, Column]:
@@ -328,7 +328,7 @@ TABLES: Final[dict[str, Table]] = {
 
 
 def chosen_tables(names: Iterable[str]) -> list[Table]:
-    """Return the tables of these names in the order of `TABLES`, all for none. Raises `UnknownTableError` with a hint."""
+    """Return the tables with these names, in the order of `TABLES`; all for no names. Raises `UnknownTableError`."""
     wanted = list(names)
     for name in wanted:
         if name not in TABLES:

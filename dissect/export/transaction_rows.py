@@ -1,7 +1,7 @@
-"""Rows of transactions, with those of items (`dissect.export.item_columns`) the bulk of every export, compiled.
+"""Rows of transactions; with the items (`dissect.export.item_columns`) they are the bulk of every export. Compiled.
 
-What comes again and again is worked out once and kept once: the ends of a connection, the names of a function. A row only says
-which of these it has (`Shared`). All of these memories are bounded.
+Columns that repeat are made once and kept once: the ends of a connection, the names of a function. A row has only an index into
+them (`Shared`). All these memories are bounded.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from dissect.wire.text import encodable
 
 Row = tuple[Any, ...]
 
-#: Entries of each memory.
+#: Greatest number of entries of each memory.
 MOST_KNOWN: Final = 8192
 _FAR: Final = 1 << 62
 
-#: The columns of `TransactionRows.own`, `ends`, `state` and `function`.
+#: The columns that `TransactionRows.own`, `ends`, `state` and `function` return.
 OWN: Final = (
     "transaction",
     "connection",
@@ -48,7 +48,7 @@ FUNCTION: Final = ("protocol", "rosctr", "function", "function_name", "userdata_
 
 
 class Shared:
-    """Rows that come again and again, each kept once, in ``rows``; a row is named by its index there."""
+    """Rows that repeat, each kept once in ``rows``; others refer to a row by its index there."""
 
     def __init__(self, first: list[Row]) -> None:
         self._first: list[Row] = first
@@ -56,7 +56,7 @@ class Shared:
         self._known: dict[Row, int] = {row: at for at, row in enumerate(first)}
 
     def at(self, row: Row) -> int:
-        """Return where a row is kept."""
+        """Return the index of a row in ``rows``; add it if it is new."""
         known = self._known
         found = known.get(row)
         if found is None:
@@ -65,7 +65,7 @@ class Shared:
         return found
 
     def bounded(self) -> bool:
-        """Begin anew, with another list, when there are too many; return whether that was so."""
+        """Begin a new list if there are too many rows; return whether that was done."""
         if len(self.rows) < len(self._first) + MOST_KNOWN:
             return False
         self.rows = list(self._first)
@@ -74,7 +74,7 @@ class Shared:
 
 
 class Files:
-    """Names the file of a packet of the run, and its number within that file."""
+    """Finds the file of a packet of the run, and its number within that file."""
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._files: Sequence[SourceFile] = files
@@ -84,11 +84,11 @@ class Files:
         self._end: i64 = 0
 
     def locate(self, frame: int) -> tuple[str | None, int | None]:
-        """Return (file, number) of the packet that is number ``frame`` of the run; (None, None) for 0, no packet."""
+        """Return (file, number within it) of packet ``frame`` of the run; (None, None) for 0, which means no packet."""
         return self.name(frame), self.number(frame)
 
     def name(self, frame: i64) -> str | None:
-        """Return the file of the packet that is number ``frame`` of the run, None for 0."""
+        """Return the name of the file of packet ``frame`` of the run, None for 0."""
         if not frame:
             return None
         if self._count != len(self._files) or frame < self._first or frame >= self._end:
@@ -96,7 +96,7 @@ class Files:
         return self._name
 
     def number(self, frame: i64) -> int | None:
-        """Return the number in its file of the packet that is number ``frame`` of the run, None for 0."""
+        """Return the number within its file of packet ``frame`` of the run, None for 0."""
         if not frame:
             return None
         if self._count != len(self._files) or frame < self._first or frame >= self._end:
@@ -115,7 +115,7 @@ class Files:
 
 
 class TransactionRows:
-    """Makes the columns of transactions of a run over ``files``, which may grow while it goes on."""
+    """Makes the columns of transactions; ``files`` are those of the run, to which more may be added while it goes on."""
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self.files: Files = Files(files)
@@ -139,7 +139,7 @@ class TransactionRows:
         return found
 
     def own(self, transaction: Transaction, item_count: int) -> Row:
-        """Return the columns `OWN` of a transaction that has so many items."""
+        """Return the columns `OWN` of a transaction with ``item_count`` items."""
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
         connection = transaction.connection
@@ -160,7 +160,7 @@ class TransactionRows:
         )
 
     def state(self, transaction: Transaction) -> Row:
-        """Return the columns `STATE`."""
+        """Return the columns `STATE` of a transaction."""
         told_file = self.files.name(transaction.response_frame)
         return (
             self.files.name(transaction.request_frame) if transaction.request_frame else told_file,
@@ -173,7 +173,7 @@ class TransactionRows:
         )
 
     def function(self, transaction: Transaction) -> Row:
-        """Return the columns `FUNCTION`."""
+        """Return the columns `FUNCTION` of a transaction."""
         code = int(transaction.function)
         if transaction.is_plus or transaction.is_scd:
             name = UPPER_NAMES[S7COMM_PLUS if transaction.is_plus else SCD]
@@ -199,7 +199,7 @@ class TransactionRows:
 
 
 class TransactionColumns:
-    """Collects transactions: ``own`` columns of each, and where its ends, function and state are kept."""
+    """Collects transactions: the columns `OWN` of each, and the indexes of its ends, function and state (`Shared`)."""
 
     def __init__(self, rows: TransactionRows) -> None:
         self._rows: TransactionRows = rows
@@ -214,7 +214,7 @@ class TransactionColumns:
         self._ends_of: dict[int, int] = {}
 
     def add(self, transaction: Transaction, item_count: int) -> int:
-        """Take a transaction that has so many items; return how many transactions there are now."""
+        """Add a transaction with ``item_count`` items; return how many transactions there are now."""
         rows = self._rows
         self.own.append(rows.own(transaction, item_count))
         self.ends_at.append(self._ends(transaction.connection))
@@ -230,7 +230,7 @@ class TransactionColumns:
         return len(self.own)
 
     def _ends(self, connection: Connection) -> int:
-        """Return where the ends of a connection are kept."""
+        """Return the index of the ends of a connection."""
         key: int = directed(connection)
         known = self._ends_of
         found = known.get(key)
@@ -241,7 +241,7 @@ class TransactionColumns:
         return found
 
     def clear(self) -> None:
-        """Begin with new lists: those at hand are somebody else's now."""
+        """Begin new lists; the present ones stay with whoever took them."""
         self.own = []
         self.ends_at = []
         self.functions_at = []
@@ -254,7 +254,7 @@ class TransactionColumns:
 
 
 def directed(connection: Connection) -> int:
-    """Return a number for a connection and which side of it is the client, which may turn out later."""
+    """Return a number for a connection and the side that is its client, which may become known only later."""
     return int(connection.number) * 2 + int(connection.client_side)
 
 

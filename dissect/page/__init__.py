@@ -1,1 +1,1 @@
-"""The HTML report: one page with a verdict, plots and tables, which opens without a network and lets nothing in or out."""
+"""The HTML report: one page with a verdict, plots and tables, which works offline and neither loads nor sends anything."""

@@ -1,4 +1,4 @@
-"""Counts over time, and distributions of durations, in bounded memory: what the plots of a report are drawn from."""
+"""Counts over time and distributions of durations, in bounded memory: the data for the plots of a report."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from array import array
 from typing import Final
 
 _MS: Final = 1_000_000
-#: Widths of bins in nanoseconds. Each is a multiple of the one before it, so that bins can be joined, and reads well.
+#: Widths of bins in nanoseconds: round numbers, each a multiple of the one before it, so that bins can be joined.
 WIDTHS: Final = tuple(
     _MS * width
     for width in (
@@ -14,20 +14,20 @@ WIDTHS: Final = tuple(
         *(7_200_000, 43_200_000, 86_400_000, 864_000_000, 8_640_000_000, 86_400_000_000, 864_000_000_000),
     )
 )
-#: Bins that are kept while packets are read.
+#: At most so many bins are kept while packets are read.
 _MOST: Final = 1500
 
-#: Buckets of a distribution to each doubling, as a power of two: durations are told apart to 1/32.
+#: Buckets of a distribution for each doubling, as a power of two: durations are distinguished to 1/32.
 _STEP_BITS: Final = 5
 _STEPS: Final = 1 << _STEP_BITS
-#: Durations of a distribution that are kept as they are.
+#: Up to so many durations of a distribution are kept one by one.
 _EXACT: Final = 1024
 
 
 class Bins:
-    """Counts by time and column. Only bins with something in them are kept; when there are too many, neighbours are joined.
+    """Counts by time and column. Empty bins are not kept; if there are too many bins, neighbours are joined.
 
-    ``width`` is in nanoseconds; a bin's number is its time divided by that.
+    ``width`` is in nanoseconds; the number of a bin is its time divided by ``width``.
     """
 
     __slots__ = ("_most", "_step", "rows", "width")
@@ -49,18 +49,18 @@ class Bins:
         row[column] = row.get(column, 0) + 1
 
     def settle(self, begin_ns: int, end_ns: int, most: int) -> None:
-        """Join bins until at most about ``most`` of them lie between two times."""
+        """Join bins until there are about ``most`` of them or fewer between two times (nanoseconds since 1970)."""
         while (end_ns - begin_ns) // self.width > most and self._step + 1 < len(WIDTHS):
             self._join()
 
     def widen(self, width: int) -> None:
-        """Join bins until they are as wide as those of a different session, of which ``width`` is one of `WIDTHS`."""
+        """Join bins until they are as wide as ``width``, one of `WIDTHS`: that of another session."""
         while self.width < width:
             self._join()
 
     def _join(self) -> None:
         if self._step + 1 == len(WIDTHS):
-            self._most *= 2  # there is no wider bin: 27 years each
+            self._most *= 2  # these bins are the widest: 27 years
             return
         self._step += 1
         wider = WIDTHS[self._step]
@@ -91,7 +91,7 @@ def lower_end(number: int) -> int:
 
 
 class Spread:
-    """Durations in nanoseconds: count, sums, extremes, and how many fell into each `bucket`."""
+    """Durations in nanoseconds: count, sums, extremes, and how many are in each `bucket`."""
 
     __slots__ = ("_kept", "buckets", "count", "largest", "smallest", "squares", "sum")
 
@@ -131,9 +131,9 @@ class Spread:
         return int(max(0.0, self.squares / self.count - (self.sum / self.count) ** 2) ** 0.5)
 
     def quantile(self, share: float) -> int:
-        """Return the duration that this share of all does not exceed; 0 for none.
+        """Return the duration that this share of all durations does not exceed; 0 without durations.
 
-        Exact up to `_EXACT` durations (of an even number the median is the mean of the two in the middle), then to 1/32 of it.
+        It is exact up to `_EXACT` durations (the median of an even number is the mean of the two in the middle), then to 1/32.
         """
         wanted = max(1, -int(-share * self.count // 1))
         if self.count <= _EXACT:
@@ -147,7 +147,7 @@ class Spread:
         for number in sorted(self.buckets):
             here = self.buckets[number]
             if seen + here >= wanted:
-                # As if those of a bucket lay evenly in it: its lower end would always be too early.
+                # Assumes that durations are spread evenly in a bucket; its lower end would always be too short.
                 low, high = lower_end(number), lower_end(number + 1)
                 return min(
                     max(low + (high - low) * (2 * (wanted - seen) - 1) // (2 * here), self.smallest), self.largest

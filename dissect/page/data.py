@@ -1,6 +1,6 @@
-"""What the page draws and lists, as JSON-ready values: plots and tables of one session.
+"""The data of the page, plots and tables of one session, as values for JSON.
 
-Times are in seconds after ``start_ns``, as numbers that JavaScript holds exactly; durations in nanoseconds.
+Times are seconds after the start of the session, which JavaScript can hold exactly; durations are nanoseconds.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from dissect.report.operations import NAMES as KINDS
 from dissect.select.getters import function_names
 from dissect.wire.text import printable, shortened
 
-#: Bins of time that a plot is drawn of.
+#: Bins of time in a plot.
 _BINS: Final = 480
-#: Of the answers, one in so many is drawn as a point, the slowest ones, and at least these.
+#: The slowest answers are drawn as points: one in `_ONE_IN` of all answers, but at least `_LEAST_POINTS`.
 _ONE_IN: Final = 20
 _LEAST_POINTS: Final = 5
-#: Rows of plots that have a row for each thing.
+#: Greatest number of rows in plots with a row for each thing.
 _SPREADS: Final = 24
 _POLLS: Final = 24
 _HOSTS: Final = 24
 _TAGS: Final = 12
-#: Rows of tables.
+#: Greatest number of rows in tables.
 _VARIABLES: Final = 1000
 _REQUESTS: Final = 500
-#: What a device says of itself, as columns of its table (`dissect.inventory.rows`).
+#: Columns of the table of devices, by key of a row of `dissect.inventory.rows`.
 _DEVICE_TEXTS: Final = {
     "role": "role",
     "order_number": "order number",
@@ -45,22 +45,22 @@ _DEVICE_TEXTS: Final = {
     "vendor": "vendor",
     "asks": "sends requests to",
 }
-#: How functions begin that Wireshark does not read: a filter for `s7comm` would hide them.
+#: Beginnings of the names of functions that Wireshark does not decode: a filter for `s7comm` would hide them.
 _NOT_READ: Final = ("S7comm-plus ", "SCD ")
-#: Marks of findings on the plot of rates.
+#: Greatest number of marks for findings on the plot of rates.
 _MARKS: Final = 400
 _TEXT: Final = 160
 
-#: A cell is one of these kinds: it says how it is shown and sorted.
+#: Kinds of cells, which decide how a cell is shown and sorted.
 TEXT, SHORT, NUMBER, SECONDS, DURATION, SIZE = "text", "short", "number", "seconds", "duration", "size"
-#: A number that is 0 in most tables: a column of nothing else is left out.
+#: A number that is mostly 0: a column with only zeros is left out.
 RARE: Final = "rare"
-#: The number of a connection, transaction or operation: digits without thousands apart.
+#: The number of a connection, transaction or operation, shown without thousands separators.
 ID: Final = "id"
 
 
 class Data:
-    """The data of one session, made of what was gathered."""
+    """The data of one session, made from `Gathered`."""
 
     def __init__(self, gathered: Gathered, name: str) -> None:
         self._of = gathered
@@ -71,12 +71,12 @@ class Data:
         gathered.answer_times.settle(self._start, self._end, _BINS // 2)
 
     def match(self, other: Data) -> None:
-        """Make bins as wide as those of a different session, so that the plots of both can be compared."""
+        """Make bins as wide as those of another session, so that the plots of both can be compared."""
         self._of.rates.widen(other._of.rates.width)
         self._of.answer_times.widen(other._of.answer_times.width)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything."""
+        """Return all data of the session."""
         of = self._of
         local = of.rows.clock.local
         return {
@@ -113,7 +113,7 @@ class Data:
         return {"width": bins.width / 1e9, "names": OUTCOME_NAMES, "bins": rows}
 
     def _times(self) -> dict[str, Any]:
-        """Answer times by time: cells of (seconds, lower and upper end in nanoseconds, count)."""
+        """Return answer times over time: cells of (seconds, lower and upper end in nanoseconds, count)."""
         bins = self._of.answer_times
         step = 32 // BANDS
         cells = [
@@ -124,7 +124,7 @@ class Data:
         return {"width": bins.width / 1e9, "cells": cells}
 
     def _points(self) -> list[list[Any]]:
-        """The slowest answers one by one: (seconds, nanoseconds, key of the row, what)."""
+        """Return the slowest answers one by one: (seconds, nanoseconds, key of the row, description)."""
         return [
             [self._seconds(row["cells"][1]), row["cells"][4], row["key"], f"#{row['cells'][0]} {row['cells'][5]}"]
             for row in self._of.slowest()[: max(_LEAST_POINTS, int(self._of.analysis.answered) // _ONE_IN)]
@@ -205,7 +205,7 @@ class Data:
         return {"pairs": shown, "total": len(pairs), "not_told_apart": self._of.talks.not_told_apart}
 
     def _lanes(self) -> dict[str, Any]:
-        """Operations and operating modes, a lane for each PLC."""
+        """Return operations and operating modes, a lane for each PLC."""
         of = self._of
         hosts = dict.fromkeys([mode.host for mode in of.modes] + [span.host for span in of.spans])
         lanes = [self._lane(host) for host in list(hosts)[:_HOSTS]]
@@ -273,9 +273,9 @@ class Data:
         return [self._seconds(gap.begin_ns), self._seconds(gap.end_ns), f"{where}{gap.why}"]
 
     def _marks(self) -> dict[str, Any]:
-        """When findings were made: (seconds, severity, slug, detail).
+        """Return the times of findings: (seconds, severity, slug, detail).
 
-        Where there are too many, one of each severity is kept for each stretch of time: none of these looks as if all was well.
+        If there are too many, one of each severity is kept for each interval, so that no interval with findings looks empty.
         """
         rules = by_weight(self._of.analysis)
         order = {rule.slug: number for number, rule in enumerate(rules)}
@@ -351,7 +351,7 @@ class Data:
     def _table(
         self, name: str, title: str, columns: list[tuple[str, str]], rows: list[dict[str, Any]], total: int
     ) -> dict[str, Any]:
-        """Return a table; absolute times become seconds after the start. A column that no row has is left out."""
+        """Return a table; times become seconds after the start. A column without values is left out."""
         times = [number for number, (_, kind) in enumerate(columns) if kind == SECONDS]
         made = []
         for row in rows:
@@ -399,12 +399,12 @@ class Data:
         return self._table("devices", "Devices", columns, rows, len(rows) + inventory.devices_not_listed)
 
     def _all_functions(self) -> list[tuple[tuple[Station, str], SpreadOf]]:
-        """Return who answered which function, the most frequent first: the rows of their table."""
+        """Return the rows of the table of functions: PLC and function, the most frequent first."""
         return sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0]))
 
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
-        known = frozenset(function_names())  # what -Y takes; others have only a number, or are of a dictionary
+        known = frozenset(function_names())  # names that -Y takes; other functions have only a number, or are SCD's
         for (host, function), spread in self._all_functions():
             times = spread.times
             where = selecting("answered_by", host) + (f' and function == "{function}"' if function in known else "")
@@ -493,7 +493,7 @@ class Data:
 
 
 def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
-    """Return the findings by weight, for the part of the page that needs no script."""
+    """Return the findings, the most severe first, for the part of the page that works without a script."""
     counts = gathered.analysis.finding_counts
     details: dict[str, list[Any]] = {}
     for finding in gathered.analysis.findings:
@@ -526,6 +526,6 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
     return told
 
 
-#: Findings of a kind that are shown one by one, and characters of one.
+#: At most so many findings of a kind are shown one by one, with so many characters each.
 _DETAILS: Final = 25
 _DETAIL: Final = 400

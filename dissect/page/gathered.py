@@ -1,7 +1,7 @@
-"""Everything that a report shows, gathered in one pass over the packets and in bounded memory.
+"""`Gathered`: an observer that collects everything that a report shows, in one pass and in bounded memory.
 
-`Gathered` is an observer that adds up by time what `dissect.report.analysis` adds up over the whole run, which it holds as
-`analysis`. What it leaves out it counts, and the report says so.
+It counts by time what `dissect.report.analysis` counts over the whole run, and has such an `analysis`, too. It counts what it
+leaves out, so that the report can say so.
 """
 
 from __future__ import annotations
@@ -31,29 +31,29 @@ from dissect.transactions.operation import CONNECT, Operation
 from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
 
-#: Rows of each table.
+#: Greatest number of rows of each table.
 MAX_SLOWEST: Final = 300
 MAX_FAILED: Final = 500
 MAX_OPERATIONS: Final = 1000
 MAX_BLOCKS: Final = 500
-#: Pairs of PLC and function whose answer times are told apart.
+#: Greatest number of pairs of PLC and function whose answer times are kept separately.
 MAX_SPREADS: Final = 200
-#: Further ones that are counted.
+#: Greatest number of further pairs that are counted.
 MAX_FURTHER: Final = 10_000
-#: Gaps drawn, and changes of the operating mode.
+#: Greatest number of gaps, and of changes of the operating mode.
 MAX_GAPS: Final = 1000
 MAX_MODES: Final = 1000
-#: Answer times by time: doublings are cut into this many bands.
+#: In answer times over time, each doubling is divided into so many bands.
 BANDS: Final = 4
-#: What says that packets of any connection may be missing; bytes that are missing of one show in its streams.
+#: Findings after which packets of any connection may be missing. Missing bytes of one connection show in its streams.
 _GAPS: Final = frozenset(("capture.dropped", "capture.damaged"))
 
-#: Findings that report the operating mode of a CPU that speaks S7comm-plus, which has no message of its own for it.
+#: Findings that show the operating mode of an S7comm-plus CPU: S7comm-plus has no message for it.
 _MODES: Final = {"security.stopped": "STOP", "security.mode_changed": "RUN"}
 
 
 class Gap:
-    """A time of which something is missing: of one connection, or of all (0)."""
+    """A time in which packets are missing, of one connection or of all (0)."""
 
     __slots__ = ("begin_ns", "connection", "end_ns", "why")
 
@@ -65,7 +65,7 @@ class Gap:
 
 
 class Heard:
-    """When a connection was heard last, and how many of its bytes were missing by then."""
+    """When the latest message of a connection came, and how many of its bytes were missing by then."""
 
     __slots__ = ("connection", "missing", "time_ns")
 
@@ -76,7 +76,7 @@ class Heard:
 
 
 class Mode:
-    """A PLC reported its operating mode."""
+    """The operating mode that a PLC reported, and when."""
 
     __slots__ = ("frame", "host", "text", "time_ns")
 
@@ -88,7 +88,7 @@ class Mode:
 
 
 class Span:
-    """When an operation went on, at which PLC."""
+    """The time of an operation, and its PLC."""
 
     __slots__ = ("begin_ns", "end_ns", "host", "kind", "number", "result")
 
@@ -102,12 +102,11 @@ class Span:
 
 
 class SpreadOf:
-    """The answer times of one function of one PLC, and what else became of its requests: all of its transactions.
+    """All transactions of one function of one PLC: their answer times, and counts of the other outcomes.
 
-    ``times`` is how they are spread, ``latencies`` has the quantiles that `analyze` reports as well.
-
-    ``still_open`` are requests whose answer was not due yet when the capture ended, ``orphans`` answers without a request,
-    ``alone`` what needs no partner: pushes, and requests that want no answer.
+    ``times`` is the distribution of answer times, ``latencies`` has the quantiles that `analyze` reports, too. ``still_open``
+    are requests whose answer was not due yet when the capture ended, ``orphans`` answers without a request, ``alone`` pushes
+    and requests that want no answer.
     """
 
     __slots__ = ("alone", "errors", "latencies", "missed", "orphans", "still_open", "times", "total")
@@ -126,14 +125,14 @@ class SpreadOf:
 def span_of(pipeline: Pipeline) -> tuple[int, int] | None:
     """Return the earliest and the latest time of a packet, nanoseconds since 1970; None before the first.
 
-    These are not those of the first and the last packet where captures are read in another order, or a clock was set back.
+    They differ from those of the first and the last packet if captures are read in another order, or a clock was set back.
     """
     counters = pipeline.counters
     return (counters.earliest_ns, counters.latest_ns) if counters.frames else None
 
 
 def _apart(files: list[SourceFile]) -> list[tuple[int, int]]:
-    """Return the times between files that do not go on where the one before them ended: (end of one, begin of the next)."""
+    """Return the times between files that do not continue the file before: (end of one, beginning of the next)."""
     found = []
     known_to = 0
     for begin, end in sorted([(int(file.first_ns), int(file.last_ns)) for file in files if file.first_ns]):
@@ -144,9 +143,9 @@ def _apart(files: list[SourceFile]) -> list[tuple[int, int]]:
 
 
 class Gathered(Observer):
-    """What a report shows of a run. ``rows`` writes the rows of its tables, ``tags`` are those to be plotted, None for none.
+    """Collects what a report shows. ``rows`` makes the rows of its tables; ``tags`` are the tags to plot, None for none.
 
-    ``files`` are those that are being read: it grows, and is set before the first packet.
+    Set ``files``, the files of the run, before the first packet; more may be added later.
     """
 
     def __init__(self, rows: Rows, tags: WantedSet | None = None) -> None:
@@ -158,7 +157,7 @@ class Gathered(Observer):
         self.answer_times = Bins()
         self.spreads: dict[tuple[Station, str], SpreadOf] = {}
         self.spreads_not_told_apart = 0
-        #: Further pairs of PLC and function, at most `MAX_FURTHER`: what these transactions are of.
+        #: Further pairs of PLC and function that are not told apart, at most `MAX_FURTHER`.
         self.further: set[tuple[Station, str]] = set()
         self.requests = Requests()
         self.talks = Talks()
@@ -175,13 +174,13 @@ class Gathered(Observer):
         self.connections: list[dict[str, Any]] = []
         self.failed: list[dict[str, Any]] = []
         self.failed_in_all = 0
-        self.failed_pushes = 0  # of these, what a PLC sent unasked with an item that it could not read
+        self.failed_pushes = 0  # how many of these are pushes with an item that the PLC could not read
         #: When the first request failed, 0 for never.
         self.first_failure_ns = 0
         self._slowest: list[tuple[int, int, dict[str, Any]]] = []
         self._slow_floor = -1
         self.files: list[SourceFile] = []
-        self._file = 0  # of `files`, the one that is being read
+        self._file = 0  # index in `files` of the one that is being read
         self._begin_ns = 0
         self._end_ns = 0
         self._span: tuple[int, int] | None = None
@@ -196,7 +195,7 @@ class Gathered(Observer):
         self._heard[int(connection.number)] = Heard(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Take a connection for the table and the graph."""
+        """Take a connection for the tables of connections and of who talked to whom."""
         analysis = self.analysis
         listed = len(analysis.connections)
         analysis.connection_closed(connection)
@@ -209,7 +208,7 @@ class Gathered(Observer):
         self._heard.pop(int(connection.number), None)
 
     def transaction(self, transaction: Transaction) -> None:
-        """Take a transaction for all plots it belongs to."""
+        """Take a transaction for all plots and tables to which it belongs."""
         self.analysis.transaction(transaction)
         self.inventory.transaction(transaction)
         now = time_of(transaction)
@@ -235,7 +234,7 @@ class Gathered(Observer):
         self.tags.take(transaction)
 
     def operation(self, operation: Operation) -> None:
-        """Take an operation; set-ups of connections are only counted, they have a table of their own."""
+        """Take an operation; connection setups are only counted, as connections have a table of their own."""
         self.analysis.operation(operation)
         self.inventory.operation(operation)
         for block in carve(operation):
@@ -254,11 +253,11 @@ class Gathered(Observer):
         )
 
     def fact(self, fact: Fact) -> None:
-        """Take what a station said of itself."""
+        """Take a fact that a station stated."""
         self.inventory.fact(fact)
 
     def finding(self, finding: Finding) -> None:
-        """Take a finding; of one that says that something is missing, also the time it is missing of."""
+        """Take a finding; if it says that packets are missing, also the time in which they are."""
         self.analysis.finding(finding)
         number = int(finding.connection)
         self._at(int(finding.time_ns))
@@ -272,14 +271,14 @@ class Gathered(Observer):
             self._gap(Gap(self._last_ns, max(self._last_ns, int(finding.time_ns)), 0, finding.rule.sentence))
 
     def list_open(self) -> None:
-        """Take the connections that go on, where a report is of a part of the time: as they are now."""
+        """Take the connections that are still open, in their present state, for a report on a part of the time."""
         for heard in list(self._heard.values()):
             self.connection_closed(heard.connection)
 
     def take(self, pipeline: Pipeline, files: list[SourceFile], span: tuple[int, int] | None = None) -> None:
         """Take over what the pipeline counted, when the run or the period is over.
 
-        ``span`` is the time that the report is of, in nanoseconds since 1970; None for that of what was seen.
+        ``span`` is the time that the report covers, in nanoseconds since 1970; None for the time of what was seen.
         """
         self.analysis.take(pipeline, files)
         self.inventory.take(pipeline, files)
@@ -302,16 +301,16 @@ class Gathered(Observer):
 
     @property
     def start_ns(self) -> int:
-        """When the time begins that the report is of, or else when the first thing happened; 0 when nothing did."""
+        """The beginning of the report's time: that of ``span``, else of the first event; 0 without events."""
         return self._span[0] if self._span is not None else self._begin_ns
 
     @property
     def end_ns(self) -> int:
-        """When the time ends that the report is of, or else when the last thing happened."""
+        """The end of the report's time: that of ``span``, else of the last event."""
         return self._span[1] if self._span is not None else self._end_ns
 
     def between_files(self) -> list[Gap]:
-        """Return the times within those of the report that no file covers."""
+        """Return the times between files that are within the report's time."""
         return [
             Gap(begin, end, 0, "Nothing was captured between two of the files.")
             for begin, end in _apart(self.files)
@@ -319,11 +318,11 @@ class Gathered(Observer):
         ]
 
     def _look_for_gap(self, connection: Connection, now: int) -> None:
-        """See whether bytes of a connection went missing since it was heard last."""
+        """Note a gap if bytes of a connection went missing since its latest message."""
         heard = self._heard.get(int(connection.number))
         one, other = connection.tcp.streams
         missing = int(one.position - one.octets + other.position - other.octets)
-        if heard is None:  # it was open before this period of a line began
+        if heard is None:  # the connection was open before this period of a live run began
             heard = self._heard.setdefault(int(connection.number), Heard(connection))
             heard.missing = missing
         if missing != heard.missing:

@@ -1,4 +1,4 @@
-"""Numbers in the sentences of a report, with their thousands apart as the plots and tables have them."""
+"""Numbers in the sentences of a report, with thousands separators as in the plots and tables."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ def how_often(number: int) -> str:
 
 
 def grouped(sentence: str) -> str:
-    """Return a sentence of counts, which holds no packet numbers and no names, with the thousands of its numbers apart."""
+    """Return a sentence with thousands separators in its numbers; it must not contain packet numbers or names."""
     return _COUNT.sub(lambda found: f"{int(found[0]):,}", sentence)

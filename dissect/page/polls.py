@@ -1,4 +1,4 @@
-"""What is requested again and again: how often, how evenly, and which variables that is about."""
+"""Repeated requests: how often and how evenly they come, and which variables they name."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.text import titled
 
-#: Distinct requests that are followed; beyond that those are dropped that came only once or twice.
+#: Greatest number of distinct requests that are followed; if there are more, those that came fewer than `REPEATED` times go.
 MAX_REQUESTS: Final = 2000
-#: Times a request has to come to be a poll.
+#: A request that came so many times is a poll.
 REPEATED: Final = 4
-#: Refused transactions whose items are looked at one by one.
+#: At most so many refused transactions are searched for their refused items.
 _MAX_LOOKED: Final = 20_000
 _READ_SZL: Final = (GROUP_CPU, 1)
 
 
 class Request:
-    """A request of one connection that may come again: ``periods`` are the times from one to the next.
+    """A request of one connection that may repeat; ``periods`` are the times from one to the next.
 
-    ``parameters`` is the first one's parameter block. A time across a gap of the capture is not counted.
+    ``parameters`` is the parameter block of the first one. Times across a gap in the capture are left out.
     """
 
     __slots__ = ("connection", "count", "errors", "last_ns", "missed", "parameters", "periods", "pushed", "subject")
@@ -45,7 +45,7 @@ class Request:
 
     @property
     def items(self) -> list[Item]:
-        """The variables it names."""
+        """The items that the request names."""
         return self.parameters.items
 
 
@@ -59,7 +59,7 @@ def _subject(transaction: Transaction) -> str:
 
 
 class Variable:
-    """What happened to one address of one PLC."""
+    """How often one address of one PLC was read, written and refused, and by whom."""
 
     __slots__ = ("clients", "read", "refused", "why", "written")
 
@@ -72,7 +72,7 @@ class Variable:
 
 
 class Requests:
-    """The distinct requests of a run. S7comm-plus, which numbers every request, has its polling among the operations."""
+    """The distinct S7comm requests of a run. Polling with S7comm-plus, which numbers its requests, is an operation."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[int, bool, bytes], Request] = {}
@@ -98,9 +98,9 @@ class Requests:
         connection = transaction.connection
         octets = parameters.octets
         if userdata is not None and transaction.request_size:
-            octets = transaction.request_octets[10:]  # what is asked for stands in its data
+            octets = transaction.request_octets[10:]  # the data say what is requested
         elif outcome == PUSHED:
-            octets = transaction.response_octets[:22]  # its head; what it carries changes
+            octets = transaction.response_octets[:22]  # the head of a push; its data change
         key = (int(connection.number), outcome == PUSHED, octets)
         known = self._known.get(key)
         if known is None:
@@ -121,18 +121,18 @@ class Requests:
             known.missed += 1
 
     def gap(self, connection: int) -> None:
-        """Bytes of a connection are missing: the next period on it is not one; 0: on all of them."""
+        """Bytes of a connection (0: of all) are missing: do not count the period from the last request to the next."""
         for (number, _, _), known in self._known.items():
             if connection in {0, number}:
                 known.last_ns = -1
 
     def polls(self) -> list[Request]:
-        """Return what came again, the most frequent first."""
+        """Return the requests that are polls, the most frequent first."""
         found = [known for known in self._known.values() if known.periods.count >= REPEATED - 1]
         return sorted(found, key=lambda known: (-known.count, int(known.connection.number), known.subject))
 
     def variables(self) -> dict[tuple[Station, str], Variable]:
-        """Return the addresses that were read or written, by PLC and address."""
+        """Return the variables that were read or written, by PLC and address."""
         found: dict[tuple[Station, str], Variable] = {}
         for known in self._known.values():
             if known.parameters.userdata is not None:
@@ -152,7 +152,7 @@ class Requests:
 
     @property
     def looked_at_all(self) -> bool:
-        """False when more transactions were refused than could be looked at."""
+        """Whether all refused transactions were searched for their refused items."""
         return self._looked <= _MAX_LOOKED
 
     def _look(self, transaction: Transaction) -> None:
@@ -169,7 +169,7 @@ class Requests:
                 self._refused[server, item.label] = (count + 1, error.name)
 
     def _make_room(self) -> bool:
-        """Forget requests that came too seldom to be polls; False where all are."""
+        """Forget requests that came too seldom to be polls; return False if there are none."""
         seldom = [key for key, known in self._known.items() if known.count < REPEATED]
         for key in seldom:
             del self._known[key]

@@ -1,4 +1,4 @@
-"""The page itself: template, style, script and data in one file, under a policy that lets nothing else run or load."""
+"""Renders the page: template, style, script and data in one file, with a policy that lets nothing else run or load."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from dissect.report.text import completeness
 from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, printable
 
-#: What to do where the template engine is missing.
+#: The message if the template engine is missing.
 NEEDS: Final = "reports need jinja2: pip install 's7dissect[report]'"
-#: Differences of two sessions that are listed.
+#: Greatest number of differences of two sessions that are listed.
 MAX_DIFFERENCES: Final = 200
 
 
 def is_installed() -> bool:
-    """Return whether what a report needs is installed."""
+    """Return whether the template engine is installed."""
     return importlib.util.find_spec("jinja2") is not None
 
 
 class Side:
-    """One session of a page: what was gathered, and the files it is of."""
+    """One session of a page: what was gathered, and the names of its files."""
 
     def __init__(self, gathered: Gathered, names: list[str]) -> None:
         self.gathered = gathered
@@ -40,11 +40,11 @@ class Side:
 
     @property
     def title(self) -> str:
-        """The name of the file, of several the first and how many more."""
+        """The name of the file; for several, that of the first and the number of others."""
         return file_title(self.names)
 
     def template_values(self, letter: str, prefix: str) -> dict[str, Any]:
-        """Return what the template shows of it without a script."""
+        """Return the values that the template shows without a script."""
         gathered = self.gathered
         said = verdict(gathered)
         show, display = gathered.rows.packets(list(said.finding.frames)) if said.finding is not None else ("", "")
@@ -68,7 +68,7 @@ class Side:
         analysis = self.gathered.analysis
         parts = [
             f"from {words.span(clock, self.gathered.start_ns, self.gathered.end_ns)}",
-            # Of a part only what was selected is counted; its packets are not told apart.
+            # With a selection, only selected things are counted; packets cannot be.
             *([counted(int(pipeline.frames), "packet")] if analysis.part is None else []),
             counted(len(analysis.connections) + int(analysis.connections_not_listed), "connection"),
             counted(int(analysis.total), "transaction"),
@@ -116,7 +116,7 @@ class Side:
 
 
 def render(sides: list[Side], version: str, differences: list[str] | None = None, left_out: int = 0) -> str:
-    """Return the page of one session, or of two with their ``differences``, of which ``left_out`` more are not listed.
+    """Return the page of one session, or of two with their ``differences``; ``left_out`` is how many are not listed.
 
     Raises ImportError with a hint when the template engine is missing.
     """
@@ -143,7 +143,7 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
         differences_left_out=left_out,
         version=version,
         policy=policy(style, script),
-        # Both are ours and hold no end tag; the data are text from the wire, of which nothing may end the element.
+        # Both are our own and contain no end tag. The data contain text from the wire, which must not end the element.
         style=Markup(style),  # noqa: S704 - see above
         script=Markup(script),  # noqa: S704
         data=Markup(embedded(data)),  # noqa: S704
@@ -152,7 +152,7 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
 
 
 def prepare() -> None:
-    """Read and import all that a page needs, now: a process that gives up its rights may not be able to later.
+    """Read and import everything that a page needs now: a process that gives up its privileges may not be able to later.
 
     Raises ImportError with a hint when the template engine is missing.
     """
@@ -175,7 +175,7 @@ def _parts() -> tuple[Any, str, str]:
 
 
 def policy(style: str, script: str) -> str:
-    """Return the Content-Security-Policy: exactly this style and this script, and nothing from anywhere else."""
+    """Return the Content-Security-Policy, which allows only this style and this script."""
     return f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'; form-action 'none'"
 
 
@@ -184,6 +184,6 @@ def _hash(text: str) -> str:
 
 
 def embedded(data: object) -> str:
-    """Return data as JSON that can stand in a script element: no character in it can end that, or begin a comment."""
+    """Return data as JSON for a script element: escaped so that it can neither end the element nor begin a comment."""
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026").replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""Rows of the tables of a report: one transaction, operation or connection, with the commands that show it."""
+"""Makes the rows of the tables of a report: a transaction, operation or connection, with commands that show it."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.wire.text import Clock, encodable, printable, shortened
 
-#: Characters of a cell.
+#: Greatest number of characters of a cell.
 _CELL: Final = 240
-#: Characters that the names of all files may take in a command.
+#: Greatest number of characters that the names of all files may take in a command.
 _NAMES: Final = 160
-#: Packets that a Wireshark filter names.
+#: Greatest number of packets that a Wireshark filter names.
 _FRAMES: Final = 20
 
 
-#: Address of a machine, and the VLAN it is in (`vlan_ids`): machines alike use the same addresses in VLANs of their own.
+#: A machine: its address and its VLAN (`vlan_ids`), since identical machines use the same addresses in different VLANs.
 Station: TypeAlias = tuple[str, int]
 
 
@@ -38,7 +38,7 @@ def station_of(connection: Connection, side: int = -1) -> Station:
 
 
 def selecting(field: str, station: Station) -> str:
-    """Return the expression for ``-Y`` that selects what concerns a machine, which ``field`` names by its address."""
+    """Return the expression for ``-Y`` that selects things whose ``field`` is the address of a machine, in its VLAN."""
     host, vlan = station
     return " and ".join([f"{field} == {host}", *[f"vlan == {number}" for number in vlan_ids(vlan)]])
 
@@ -56,9 +56,9 @@ def _family(host: str) -> str:
 
 
 class Rows:
-    """Writes rows. ``files`` are the inputs as the user named them, none for a line; ``hosts`` names for addresses.
+    """Makes rows. ``files`` are the inputs as the user named them, empty for a live run; ``hosts`` are names by address.
 
-    ``places`` names packets; it is set once the files are known, before the first packet.
+    Set ``places``, which gives the names of packets, before the first packet.
     """
 
     def __init__(self, files: list[str], clock: Clock, hosts: Mapping[str, str]) -> None:
@@ -68,21 +68,21 @@ class Rows:
         self._hosts = hosts
 
     def host(self, address: str) -> str:
-        """Return a host for a person: its name of the settings, else its address."""
+        """Return the name of a host from the settings, else its address; escaped."""
         return printable(self._hosts.get(address, address))
 
     def station(self, station: Station) -> str:
-        """Return a machine for a person: its name of the settings or its address, and its VLAN."""
+        """Return the name or address of a machine as `host` does, and its VLAN."""
         return within(self.host(station[0]), station[1])
 
     def searched(self, client: str, server: str, vlan: int) -> str:
-        """Return what finds the connections of two machines in their table: 10.0.0.1: is not 10.0.0.10:."""
+        """Return the search text for the connections of two machines; the colon keeps 10.0.0.1: from matching 10.0.0.10:."""
         named = [(host, self.host(host)) for host in (client, server)]
         found = " ".join([f"{name}]:" if name == host and ":" in host else f"{name}:" for host, name in named])
         return within(found, vlan)
 
     def talk(self, connection: Connection, asked_by: int) -> str:
-        """Return who asks whom on a connection, with their VLAN."""
+        """Return who sends requests to whom on a connection, and their VLAN."""
         ends = connection.tcp.ends
         return within(f"{self.host(ends[asked_by].host)} → {self.host(ends[1 - asked_by].host)}", connection.tcp.vlan)
 
@@ -93,7 +93,7 @@ class Rows:
     # ---- how to see it elsewhere ------------------------------------------------------------------------------------
 
     def command(self, what: str, frame: int = 0) -> str:
-        """Return an `s7dissect` command on the file that holds packet ``frame``; 0: on all files; empty without a file."""
+        """Return an `s7dissect` command for the file with packet ``frame`` (0: for all files); empty without files."""
         if not self._files:
             return ""
         if frame and self.places.several:
@@ -113,7 +113,7 @@ class Rows:
     # ---- rows -------------------------------------------------------------------------------------------------------
 
     def transaction(self, transaction: Transaction) -> dict[str, Any]:
-        """Return a transaction."""
+        """Return the row of a transaction."""
         frames = [int(transaction.request_frame), int(transaction.response_frame)]
         show, display = self.packets(frames)
         said = [facets.outcome(transaction), facets.gist(transaction)]
@@ -133,7 +133,7 @@ class Rows:
         }
 
     def operation(self, operation: Operation) -> dict[str, Any]:
-        """Return an operation."""
+        """Return the row of an operation."""
         return {
             "key": f"o{operation.number}",
             "cells": [
@@ -150,7 +150,7 @@ class Rows:
         }
 
     def block(self, block: CarvedBlock, operation: Operation, number: int) -> dict[str, Any]:
-        """Return a block that was loaded or read out, as far as it passed."""
+        """Return the row of a block that was loaded or read out, as far as it was captured."""
         texts = (block.label, block.name, block.language, block.author, block.version, block.code_time)
         label, name, language, author, version, changed = [shortened(text, _CELL) for text in texts]
         return {
@@ -174,13 +174,13 @@ class Rows:
     def _carrying(self, operation: Operation) -> dict[str, str]:
         """Return the command that shows an operation, and the Wireshark filter for its first and its last packet.
 
-        The first one need not complete a message, so that `show` might have nothing to say of it.
+        The command is not `show`, because the first packet may not complete a message.
         """
         _, display = self.packets([operation.first_frame, operation.last_frame])
         return {"show": self.command(f"operations -Y 'number == {operation.number}'"), "filter": display}
 
     def connection(self, connection: Connection) -> dict[str, Any]:
-        """Return a connection."""
+        """Return the row of a connection."""
         client, server = connection.client, connection.server
         calling, called = connection.tsap_calling, connection.tsap_called
         said = words.tsaps(calling, called, connection.protocol) if calling is not None or called is not None else ""
@@ -208,27 +208,27 @@ class Rows:
 
 
 def _asks(connection: Connection) -> bool:
-    """Return whether a connection has transactions; others may still have messages."""
+    """Return whether a connection has transactions; it may have messages without."""
     return bool(connection.answered or connection.unanswered or connection.orphans or connection.unsolicited)
 
 
 def time_of(transaction: Transaction) -> int:
-    """Return when a transaction began: its request, or what came without one."""
+    """Return the time of a transaction's request or, without one, of its answer or push."""
     return int(transaction.request_ns if transaction.request_frame else transaction.response_ns)
 
 
-# What became of a transaction, for the plots.
+# Outcomes of a transaction in the plots.
 OK: Final = 0
 ERROR: Final = 1
 MISSED: Final = 2
 PUSHED: Final = 3
 OTHER: Final = 4
-#: What people call these.
+#: Their names.
 OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "still open, or without request")
 
 
 def outcome_of(transaction: Transaction) -> int:
-    """Return what became of a transaction: one of the numbers above."""
+    """Return the outcome of a transaction: one of the numbers above."""
     if transaction.has_errors:
         return ERROR
     outcome = transaction.outcome
@@ -240,6 +240,6 @@ def outcome_of(transaction: Transaction) -> int:
 
 
 def file_title(files: list[str]) -> str:
-    """Return what the report is of, for its title."""
+    """Return the names of files for the title of a report."""
     names = [encodable(name).rpartition("/")[2] for name in files]
     return printable(names[0]) if len(names) == 1 else f"{printable(names[0])} and {len(names) - 1} more"

@@ -1,4 +1,4 @@
-"""The values of chosen tags over time, and who wrote them."""
+"""Values of the tags that are to be plotted, over time, and who wrote them."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 from dissect.variables.wanted import WantedSet
 
-#: Values kept one by one; when there are more they are gathered in bins of time.
+#: Up to so many values are kept one by one; more are joined in bins of time.
 _EXACT: Final = 2000
-#: Writes kept for each tag.
+#: Greatest number of writes kept for each tag.
 _WRITES: Final = 300
-#: Variables whose values are kept: a structure may have thousands of elements.
+#: Greatest number of variables whose values are kept: a structure may have thousands of elements.
 _TAGS: Final = 64
 
 
 class Step:
-    """Values in one bin of time, or one value: when the first came, the first, smallest, largest and last, and how many.
+    """One value, or the values in one bin of time: time of the first; first, smallest, largest and last value; count.
 
-    ``broken``: bytes are missing before it, so that nothing is known of the time up to it.
+    ``broken``: bytes are missing before this step, so that the value up to it is not known.
     """
 
     __slots__ = ("broken", "count", "first", "largest", "last", "smallest", "time_ns")
@@ -34,7 +34,7 @@ class Step:
         self.broken = broken
 
     def join(self, other: Step) -> None:
-        """Take the values of a later step."""
+        """Add the values of a later step."""
         self.smallest = min(self.smallest, other.smallest)
         self.largest = max(self.largest, other.largest)
         self.last = other.last
@@ -42,7 +42,7 @@ class Step:
 
 
 class Write:
-    """One write of a tag: by whom, in which packet."""
+    """One write of a tag: who wrote, in which packet."""
 
     __slots__ = ("frame", "time_ns", "value", "writer")
 
@@ -70,7 +70,7 @@ class TagSteps:
         self._broken = False
 
     def take(self, time_ns: int, value: object, write: Write | None) -> None:
-        """Take a value that was read or written."""
+        """Add a value that was read or written."""
         self.last_ns = max(self.last_ns, time_ns)
         number = _number(value)
         if number is None:
@@ -97,11 +97,11 @@ class TagSteps:
             self._gather()
 
     def gap(self) -> None:
-        """Bytes are missing: what follows is not joined with what was."""
+        """Bytes are missing: the next value is not connected with those before."""
         self._broken = True
 
     def _gather(self) -> None:
-        """Join steps in bins of time that are wide enough to leave at most half of them."""
+        """Join steps in bins of time, wide enough that at most half of `_EXACT` steps remain."""
         while len(self.steps) > _EXACT // 2 and self._step + 1 < len(WIDTHS):
             self._step += 1
             self.width_ns = WIDTHS[self._step]
@@ -112,12 +112,12 @@ class TagSteps:
                 else:
                     joined.append(step)
             self.steps = joined
-        if len(self.steps) > _EXACT:  # gaps without end: the oldest values give way
+        if len(self.steps) > _EXACT:  # many gaps, across which steps are not joined: drop the oldest
             del self.steps[: len(self.steps) - _EXACT]
 
 
 def _number(value: object) -> float | None:
-    """Return a value as a number to be drawn; None for texts, lists and what is not finite."""
+    """Return a value as a number for a plot; None for texts, lists, NaN and infinities."""
     if isinstance(value, bool):
         return float(value)
     if isinstance(value, (int, float)) and -1e300 < value < 1e300:
@@ -126,7 +126,7 @@ def _number(value: object) -> float | None:
 
 
 class Tags:
-    """The values of the variables that are to be plotted, None for none, by name and PLC."""
+    """The values of the variables that are to be plotted, by name and PLC."""
 
     def __init__(self, wanted: WantedSet | None) -> None:
         self._wanted = wanted
@@ -153,24 +153,24 @@ class Tags:
             steps.take(int(row.time_ns), row.value, write)
 
     def closed(self, connection: Connection) -> None:
-        """A connection is over."""
+        """Forget a connection that is over."""
         if self._collector is not None:
             self._collector.connection_closed(connection)
 
     def gap(self, connection: int) -> None:
-        """Bytes of a connection are missing; 0: of all."""
+        """Bytes of a connection (0: of all) are missing."""
         for steps in self.found.values():
             if connection == 0 or connection in steps.connections:
                 steps.gap()
 
     def missing(self) -> list[str]:
-        """Return what was chosen and neither seen nor refused."""
+        """Return the chosen names for which neither a value nor a refusal was seen."""
         if self._wanted is None or self._collector is None:
             return []
         return [one.text for one in self._wanted.all if one.text not in self._collector.found]
 
     def refused(self) -> list[str]:
-        """Return the variables of which a read or write was refused."""
+        """Return the names of variables for which a read or write was refused."""
         if self._collector is None:
             return []
         return [one.name for one in self._collector.variables if one.refused_reads or one.refused_writes]

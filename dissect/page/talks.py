@@ -1,4 +1,4 @@
-"""Who talked to whom, how much, and what is the worst that was found of it."""
+"""Who talked to whom, how much, and the most severe finding on each pair."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Final
 from dissect.findings.catalogue import SEVERITIES
 from dissect.transactions.connection import Connection
 
-#: Pairs of client and server that are told apart.
+#: Greatest number of pairs of client and server that are kept.
 MAX_PAIRS: Final = 1000
-#: Connections that are over and whose findings may still come.
+#: So many connections that are over are remembered, as findings on them may still come.
 _RECENT: Final = 4096
 
 
 class Pair:
-    """What a client and a server exchanged over all their connections. ``worst`` is a severity, empty for no finding."""
+    """The traffic of a client and a server on all their connections. ``worst`` is a severity, empty without findings."""
 
     __slots__ = ("connections", "errors", "missed", "octets", "pdus", "worst")
 
@@ -32,7 +32,7 @@ class Pair:
 
 
 def worse(one: str, other: str) -> str:
-    """Return the heavier of two severities; empty is the lightest."""
+    """Return the worse of two severities; empty means none."""
     if not one or not other:
         return one or other
     return min(one, other, key=SEVERITIES.index)
@@ -48,7 +48,7 @@ class Talks:
         self._over: dict[int, Pair] = {}
 
     def finding(self, connection: int, severity: str) -> None:
-        """Take the severity of a finding about a connection, which may be open or over."""
+        """Take the severity of a finding on a connection, which may be open or over."""
         over = self._over.get(connection)
         if over is not None:
             over.note(severity)

@@ -1,4 +1,4 @@
-"""What a report says first: what broke, since when, and who is concerned, with the packets that show it."""
+"""The first sentences of a report: what failed, since when, and who is concerned, with the packets that show it."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from dissect.report.analysis import Analysis
 from dissect.report.words import PROTOCOLS
 from dissect.wire.text import duration_text, shortened
 
-#: Of findings that weigh the same, which kind says best what broke.
+#: Kinds of findings in the order in which they are preferred among findings of equal severity.
 _KINDS: Final = (FUNCTION, OPERATION, NEGOTIATION, PROTOCOL, SECURITY, CAPTURE)
-#: Characters of what was seen, and pairs of hosts that are named.
+#: Greatest number of characters of a detail, and of pairs of hosts that are named.
 _DETAIL: Final = 160
 _PAIRS: Final = 3
 
 
 class Verdict:
-    """Three sentences. ``severity`` is that of the heaviest finding, empty for none; ``finding`` the one they are about."""
+    """Three sentences. ``severity`` is that of the worst finding, empty for none; ``finding`` the one they are about."""
 
     def __init__(self, severity: str, sentences: list[str], finding: Finding | None = None) -> None:
         self.severity = severity
@@ -42,7 +42,7 @@ class Verdict:
 
 
 def by_weight(analysis: Analysis) -> list[Rule]:
-    """Return the rules that applied, the heaviest first; of those that weigh the same the most frequent, then the earliest."""
+    """Return the rules that applied, the worst severity first; see `_KINDS` for those of equal severity."""
     counts = analysis.finding_counts
     rules = [CATALOGUE[slug] for slug in counts]
     first: dict[str, int] = {}
@@ -86,10 +86,10 @@ def _time(finding: Finding) -> tuple[int, int]:
 
 
 def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
-    """What broke, with the packets that show it."""
+    """Return the sentence on what failed, with the packets that show it."""
     detail = shortened(first.detail, _DETAIL).rstrip(".")
     shown = gathered.rows.places.phrase(first.frames)
-    # What was seen goes on where the sentence ends: it is no sentence of its own, and may begin with a name in small letters.
+    # The detail is appended to the sentence of the rule: it is not a sentence, and may begin with a name in lower case.
     broke = rule.sentence[:-1]
     joint = ";" if ": " in broke else ":"
     said = f"{broke}{joint} {detail} ({shown})." if detail else f"{broke} ({shown})."
@@ -100,7 +100,7 @@ def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
 
 
 def _since(gathered: Gathered, first: Finding, last: Finding, count: int) -> str:
-    """Since when, and how often."""
+    """Return the sentence on since when and how often it happened."""
     moment = gathered.rows.clock.moment(int(first.time_ns))
     after = ""
     if gathered.analysis.part is None:
@@ -113,7 +113,7 @@ def _since(gathered: Gathered, first: Finding, last: Finding, count: int) -> str
 
 
 def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
-    """Who is concerned, and what else there is."""
+    """Return the sentence on who is concerned, and on other findings."""
     named: dict[str, None] = {}
     ends = {int(connection.number): connection for connection in gathered.analysis.connections}
     for finding in found:
@@ -130,7 +130,7 @@ def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
     errors = sum([1 for rule in rules[1:] if rule.severity == ERROR])
     if not others:
         return f"{said}; there is no other error or warning."
-    # Notes are listed below as well, but nothing is wrong with them.
+    # Notes are listed below, too, but they are not faults, so they are not counted here.
     weights = [(errors, "error"), (others - errors, "warning")]
     kinds = " and ".join(
         [words.count(number, f"more kind of {what}", f"more kinds of {what}s") for number, what in weights if number]
@@ -139,7 +139,7 @@ def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
 
 
 def _sound(gathered: Gathered) -> list[str]:
-    """Nothing broke: how much was seen, how fast it was, between whom."""
+    """Return sentences for a run without faults: how much was seen, how fast, and between whom."""
     analysis = gathered.analysis
     times = analysis.latencies
     pairs = list(gathered.talks.pairs)
@@ -163,7 +163,7 @@ def _sound(gathered: Gathered) -> list[str]:
 
 
 def _nothing(gathered: Gathered) -> list[str]:
-    """A capture without S7: what was there instead."""
+    """Return sentences for a capture without S7: what was there instead."""
     pipeline = gathered.analysis.pipeline
     if pipeline is None or not pipeline.frames:
         return [
@@ -201,6 +201,6 @@ def _nothing(gathered: Gathered) -> list[str]:
 
 
 def carried(gathered: Gathered) -> dict[str, int]:
-    """Return how many messages of each protocol ISO-on-TCP carried."""
+    """Return the number of messages that ISO-on-TCP carried, by protocol."""
     counted: dict[str, int] = gathered.analysis.sections().get("tsdus", {})
     return counted

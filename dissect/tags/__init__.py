@@ -1,4 +1,4 @@
-"""Tags: names, types and units for addresses, from the files of S7 tools (docs/tags.md), and values by them."""
+"""Tags: names, types and units for addresses, from the files of S7 tools (docs/tags.md), and values decoded by them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Addresses as S7 tools write them, in all dialects: ``%DB1.DBD4:REAL``, ``DB1,REAL4``, ``MW 10``, ``%E0.1`` (sheet 2.6, 5).
 
-Its marks say which dialect it is: ``%`` and ``:TYPE`` are PLC4X, ``%`` alone is TIA, a comma behind the block nodes7 (a second
-comma OPC), ``DBn.DB`` STEP 7, ``DBn.X`` telegraf, ``DBn:byte.bit`` ENLYZE; blanks come from symbol tables of STEP 7 V5.
+Marks show the dialect: ``%`` with ``:TYPE`` is PLC4X, ``%`` alone TIA, a comma after the block nodes7 (a second comma OPC),
+``DBn.DB`` STEP 7, ``DBn.X`` telegraf, ``DBn:byte.bit`` ENLYZE. Blanks come from symbol tables of STEP 7 V5.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from dissect.tags.model import NUMBERED_BITS, place_text
 from dissect.tags.types import TYPES, DataType, TypeNameError, checked_count, require, string_type
 
 _PERIPHERAL: Final = 0x80
-#: Areas by the letters of all dialects; O and F are of drivers that are not Siemens'.
+#: Areas by the letters of all dialects; O and F are used by drivers that are not from Siemens.
 AREAS: Final[dict[str, int]] = {
     **{letter: area for letter, area in LETTER_AREAS.items() if letter in {"I", "E", "Q", "A", "M", "C", "Z", "T"}},
     "O": LETTER_AREAS["Q"],
     "F": LETTER_AREAS["M"],
     **dict.fromkeys(("PI", "PE", "PQ", "PA", "P"), _PERIPHERAL),
 }
-#: Letters that say in which language a file is.
+#: Letters that only one of the two languages uses.
 GERMAN: Final = frozenset(("E", "A", "Z", "PE", "PA"))
 INTERNATIONAL: Final = frozenset(("I", "Q", "C", "PI", "PQ"))
 
@@ -51,9 +51,9 @@ _CODES: Final[dict[str, str]] = {
     "WSTRING": "WSTRING",
     **{name: name for name in TYPES},
 }
-#: nodes7's numbers with the low byte first, which this program does not read as such.
+#: Types of nodes7 with the low byte first, which are not supported.
 _SWAPPED: Final = frozenset(("RI", "RW", "RDI", "RD", "RR", "WDT", "DWT"))
-#: Bits of a width letter, and the type it stands for where none is declared.
+#: The bits of each width letter, and the type that it stands for where none is declared.
 WIDTHS: Final[dict[str, int]] = {"X": 1, "B": 8, "W": 16, "D": 32, "L": 64}
 _BY_WIDTH: Final[dict[str, str]] = {"X": "BOOL", "B": "BYTE", "W": "WORD", "D": "DWORD", "L": "LWORD"}
 _LETTERED: Final = frozenset((8, 16, 32))
@@ -66,19 +66,19 @@ _BLOCK_COMMA: Final = re.compile(rf"DB{_N},([A-Z]+){_N}(?:\.{_N})?(?:\.{_N})?(?:
 _BLOCK_DOT: Final = re.compile(rf"DB{_N}\.([A-Z]{{1,3}}){_N}(?:\.{_N})?(?:\.{_N})?")
 _AREA: Final = re.compile(rf"(%?)(P[IEQA]|[IEQAMFO]|P)([A-Z_]*?){_N}(?:\.{_N})?(?:\.{_N})?(?:,{_N})?{_TYPE}")
 _NUMBERED: Final = re.compile(rf"%?([TCZ]){_N}(?:,{_N})?{_TYPE}")
-#: Whole blocks and tables that a symbol table names; they have no place in memory that is read.
+#: Whole blocks and tables in a symbol table; they are not addresses of values.
 _BLOCKS: Final = re.compile(rf"%?(DB|FB|FC|SFB|SFC|OB|UDT|SDB|VAT) ?{_N}")
 
 
 class AddressError(ValueError):
-    """An address that is none; the text says what was expected."""
+    """A text is not an address; the message says what was expected."""
 
 
 class TagAddress(NamedTuple):
-    """What an address names. ``byte`` is a number for timers and counters; ``bit`` -1 where none is written.
+    """A parsed address. ``byte`` is the number of a timer or counter; ``bit`` is -1 if none is written.
 
-    ``width`` is X, B, W, D, L or empty. ``type`` is the type where the address tells it, ``elements`` their count or 0.
-    ``letters`` are those of the area. ``loose`` tells that a bit stands behind every address, whatever its type.
+    ``width`` is X, B, W, D, L or empty. ``type`` is the type, if the address has one, ``elements`` their count or 0.
+    ``letters`` are those of the area. ``loose``: the dialect writes a bit in every address, whatever its type.
     """
 
     area: int
@@ -93,7 +93,7 @@ class TagAddress(NamedTuple):
 
     @property
     def start(self) -> int:
-        """The first bit, as `dissect.tags.model.Tag.start` counts them."""
+        """The first bit, counted as in `dissect.tags.model.Tag.start`."""
         return self.byte * (NUMBERED_BITS if self.area in NUMBERED_AREAS else 8) + max(self.bit, 0)
 
 
@@ -104,7 +104,7 @@ def block_number(text: str) -> tuple[str, int] | None:
 
 
 def parse_tag_address(text: str) -> TagAddress:
-    """Return what an address of any dialect names. Raises `AddressError`, `TypeNameError`."""
+    """Parse an address of any dialect. Raises `AddressError`, `TypeNameError`."""
     written = "".join(text.split()).upper()
     plain = written.removesuffix(":P") if written.startswith("%") else written
     if found := _NUMBERED.fullmatch(plain):
@@ -118,7 +118,7 @@ def parse_tag_address(text: str) -> TagAddress:
         return _checked(text, address._replace(loose=not type_))
     if found := _BLOCK_COMMA.fullmatch(plain) or _BLOCK_DOT.fullmatch(plain):
         number, code, byte, first, second, *third = found.groups()
-        behind = third[0] if third else None  # of OPC: the count behind a second comma
+        behind = third[0] if third else None  # in OPC: the count after a second comma
         return _checked(text, _coded(text, DB, int(number), code, int(byte), first, second, behind))
     if found := _AREA.fullmatch(plain):
         percent, letters, code, byte, first, second, count, type_ = found.groups()
@@ -155,7 +155,7 @@ def _numbered(found: re.Match[str]) -> TagAddress:
 def _declared(
     text: str, area: int, db: int, byte: int, bit: str | None, width: str, type_: str | None, letters: str
 ) -> TagAddress:
-    """Return an address with a width letter, perhaps a bit, perhaps a type behind a colon."""
+    """Return an address with a width letter, perhaps a bit, perhaps a type after a colon."""
     if bit is not None and width and width != "X":
         words = {"B": "byte", "W": "word", "D": "double word", "L": "long word"}
         raise AddressError(f"{text.strip()[:60]}: a {words[width]} has no bit")
@@ -166,7 +166,7 @@ def _declared(
 
 
 def _typed(text: str) -> tuple[DataType, int]:
-    """Return the type and count of what stands behind a colon: ``REAL``, ``STRING(20)``, ``BOOL[8]``."""
+    """Return the type and count in the text after a colon: ``REAL``, ``STRING(20)``, ``BOOL[8]``."""
     found = re.fullmatch(r"([A-Z_0-9]+)(?:\((\d+)\))?(?:\[(\d+)\])?", text)
     if found is None:
         return require(text), 0
@@ -180,7 +180,7 @@ def _typed(text: str) -> tuple[DataType, int]:
 def _coded(
     text: str, area: int, db: int, code: str, byte: int, first: str | None, second: str | None, third: str | None
 ) -> TagAddress:
-    """Return an address whose letters are a type, as nodes7 has it: a number behind a dot is a bit, a length or a count."""
+    """Return an address whose letters are a type, as in nodes7; a number after a dot is a bit, a length or a count."""
     if code in _SWAPPED:
         raise AddressError(f"{text.strip()[:60]}: {code} is a little-endian type of nodes7, which has no S7 type")
     name = _CODES.get(code)
@@ -193,7 +193,7 @@ def _coded(
             raise AddressError(f"{shown}: the bit is missing, for example {shown}.0")
         return TagAddress(area, db, byte, int(first), "X", TYPES["BOOL"], int(second or third or 0), letters)
     if name in {"STRING", "WSTRING"}:
-        # OPC: DB1,STRING10,20 has the length behind the second comma.
+        # OPC: DB1,STRING10,20 has the length after the second comma.
         length = first or third
         if length is None:
             raise AddressError(f"{shown}: the length of the string is missing: {shown}.20 for 20 characters")
@@ -208,9 +208,9 @@ def _coded(
 def fitted(
     text: str, address: TagAddress, declared: tuple[DataType, list[tuple[int, int]]] | None
 ) -> tuple[DataType, list[tuple[int, int]], str]:
-    """Return the type and dimensions of a tag by its address and what the file declares, and what about it is uncertain.
+    """Return type and dimensions of a tag, from its address and the declared type, and a remark on what is uncertain.
 
-    Raises `AddressError` where the two cannot both be true.
+    Raises `AddressError` if address and declared type contradict each other.
     """
     shown = text.strip()[:60]
     if declared is None:
@@ -258,12 +258,12 @@ def _check_width(shown: str, address: TagAddress, base: DataType, several: bool)
 
 
 def _right(address: TagAddress, base: DataType) -> str:
-    """Return the address with the letter that the type needs."""
+    """Return the address with the width letter that fits the type."""
     return place_text(address.area, address.db, address.byte * 8, base.bits)
 
 
 def language(letters: str) -> str:
-    """Return in which language the letters of an area are: "German", "international", or empty where both write them so."""
+    """Return the language of the letters of an area: "German", "international", or empty for letters of both."""
     if letters in GERMAN:
         return "German"
     return "international" if letters in INTERNATIONAL else ""

@@ -1,7 +1,7 @@
-"""Names from captures: what S7comm-plus says of the variables of a CPU, in answers to Explore and in downloads.
+"""Names from captures: S7comm-plus carries the declarations of a CPU's variables in answers to Explore and in downloads.
 
-They are names for the addresses of S7comm-plus, by LID. Where a variable stands for S7comm is not taken from them: no capture
-at hand shows whether the offsets in a declaration are those that S7comm uses.
+They give names to addresses of S7comm-plus, by LID, but not to addresses of S7comm: no known capture shows whether the offsets
+in a declaration are those that S7comm uses.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from dissect.tags.tag_file import TagFile
 
 
 def read_capture(file: TagFile, packed: str = "") -> None:
-    """Take the declarations that a capture holds, by the host of the CPU; none at all is an error of the file.
+    """Read the declarations in a capture into ``file``, by the host of the CPU; a capture without any is an error.
 
-    ``packed`` says how it is compressed; what is compressed and no capture may be a file of tags.
+    ``packed`` says how the file is compressed; a compressed file that is not a capture may be a file of tags.
     """
     file.format = "capture"
     pipeline = Pipeline(Observer())

@@ -1,4 +1,4 @@
-"""What is worth knowing about tags that can be used: which of them share octets."""
+"""Checks of usable tags: which of them share octets."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from typing import Final, NamedTuple
 
 from dissect.tags.model import Tag, place_text
 
-#: Pairs that are kept.
+#: At most so many pairs are kept.
 MAX_OVERLAPS: Final = 1000
 
 
 class Overlap(NamedTuple):
-    """Two tags that share bits, and where the first of these is."""
+    """Two tags that share bits, and the first shared bit."""
 
     one: Tag
     other: Tag
@@ -23,7 +23,7 @@ class Overlap(NamedTuple):
 
 
 def overlaps(tags: list[Tag]) -> tuple[list[Overlap], int]:
-    """Return the tags that share bits with one before them, at most `MAX_OVERLAPS`, and how many there are in all."""
+    """Return tags that share bits with an earlier one, at most `MAX_OVERLAPS`, and the number of all of them."""
     found: list[Overlap] = []
     count = 0
     furthest: Tag | None = None

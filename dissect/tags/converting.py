@@ -22,7 +22,7 @@ def table_lines(tags: Iterable[Tag]) -> Iterator[str]:
 
 
 def scale_text(tag: Tag) -> str:
-    """Return a scale as the table writes it, empty for none."""
+    """Return the scale of a tag as text for the table; empty for none."""
     if not tag.scaled:
         return ""
     return f"{tag.factor!r}{tag.shift:+}" if tag.shift else repr(tag.factor)

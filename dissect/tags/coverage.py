@@ -1,4 +1,4 @@
-"""What of the traffic of a capture tags cover, and where a layout and the capture disagree."""
+"""How much of the traffic of a capture the tags cover, and where a layout and the capture disagree."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming
 from dissect.transactions.transaction import Transaction
 
-#: Distinct items that are kept; items beyond are only counted.
+#: At most so many distinct items are kept; further ones are only counted.
 MAX_ITEMS: Final = 100_000
 
 
 class AreaCoverage:
-    """The traffic of one area or block: items, the bytes they carried, and those of them that tags cover.
+    """The traffic of one area or block: items, the bytes that they carried, and how many of both the tags cover.
 
-    ``beyond`` are items that were answered although they end behind the block, as its layout has it; ``furthest`` is the last
-    byte of any of them.
+    ``beyond`` counts items that were answered although they end after the end of the block in its layout; ``furthest`` is the
+    last byte of any of them.
     """
 
     def __init__(self, area: int, db: int) -> None:
@@ -35,7 +35,7 @@ class AreaCoverage:
 
 
 class Coverage(Observer):
-    """Is told of transactions and counts; ``unknown`` are the distinct addresses without any tag, with how often."""
+    """Counts items of transactions; ``unknown`` has the distinct addresses without any tag, and how often each occurred."""
 
     def __init__(self, tags: TagSet) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Tables with a header: CSV of ours, python-snap7, Node-RED, Kepware, ENLYZE, KICS, and the rows of XLSX (sheet 2.1, 5)."""
+"""Tables with a header: our own CSV, python-snap7, Node-RED, Kepware, ENLYZE, KICS, and the rows of XLSX (sheet 2.1, 5)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dissect.tags.types import TypeNameError, tag_type
 from dissect.wire.text import uncell
 
 _DELIMITERS: Final = (",", ";", "\t")
-#: What a column holds, by its header in lower case.
+#: The meaning of a column, by its header in lower case.
 COLUMNS: Final[dict[str, str]] = {
     **dict.fromkeys(("name", "tag", "tag name", "varname", "variable", "symbol"), "name"),
     **dict.fromkeys(("address", "addr", "logical address", "adresse", "logische adresse", "operand", "code"), "address"),
@@ -34,7 +34,7 @@ COLUMNS: Final[dict[str, str]] = {
     "scaled low": "scaled low",
     "scaled high": "scaled high",
 }
-#: Columns of the files of others that say nothing about a tag.
+#: Columns in files of other tools that are not needed.
 _OTHERS: Final = frozenset(
     (
         "path", "pfad", "hmi visible", "hmi accessible", "hmi writeable", "typeobject id", "version id", "id", "connection",
@@ -45,25 +45,25 @@ _OTHERS: Final = frozenset(
 _KEPWARE: Final = frozenset(("tag name", "address", "respect data type"))
 _ENLYZE: Final = frozenset(("device", "block", "variable", "code"))
 _BLOCK_NAME: Final = re.compile(r"DB(\d+)\s*\((.*)\)")
-#: What spreadsheets write and take as their first line: ``sep=;``.
+#: A first line by which spreadsheets tell the separator: ``sep=;``.
 _SEPARATOR: Final = re.compile(r'"?sep=.?"?\s*$', re.IGNORECASE)
 _SPOILED: Final = re.compile(r"\d{1,2}[.-](?:[A-Za-z]{3}|\d{1,2}[.-]\d{2,4})")
 
 
 class Head(NamedTuple):
-    """The header of a table: the place of each column it has, and whose it is."""
+    """The header of a table: the index of each column, and the tool that the table is from."""
 
     places: dict[str, int]
     format: str
 
     def cell(self, row: Sequence[str], column: str) -> str:
-        """Return a cell, empty where the table has no such column."""
+        """Return the cell of a column; empty if the table does not have this column."""
         at = self.places.get(column, -1)
         return row[at].strip() if 0 <= at < len(row) else ""
 
 
 def delimiter_of(line: str) -> str:
-    """Return what separates the cells of a line: what makes an address and a name of it, else what stands in it most often."""
+    """Return the delimiter of a line: that which splits it into an address and a name, else the one that occurs most often."""
     for mark in _DELIMITERS[1:]:
         cells = line.split(mark)
         if len(cells) > 1 and _pair(cells) is not None:
@@ -72,7 +72,7 @@ def delimiter_of(line: str) -> str:
 
 
 def first_line(text: str) -> str:
-    """Return the first line of a text that says something: not empty, no comment, not the separator a spreadsheet is told."""
+    """Return the first line that is neither empty, nor a comment, nor ``sep=``."""
     return next((line for line in text.splitlines() if line.strip() and not _aside(line)), "")
 
 
@@ -81,12 +81,12 @@ def _aside(line: str) -> bool:
 
 
 def has_header(line: str) -> bool:
-    """Tell whether a line has names of columns."""
+    """Return whether a line has names of columns."""
     return _known(_cells(line)) >= 2
 
 
 def looks_like_table(line: str) -> bool:
-    """Tell whether a line is the header of a table of tags, or two cells of which one is an address."""
+    """Return whether a line is the header of a table of tags, or has two cells of which one is an address."""
     return has_header(line) or _pair(_cells(line)) is not None
 
 
@@ -102,9 +102,9 @@ def _known(cells: Iterable[str]) -> int:
 
 
 def _pair(cells: list[str]) -> tuple[int, int] | None:
-    """Return where address and name stand in a line without a header, None when neither cell is an address.
+    """Return the indexes of address and name in a line of a table without a header; None if neither cell is an address.
 
-    A type behind an address or a name says that these are the columns of a table whose header is missing.
+    A line with a type in its second cell and more after it is from a table whose header is missing: None.
     """
     from dissect.tags.address import AddressError, parse_tag_address
 
@@ -138,7 +138,7 @@ def read_csv(text: str, into: TagFile) -> None:
 def _read_csv(text: str, into: TagFile) -> None:
     first = first_line(text)
     delimiter = delimiter_of(first)
-    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)  # a comment may hold other ends of lines
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)  # comments may contain other line ends
     numbered = ((rows.line_num, row) for row in rows if row and not _aside(row[0]))
     if delimiter == ";":
         into.problems.note(1, "cells are separated by semicolons; decimal commas are read as points")
@@ -148,13 +148,13 @@ def _read_csv(text: str, into: TagFile) -> None:
         address, name = pair
         for line, row in numbered:
             if len(row) > 1 and any([cell.strip() for cell in row]):
-                into.add(Row(line, row[name].rstrip(","), row[address]))  # commas that a spreadsheet left behind
+                into.add(Row(line, row[name].rstrip(","), row[address]))  # spreadsheets leave commas
         return
     read_rows(numbered, into, decimal_comma=delimiter != ",")
 
 
 def read_rows(rows: Iterable[tuple[int, Sequence[str]]], into: TagFile, *, decimal_comma: bool = False) -> None:
-    """Read the rows of a table, (line, cells) each, of which the first that is not empty is the header."""
+    """Read the rows of a table, each (line, cells); the first row that is not empty is the header."""
     head: Head | None = None
     columns = 0
     for line, row in rows:
@@ -176,7 +176,7 @@ def read_rows(rows: Iterable[tuple[int, Sequence[str]]], into: TagFile, *, decim
 
 
 def find_head(row: Sequence[str], line: int, into: TagFile) -> Head | None:
-    """Return what the columns of a table hold; None (and a problem of the file) when the needed ones are missing."""
+    """Return the header of a table; None, and a problem is noted, if needed columns are missing."""
     names = [cell.strip().strip("\ufeff").lower() for cell in row]
     places: dict[str, int] = {}
     for at, name in enumerate(names):
@@ -240,7 +240,7 @@ def _take(head: Head, row: Sequence[str], line: int, into: TagFile, decimal_comm
 
 
 def _scale(head: Head, row: Sequence[str], decimal_comma: bool) -> Scale:
-    """Return the scale of a row; Kepware's is linear between two ranges. Raises ValueError."""
+    """Return the scale of a row; in Kepware it is linear between two ranges. Raises ValueError."""
     text = head.cell(row, "scale")
     if head.cell(row, "scaling").lower() == "linear":
         ranges = [head.cell(row, name) for name in ("raw low", "raw high", "scaled low", "scaled high")]

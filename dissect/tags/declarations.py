@@ -1,6 +1,6 @@
 """Declarations of data blocks, types and interfaces in sources: AWL, SCL, ``.db`` and ``.udt`` by one grammar (sheet 3).
 
-Only declarations are read; code and start values are stepped over. What is wrong in one block costs that block.
+Only declarations are read; code and start values are skipped. A mistake in one block costs only that block.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _TOKENS: Final = rf"""
     |(?P<other>.)
     """
 _TOKEN: Final = re.compile(_TOKENS, re.VERBOSE | re.DOTALL)
-#: Where a text is not closed on its line, none that begins behind it is: to try each would take the square of the time.
+#: Tokens without texts. If a text is not closed on its line, no later one on that line is: trying each would take square time.
 _NO_TEXT: Final = re.compile(_TOKENS.replace(_TEXT, ""), re.VERBOSE | re.DOTALL)
 _NOTE_BEHIND: Final = re.compile(r"[^\S\n]*(?://|\(\*)")
-#: What ends what began and is not closed; to look for it once more at every place behind would take the square of the time.
+#: The ends of attributes and comments. One that is not closed is noted once: searching again from each place takes square time.
 _CLOSING: Final = {"{": "}", "(*": "*)", "/*": "*/"}
 _LINE_END: Final = re.compile(r"[^\n]*")
 _OPTIMIZED: Final = re.compile(r"S7_Optimized_Access\s*:=\s*'(TRUE|FALSE)'", re.IGNORECASE)
-#: The blocks that a source has, and where each ends.
+#: The keywords that begin blocks in a source, and those that end them.
 _BLOCKS: Final = {
     "DATA_BLOCK": "END_DATA_BLOCK",
     "TYPE": "END_TYPE",
@@ -41,22 +41,22 @@ _BLOCKS: Final = {
     "ORGANIZATION_BLOCK": "END_ORGANIZATION_BLOCK",
 }
 _NEXT_BLOCK: Final = re.compile(rf"^[ \t]*({'|'.join(_BLOCKS)})\b", re.IGNORECASE | re.MULTILINE)
-#: Header lines whose rest is a text.
+#: Keywords of header lines; the rest of such a line is a text.
 _LINES: Final = frozenset(("TITLE", "AUTHOR", "FAMILY", "NAME", "VERSION"))
 _WORDS: Final = frozenset(("KNOW_HOW_PROTECT", "STANDARD", "READ_ONLY", "UNLINKED", "RETAIN", "NON_RETAIN"))
 _SECTIONS: Final = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR", "VAR_TEMP", "CONST")
-#: The order in memory, whatever that in the text is; the others take no room.
+#: Sections in their order in memory, which does not depend on that in the text; other sections take no room.
 _IN_MEMORY: Final = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR")
 _QUALIFIERS: Final = frozenset(("RETAIN", "NON_RETAIN", "DB_SPECIFIC", "CONSTANT"))
-#: What a program calls the elements of a block that is one array.
+#: The name by which a program addresses the elements of a block that is a single array.
 _ELEMENTS: Final = "THIS"
-#: Types that are two words.
+#: Types that are written as two words.
 _NUMBERED: Final = re.compile(r"(DB|UDT|FB|SFB|FC|SFC|OB|SDB)\s*(\d{1,5})", re.IGNORECASE)
 _MOST_NESTED: Final = 64
 
 
 class SourceError(Exception):
-    """A block that cannot be read: its line, and what is wrong."""
+    """A block cannot be read: its line, and what is wrong."""
 
     def __init__(self, line: int, text: str) -> None:
         self.line = line
@@ -64,10 +64,10 @@ class SourceError(Exception):
 
 
 class Member(NamedTuple):
-    """A member as declared: ``type`` names it ("Int", "UDT 3", "Job"), or ``shape`` has the members of a structure.
+    """A member as declared: ``type`` is the name of its type ("Int", "UDT 3", "Job"), or ``shape`` has its own members.
 
-    ``bounds`` are those of an array, one text each; ``overlay``: it is a view on another one (AT). ``initial`` is the value
-    of a constant.
+    ``bounds`` are those of an array, a text for each dimension; ``overlay``: the member is a view of another one (AT).
+    ``initial`` is the value of a constant.
     """
 
     name: str
@@ -81,22 +81,22 @@ class Member(NamedTuple):
 
 
 class Section(NamedTuple):
-    """Members that stand together; ``by_reference``: they are IN_OUT."""
+    """The members of one section; ``by_reference``: the section is IN_OUT."""
 
     members: list[Member]
     by_reference: bool = False
 
 
 class Shape(NamedTuple):
-    """What a structure, type or block consists of."""
+    """The sections of a structure, type or block."""
 
     sections: list[Section]
 
 
 class Block(NamedTuple):
-    """A block or type: ``kind`` is a key of `_BLOCKS`, ``name`` its symbol or "DB 10", ``number`` where it is written so.
+    """A block or type: ``kind`` is a key of `_BLOCKS`, ``name`` its symbol or "DB 10", ``number`` the 10.
 
-    Its members are in ``shape``, or ``of`` names the type or FB they are in. ``optimized`` is None where nothing says so.
+    Its members are in ``shape``, or ``of`` names the type or FB that has them. ``optimized`` is None if it is not stated.
     """
 
     kind: str
@@ -109,7 +109,7 @@ class Block(NamedTuple):
 
 
 class Token(NamedTuple):
-    """A piece of the text: its kind, itself, and where it begins."""
+    """A token: its kind, its text, and where it begins."""
 
     kind: str
     text: str
@@ -117,7 +117,7 @@ class Token(NamedTuple):
 
     @property
     def upper(self) -> str:
-        """The text in capitals, empty for what is quoted."""
+        """The text in capitals; empty for quoted names and texts."""
         return "" if self.kind in {"quoted", "text"} else self.text.upper()
 
 
@@ -125,12 +125,12 @@ _END: Final = Token("end", "", -1)
 
 
 def looks_like_source(text: str) -> bool:
-    """Tell whether a text has a block of a source."""
+    """Return whether a text contains a block of a source."""
     return _NEXT_BLOCK.search(text) is not None
 
 
 def essence(shape: Shape) -> list[object]:
-    """Return what of a shape decides its layout and names: everything but comments, lines and start values."""
+    """Return everything of a shape that decides its layout and names: all but comments, lines and start values."""
     return [
         (
             section.by_reference,
@@ -156,9 +156,9 @@ class _Reader:
         self._problems = problems
         self._at = 0
         self._note = Token("", "", -1)
-        self._seen = 0  # up to where comments were looked for, and whether one was open there
+        self._seen = 0  # up to here comments were searched; `_opened`: one was open here
         self._opened = False
-        self._no_text = 0  # up to where no text ends
+        self._no_text = 0  # up to here no text ends
         self._starts = [0, *[found.end() for found in re.finditer("\n", text)]]
         self._constants: dict[str, int] = {}
 
@@ -171,7 +171,7 @@ class _Reader:
                 continue
             token = self._next()
             if token.upper not in _BLOCKS:
-                continue  # a longer word: DATA_BLOCK-1
+                continue  # a longer word, such as DATA_BLOCK-1
             try:
                 block = self._block(token)
             except SourceError as error:
@@ -182,13 +182,13 @@ class _Reader:
         return blocks, self._constants
 
     def _commented(self, at: int) -> bool:
-        """Tell whether a place is inside of a comment that began on an earlier line."""
+        """Return whether a place is inside a comment that began on an earlier line."""
         begin = max(0, self._seen - 1)
         opened = self._text.rfind("(*", begin, at)
         if opened >= 0:
             self._opened = "//" not in self._line_before(opened)
             begin = opened
-        # Places are asked for in their order, so that what was looked at before need not be looked at again.
+        # Calls come in the order of places, so earlier text need not be searched again.
         self._opened = self._opened and self._text.find("*)", begin, at) < 0
         self._seen = at
         return self._opened
@@ -202,7 +202,7 @@ class _Reader:
         return bisect_right(self._starts, token.at if token.at >= 0 else len(self._text))
 
     def _next(self) -> Token:
-        """Return the next token that is no blank; the comment that ends before it is kept in ``_note``."""
+        """Return the next token that is not blank; a comment before it is kept in ``_note``."""
         while self._at < len(self._text):
             found = (_TOKEN if self._at >= self._no_text else _NO_TEXT).match(self._text, self._at)
             assert found is not None
@@ -275,7 +275,7 @@ class _Reader:
             elif kind == "DATA_BLOCK" and token.kind in {"quoted", "word"} and word not in _WORDS and not sections:
                 of = self._type_name(token)
             elif kind in {"FUNCTION", "ORGANIZATION_BLOCK"} and not sections and word not in _WORDS:
-                continue  # the type a function returns
+                continue  # the type that a function returns
             elif kind in {"FUNCTION", "FUNCTION_BLOCK", "ORGANIZATION_BLOCK"} and sections and token.kind == "word":
                 self._skip(end, True, line, name)  # SCL without BEGIN
                 break
@@ -285,7 +285,7 @@ class _Reader:
         return Block(kind, name, number, shape, of, optimized, line)
 
     def _name(self) -> tuple[str, int | None]:
-        """Return the name of a block and its number where that is its name."""
+        """Return the name of a block, and its number if that is its name."""
         token = self._next()
         if token.kind == "quoted":
             return token.text[1:-1], None
@@ -294,7 +294,7 @@ class _Reader:
         return name, int(found[2]) if found else None
 
     def _type_name(self, token: Token) -> str:
-        """Return a name of a type or block, of which ``DB 10`` and ``UDT 3`` are two words."""
+        """Return the name of a type or block; it may be two words, such as ``DB 10`` and ``UDT 3``."""
         if token.kind == "quoted":
             return token.text[1:-1]
         if token.upper in {"DB", "UDT", "FB", "SFB", "FC", "SFC", "OB", "SDB"}:
@@ -321,7 +321,7 @@ class _Reader:
             sections.setdefault(opening.upper, []).extend(members)
 
     def _skip(self, end: str, code: bool, line: int, name: str) -> None:
-        """Step over code, or over start values, in which a text may hold the word that ends them."""
+        """Skip code, or start values; a text in the latter may contain the keyword that ends them."""
         if code:
             found = re.compile(rf"^[ \t]*{end}\b", re.IGNORECASE | re.MULTILINE).search(self._text, self._at)
             self._at = found.end() if found else len(self._text)
@@ -334,7 +334,7 @@ class _Reader:
     # ---- members --------------------------------------------------------------------------------------------------
 
     def _members(self, opening: Token, what: str, closing: str, beyond: tuple[str, ...], depth: int) -> list[Member]:
-        """Return the members up to ``closing``; a word of ``beyond`` says that it is missing."""
+        """Return the members up to ``closing``; a keyword of ``beyond`` means that ``closing`` is missing."""
         if depth > _MOST_NESTED:
             raise self._fail(opening, f"structures within structures more than {_MOST_NESTED} deep")
         members: list[Member] = []
@@ -380,11 +380,11 @@ class _Reader:
         ]
 
     def _type(self, bounds: list[str], beyond: tuple[str, ...], depth: int) -> tuple[str, Shape | None]:
-        """Return the type behind a colon; the bounds of arrays are added to ``bounds``."""
+        """Return the type after a colon; the bounds of arrays are added to ``bounds``."""
         token = self._next()
         while token.kind == "attributes":
             token = self._next()
-        while token.upper == "ARRAY":  # arrays of arrays one after the other: a file may nest thousands
+        while token.upper == "ARRAY":  # a loop, because a file may nest thousands of arrays of arrays
             self._expect("[", token)
             text = ""
             while (part := self._next()).text != "]":
@@ -420,7 +420,7 @@ class _Reader:
             raise self._fail(near, f"expected {mark!r} behind {near.text!r}, found {token.text[:40]!r}")
 
     def _ending(self, first: Token, structure: bool) -> str:
-        """Step over the start value and the semicolon of a member; return the value."""
+        """Skip the start value and the semicolon of a member; return the value."""
         value = ""
         depth = 0
         while True:
@@ -445,7 +445,7 @@ class _Reader:
                 value += token.text
 
     def _is_member(self, token: Token) -> bool:
-        """Tell whether a token on a new line begins the next member."""
+        """Return whether a token on a new line begins the next member."""
         if token.kind not in {"word", "quoted"} or "\n" not in self._text[self._last_end() : token.at]:
             return False
         found = re.compile(r"\s*(?:\{[^}]*\}\s*)?:(?!=)").match(self._text, token.at + len(token.text))
@@ -455,7 +455,7 @@ class _Reader:
         return self._at
 
     def _comment(self) -> str:
-        """Return the comment on the line that the member ends on."""
+        """Return the comment on the line on which the member ends."""
         found = _NOTE_BEHIND.match(self._text, self._at)
         if found is None:
             return ""

@@ -1,7 +1,7 @@
-"""File content → text: byte order mark, else strict UTF-8, else the code page the user gave, or the likelier Windows one.
+"""Decodes file content: by its byte order mark, else as the code page that the user gave, else as UTF-8 or a Windows code page.
 
-Without a name a file of bytes that are no UTF-8 is Windows-1251 where its letters above ASCII make words, else Windows-1252;
-the user is told which (sheet 0.1).
+Content that is not UTF-8 is taken for Windows-1251 if its letters above ASCII form words, else for Windows-1252; the user is
+told which (sheet 0.1).
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ _MARKS: Final = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-#: Octets in which UTF-16 without a mark shows.
+#: UTF-16 without a byte order mark is recognised by so many octets.
 _BEGINNING: Final = 100
 DEFAULT_PAGE: Final = "cp1252"
 CYRILLIC_PAGE: Final = "cp1251"
-#: Letters of Windows-1251 are above this octet, and stand together in words; accented ones of western Europe mostly alone.
+#: Letters of Windows-1251: they stand together in words. In Windows-1252 these octets are accented letters, mostly alone.
 _LETTERS: Final = re.compile(rb"[\xa8\xb8\xc0-\xff]+")
 _WORD: Final = 3
 
 
 class EncodingError(ValueError):
-    """Content that is not in the encoding it should be in; ``line`` is the first line that is not."""
+    """Content does not have the expected encoding; ``line`` is the first line that does not."""
 
     def __init__(self, line: int, text: str) -> None:
         self.line = line
@@ -33,9 +33,9 @@ class EncodingError(ValueError):
 
 
 def decode_text(octets: bytes, encoding: str) -> tuple[str, str]:
-    """Return the text of a file, and the code page that was assumed because nothing tells it, else empty.
+    """Return the text of a file, and the code page if it was only assumed, else empty.
 
-    ``encoding`` is what the user named, or empty. Raises `EncodingError`.
+    ``encoding`` is the one that the user named, or empty. Raises `EncodingError`.
     """
     for mark, name in _MARKS:
         if octets.startswith(mark):
@@ -56,7 +56,7 @@ def decode_text(octets: bytes, encoding: str) -> tuple[str, str]:
 
 
 def _cyrillic(octets: bytes) -> bool:
-    """Tell whether letters above ASCII stand in words of their own, as Cyrillic ones do."""
+    """Return whether letters above ASCII form words of their own, as Cyrillic letters do."""
     runs = [len(found) for found in _LETTERS.findall(octets)]
     return 2 * sum([length for length in runs if length >= _WORD]) > sum(runs)
 

@@ -1,4 +1,4 @@
-"""Which tags an item covers: sorted arrays per area and block, asked once for each distinct address."""
+"""Finds the tags that an item covers: sorted arrays for each area and block, searched once for each distinct address."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from mypy_extensions import i64
 from dissect.s7.tables import DB, DB_AREAS, NUMBERED_AREAS
 from dissect.tags.model import NUMBERED_BITS, Tag
 
-#: Addresses whose tags are remembered; they are forgotten together when there are this many.
+#: With so many addresses in it, the cache of their tags is emptied.
 MAX_CACHED: Final = 8192
-#: Parts of one item: a tag for each bit of the longest PDU would be more.
+#: At most so many parts of one item: a tag for each bit of the longest PDU would be more.
 MAX_PARTS: Final = 4096
 
 
 class Part:
-    """What of a tag an item covers: ``count`` elements from ``first`` on, or with ``whole`` False a piece of one element.
+    """The part of a tag that an item covers: ``count`` elements from ``first`` on; with ``whole`` False a piece of one element.
 
-    ``bit`` is where that begins within the item, and ``bits`` are its length. Of a piece ``first`` is the element it is of,
-    and ``piece`` where in it the piece begins.
+    The part begins at ``bit`` of the item and has ``bits`` bits. For a piece, ``first`` is its element, and ``piece`` the bit
+    of the element at which the piece begins.
     """
 
     __slots__ = ("address", "bit", "bits", "count", "first", "name", "piece", "tag", "type", "whole")
@@ -33,21 +33,21 @@ class Part:
         self.bits: i64 = bits
         self.piece: i64 = piece
         self.whole: bool = whole
-        self.name: str = ""  # these three are written once, when the part is first shown
+        self.name: str = ""  # these three are filled in when the part is first shown
         self.address: str = ""
         self.type: str = ""
 
     @property
     def all(self) -> bool:
-        """True when it is the whole tag, with all of its elements."""
+        """Whether the part is the whole tag, with all its elements."""
         return self.whole and self.count == self.tag.count
 
 
 class Cover:
-    """The tags of an item: ``parts`` in the order of their places, and what none of them covers.
+    """The tags of an item: ``parts`` in the order of their places, and the bits that no tag covers.
 
-    ``free`` are the octets without a tag, (first, count) each; ``masks`` the bits of octets that tags cover in part,
-    (octet, bits of no tag) each. ``more`` parts are beyond `MAX_PARTS`.
+    ``free`` are octets without a tag, as (first, count). ``masks`` are octets that tags cover only in part, as (octet, mask of
+    the bits without a tag). ``more`` is the number of parts beyond `MAX_PARTS`.
     """
 
     __slots__ = ("free", "masks", "more", "parts")
@@ -60,7 +60,7 @@ class Cover:
 
 
 class _Room:
-    """The tags of an area or block by their first bit, and up to each of them the furthest end of any before."""
+    """The tags of an area or block, sorted by their first bit; ``ends`` has the furthest end of each tag and all before it."""
 
     __slots__ = ("ends", "starts", "tags")
 
@@ -74,7 +74,7 @@ class _Room:
             self.ends.append(furthest)
 
     def within(self, start: i64, end: i64) -> list[Tag]:
-        """Return the tags that have a bit in ``start`` to ``end`` (that one not)."""
+        """Return the tags that have a bit from ``start`` up to, but not including, ``end``."""
         low = bisect_right(self.ends, start)
         high = bisect_left(self.starts, end)
         return [tag for tag in self.tags[low:high] if tag.end > start]
@@ -95,7 +95,7 @@ class TagIndex:
         self._covers: dict[tuple[int, int, int], Cover | None] = {}
 
     def cover(self, area: i64, db: i64, start: i64, bits: i64) -> Cover | None:
-        """Return the tags of ``bits`` bits from bit ``start`` on (`Tag.start`), None where there is none."""
+        """Return the tags of ``bits`` bits from bit ``start`` on (`Tag.start`), None if there are none."""
         key = (int(_key(area, db)), int(start), int(bits))
         if key in self._covers:
             return self._covers[key]
@@ -108,7 +108,7 @@ class TagIndex:
 
 
 def _key(area: i64, db: i64) -> i64:
-    # The block number of an item means something in areas of blocks only; an instance block is a block.
+    # The block number of an item is only valid in areas of blocks; instance blocks (DI) are the same blocks.
     return (DB << 16) | db if area in DB_AREAS else area
 
 
@@ -152,7 +152,7 @@ def _take(taken: bytearray, bit: i64, bits: i64) -> None:
 
 
 def _parts(tag: Tag, start: i64, bits: i64) -> list[Part]:
-    """Return what of a tag ``bits`` bits from ``start`` on cover: its elements, and pieces of those at either end."""
+    """Return the parts of a tag that ``bits`` bits from ``start`` on cover: elements, and pieces of elements at both ends."""
     end: i64 = start + bits
     begin: i64 = tag.start
     step: i64 = tag.step
@@ -161,7 +161,7 @@ def _parts(tag: Tag, start: i64, bits: i64) -> list[Part]:
     first: i64 = 0
     if start > begin:
         first = (start - begin) // step
-        if start > begin + first * step:  # it begins inside of an element, or in the filling behind it
+        if start > begin + first * step:  # inside an element, or in the padding after it
             at: i64 = begin + first * step
             if start < at + size:
                 stop: i64 = min(end, at + size)
@@ -180,7 +180,7 @@ def _parts(tag: Tag, start: i64, bits: i64) -> list[Part]:
 
 
 def numbered(area: i64) -> bool:
-    """Tell whether the addresses of an area are numbers of words."""
+    """Return whether addresses of an area are numbers of words: those of timers and counters."""
     return area in NUMBERED_AREAS
 
 

@@ -1,4 +1,4 @@
-"""Tags in JSON: python-snap7, nodes7 (name to address), flows of Node-RED, tags of Ignition (sheet 5.1, 5.3, 5.6)."""
+"""Tags in JSON: python-snap7, nodes7 (names with addresses), Node-RED flows, Ignition tags (sheet 5.1, 5.3, 5.6)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any, Final
 from dissect.tags.tag_file import Row, TagFile
 
 _MAX_DEPTH: Final = 64
-#: Data types of Ignition that the type in the address does not tell.
+#: Ignition's key for the address of a tag.
 _ATOMIC: Final = "opcItemPath"
 
 
 def read_json(text: str, into: TagFile) -> None:
-    """Read whichever of them it is."""
+    """Read a file in any of these forms."""
     try:
         content = json.loads(text, object_pairs_hook=lambda pairs: _object(pairs, into))
     except (json.JSONDecodeError, RecursionError) as error:
@@ -59,7 +59,7 @@ def read_json(text: str, into: TagFile) -> None:
 
 
 def _object(pairs: list[tuple[str, Any]], into: TagFile) -> dict[str, Any]:
-    """Return an object of JSON; of a name that stands in it twice JSON itself keeps the last value, and says nothing."""
+    """Return a JSON object; note a problem for a name that occurs twice, of which the json module silently keeps the last."""
     found = dict(pairs)
     if len(found) < len(pairs):
         for name in [name for name, value in pairs if found[name] != value]:

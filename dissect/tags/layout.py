@@ -1,7 +1,7 @@
-"""The layout of classic blocks: where each member of a declaration stands (sheet 4.1).
+"""The layout of classic blocks: the place of each member of a declaration (sheet 4.1).
 
-A position is counted in bits from the beginning of the block. A member that no address list of a real CPU settles (sheet 8)
-gets a remark, and those that stand behind one get it too.
+Places are counted in bits from the beginning of the block. If no address list of a real CPU confirms the rule for a member
+(sheet 8), it gets a remark, and so do all members after it.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from typing import Final, NamedTuple
 from dissect.tags.declarations import Member, Shape
 from dissect.tags.types import MAX_ARRAY, MAX_DIMENSIONS, DataType, TypeNameError, elementary, parse_bounds
 
-#: Most members of a block with all elements of arrays of structures, and levels of types in types.
+#: At most so many members of a block, counting those of each element of an array of structures, and levels of nested types.
 MAX_MEMBERS: Final = 200_000
 MAX_DEPTH: Final = 32
-#: Octets of an address of a parameter that is passed by reference.
+#: Bits of the pointer to a parameter that is passed by reference.
 _POINTER: Final = 48
 #: A string whose length is a constant.
 _NAMED_LENGTH: Final = re.compile(r"(W?STRING)\[([^\]]*[^\]\d][^\]]*)\]", re.IGNORECASE)
 
 
 class LayoutError(Exception):
-    """A declaration that cannot be laid out: ``line`` of the member, and what is wrong."""
+    """A declaration cannot be laid out: ``line`` of the member, and what is wrong."""
 
     def __init__(self, line: int, text: str) -> None:
         self.line = line
@@ -31,7 +31,7 @@ class LayoutError(Exception):
 
 
 class Field(NamedTuple):
-    """A member with a type of its own, or an array of such: its place in bits, and how far its elements are apart."""
+    """A member of a simple type, or an array of a simple type: its place, and the distance of its elements, in bits."""
 
     name: str
     start: int
@@ -44,14 +44,14 @@ class Field(NamedTuple):
     remark: str
 
 
-#: Finds a type by its name (case does not count): the shape of its members, None where nobody declares it.
+#: Returns the shape of a type by its name (case does not matter), None if no file declares it.
 Types = Callable[[str], "Shape | None"]
-#: Finds the value of a constant by its name.
+#: Returns the value of a constant by its name, None if it is not known.
 Constants = Callable[[str], "int | None"]
 
 
 class Layout:
-    """Lays out one block or type. ``fields`` are its members with places, ``size`` its octets. Raises `LayoutError`."""
+    """Lays out one block or type. ``fields`` are its members with their places, ``size`` its octets. Raises `LayoutError`."""
 
     def __init__(self, shape: Shape, types: Types, constants: Constants) -> None:
         self._types = types
@@ -62,7 +62,7 @@ class Layout:
         self.size = self._lay(shape, 0, "") // 8
 
     def _lay(self, shape: Shape, base: int, path: str) -> int:
-        """Lay out members from bit ``base`` on; return the first bit behind them, at an even byte."""
+        """Lay out members from bit ``base`` on; return the first bit after them, at an even byte."""
         at = base
         for section in shape.sections:
             at = _even(at)
@@ -144,12 +144,12 @@ class Layout:
             raise LayoutError(member.line, f"{member.name}: {error}") from None
 
     def _sized(self, member: Member) -> str:
-        """Return the type of a member, the length of a string as a number."""
+        """Return the type of a member; a constant as the length of a string is replaced by its value."""
         found = _NAMED_LENGTH.fullmatch(member.type)
         return f"{found[1]}[{self._number(member, found[2], 'length')}]" if found else member.type
 
     def _number(self, member: Member, text: str, what: str) -> str:
-        """Return a bound or length as digits: as it is written, or the value of the constant it names."""
+        """Return a bound or length in digits: as it is written, or the value of the constant that it names."""
         written = text.strip().lstrip("#").strip('"')
         if not written or written.lstrip("+-").isdigit():
             return written.lstrip("+")
@@ -165,7 +165,7 @@ class Layout:
     def _simple(
         self, member: Member, name: str, at: int, type_: DataType, dims: list[tuple[int, int]], count: int
     ) -> int:
-        """Lay out a member of one type or an array of it; return the first bit behind it."""
+        """Lay out a member of a simple type, or an array of it; return the first bit after it."""
         if not dims:
             at = _aligned(at, type_)
             self._add(member, name, at, type_, [], "", type_.bits)
@@ -182,7 +182,7 @@ class Layout:
         return _even(at + count * step)
 
     def _bits(self, member: Member, name: str, at: int, type_: DataType, dims: list[tuple[int, int]]) -> int:
-        """Lay out an array of bits: packed, and of more dimensions each row of the last one from a new byte on."""
+        """Lay out an array of bits: they are packed; with several dimensions, each row of the last one begins a new byte."""
         if len(dims) > 1 and not self._doubt:
             self._doubt = f"{member.name} has rows of bits, whose places no real CPU settled"
         rows, row = dims[:-1], dims[-1]
@@ -232,7 +232,7 @@ def _aligned(at: int, type_: DataType) -> int:
 
 
 def type_names(shape: Shape) -> Iterator[tuple[str, int]]:
-    """Yield every type a shape names that is none of S7's own, with its line."""
+    """Yield the name and line of every type in a shape that is not one of S7's own."""
     for section in shape.sections:
         for member in section.members:
             if member.shape is not None:

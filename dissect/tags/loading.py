@@ -1,4 +1,4 @@
-"""Files of tags → one set: told apart by content, joined where one declares what another needs (docs/tags.md)."""
+"""Loads files of tags into one set: recognises them by content, and joins declarations across files (docs/tags.md)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _MAGIC: Final = 4
 
 
 class TagError(Exception):
-    """Files of tags that cannot be used as they are; ``problems`` are all that was found in them."""
+    """Files of tags cannot be used as they are; ``problems`` are all problems that were found in them."""
 
     def __init__(self, problems: list[Problem]) -> None:
         self.problems = problems
@@ -53,8 +53,7 @@ class TagError(Exception):
 class TagSet:
     """The tags of files that were read together.
 
-    ``sizes`` are the octets of data blocks whose whole layout is known, by number. ``problems`` are those of all files, by
-    file and line; ``more`` counts those beyond what is kept.
+    ``sizes`` are the sizes in octets of data blocks whose whole layout is known, by number.
     """
 
     def __init__(self, files: list[TagFile]) -> None:
@@ -64,14 +63,14 @@ class TagSet:
         self.names: dict[int, str] = {}
 
     def naming(self, host: str = "") -> TagNaming:
-        """Return what names values by these tags; a single program that a capture tells is that of ``host``, if it is given."""
+        """Return a `TagNaming` for these tags; with ``host``, a single program from a capture is taken as that of this CPU."""
         programs = self.programs
         if host and len(programs) == 1:
             programs = {host: next(iter(programs.values()))}
         return TagNaming(self.tags, programs)
 
     def has_block(self, name: str) -> bool:
-        """Tell whether a file declares a data block of this name, in upper or lower case."""
+        """Return whether a file declares a data block with this name, in upper or lower case."""
         return name.lower() in [each.lower() for each in self.block_names]
 
     @property
@@ -81,7 +80,7 @@ class TagSet:
 
     @property
     def programs(self) -> dict[str, Program]:
-        """The variables of S7comm-plus that captures among the files tell, by the host of their CPU."""
+        """The S7comm-plus variables from captures among the files, by the host of their CPU."""
         found: dict[str, Program] = {}
         for file in self.files:
             for host, program in file.programs.items():
@@ -90,12 +89,12 @@ class TagSet:
 
     @property
     def problems(self) -> list[Problem]:
-        """What was found, file by file, line by line."""
+        """The problems of all files, by file and line."""
         return [each for file in self.files for each in sorted(file.problems.found, key=lambda row: row.line)]
 
     @property
     def more(self) -> int:
-        """Problems that are only counted."""
+        """The number of problems that were only counted."""
         return sum([file.problems.more for file in self.files])
 
 
@@ -105,12 +104,12 @@ def load_tags(
     numbers: Mapping[str, int] | None = None,
     more: bool = False,
 ) -> TagSet:
-    """Return the tags of files, which are used together or not at all.
+    """Return the tags of files; an error in any file means that none is used.
 
-    ``encoding`` is the code page of those that nothing tells it of; ``numbers`` gives data blocks their number by name, all
-    of which are in these files, or with ``more`` perhaps in those of another PLC.
-    Raises `TagError` with everything that is wrong with them, OSError where there is no reading one, ImportError (whose text
-    says what to install) for a format that needs a library, LookupError for an unknown encoding.
+    ``encoding`` is the code page of files that do not show theirs. ``numbers`` gives data blocks their number by name; each of
+    these has to be in these files, unless ``more`` says that it may be in the files of another PLC.
+    Raises `TagError` with everything that is wrong, OSError if a file cannot be read, ImportError (whose text says what to
+    install) for a format that needs a library, LookupError for an unknown encoding.
     """
     found = read_tags(paths, encoding, numbers, more)
     if any([problem.severity == ERROR for problem in found.problems]):
@@ -124,13 +123,13 @@ def read_tags(
     numbers: Mapping[str, int] | None = None,
     more: bool = False,
 ) -> TagSet:
-    """Return what `load_tags` does, whatever is wrong with the files. Raises OSError, ImportError, LookupError."""
+    """Return the same as `load_tags`, even if files have errors. Raises OSError, ImportError, LookupError."""
     if encoding:
         codecs.lookup(encoding)
     files = [_read(os.fspath(path), encoding) for path in paths]
     found = TagSet(files)
     numbers = numbers or {}
-    # A block that cannot be read is told of by itself.
+    # A block may be missing because it cannot be read, which is an error of its own.
     whole = files and not any([problem.severity == ERROR for problem in found.problems])
     for name in [name for name in numbers if whole and not more and not found.has_block(name)]:
         files[0].problems.error(
@@ -164,7 +163,7 @@ def _read(path: str, encoding: str) -> TagFile:
 
 
 def _dispatch(octets: bytes, file: TagFile, encoding: str) -> None:
-    """Find out what a file is, and read it."""
+    """Recognise the format of a file, and read it."""
     if is_workbook(octets):
         try:
             read_xlsx(octets, file)
@@ -212,7 +211,7 @@ def _text(text: str, file: TagFile) -> None:
         and (marks := first.count('","') + 1) in {V5_FIELDS, TIA_FIELDS}
         and not (
             marks == V5_FIELDS
-            and has_header(first)  # a table whose cells all have quotes: symbol tables of V5 have no header
+            and has_header(first)  # a CSV table with quotes around all cells: V5 symbol tables have no header
         )
     ):
         read_sdf(text, file)
@@ -236,7 +235,7 @@ def _text(text: str, file: TagFile) -> None:
 
 
 class _Joining:
-    """Joins files: numbers of blocks, types, constants; then lays out blocks and checks names."""
+    """Joins files: collects block numbers, types and constants, then lays out blocks and checks names."""
 
     def __init__(self, found: TagSet, numbers: dict[str, int]) -> None:
         self._set = found
@@ -249,7 +248,7 @@ class _Joining:
         self._placed: dict[int, tuple[Block, TagFile]] = {}
 
     def join(self) -> None:
-        """Do it."""
+        """Join the files of the set."""
         for file in self._set.files:
             self._constants.update(file.constants)
             for symbol in file.symbols:
@@ -292,7 +291,7 @@ class _Joining:
         return self._constants.get(name.lower())
 
     def _number(self, block: Block) -> int | None:
-        """Return the number of a data block: what the user says, what is written, what a symbol table says."""
+        """Return the number of a data block: that from the user, else that in the source, else that in a symbol table."""
         name = block.name.lower()
         said = self._numbers.get(name)
         if said is not None:
@@ -351,7 +350,7 @@ class _Joining:
         self._fields(layout, title, DB, number, 0, file)
 
     def _missing(self, shape: Shape, block: Block, file: TagFile) -> bool:
-        """Note every type that the block needs and no file declares; tell whether there is one."""
+        """Note a problem for each type that the block needs and no file declares; return whether there is one."""
         missing: dict[str, int] = {}
         known: set[str] = set()
         waiting = [shape]
@@ -413,7 +412,7 @@ class _Joining:
             self._fields(layout, placed.name, address.area, address.db, address.start, file)
 
     def _collect(self) -> None:
-        """Put the tags of all files together; one name stands for one variable."""
+        """Collect the tags of all files; a name may stand for only one variable."""
         first: dict[str, Tag] = {}
         for file in self._set.files:
             for tag in file.tags:

@@ -1,4 +1,4 @@
-"""A tag: a name for a place in a CPU, and what stands there."""
+"""`Tag`: a name for a place in a CPU, and the type of the value there."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from mypy_extensions import i64
 from dissect.s7.address import address_text
 from dissect.s7.tables import BIT, BYTE, NUMBERED_AREAS
 
-#: The room of a timer or counter, which an address numbers: values of both are words.
+#: Bits of a timer or counter, whose address is a number: their values are words.
 NUMBERED_BITS: Final = 16
-#: Transport sizes that give an address the letter of a width.
+#: Transport sizes by octets, for the width letter in an address.
 _LETTERED: Final[dict[int, int]] = {1: BYTE, 2: 0x04, 4: 0x06, 8: 0x30}
 
-#: Kinds whose room says nothing about a width.
+#: Kinds whose addresses have no width letter for their size.
 UNLETTERED: Final = frozenset(("STRING", "WSTRING", "FSTRING", "OCTETS"))
 
 
 class Tag:
     """A variable, or an array of them.
 
-    ``start`` is the first bit: byte times 8 plus bit, of a timer or counter its number times 16. An element of ``type`` has
-    ``size`` bits, and the next one begins ``step`` bits later; ``count`` are all elements of the dimensions ``dims`` (lowest
-    and highest index of each), 1 and none for a single variable. ``prefix`` stands in front of an index ("2," for the row of a
-    table of bits). ``type`` is the canonical name of an element ("REAL", "STRING[20]"), ``kind`` that without a length.
-    ``factor`` and ``shift`` make the value on the wire one in ``unit``. ``remark`` says what about the address is not certain.
-    ``file`` and ``line`` are where the tag is declared.
+    ``start`` is the first bit: byte times 8 plus bit; for a timer or counter, its number times 16. An element has ``size``
+    bits, and the next one begins ``step`` bits later. ``dims`` has the lowest and highest index of each dimension, and
+    ``count`` is the number of all elements; 1 for a single variable, whose ``dims`` are empty. ``prefix`` precedes an index
+    ("2," for a row of an array of bits). ``type`` is the name of the type of an element ("REAL", "STRING[20]"), ``kind`` the
+    same without a length. The value on the wire times ``factor`` plus ``shift`` is the value in ``unit``. ``remark`` says what
+    about the address is uncertain. ``file`` and ``line`` are where the tag is declared.
     """
 
     __slots__ = (
@@ -72,17 +72,17 @@ class Tag:
 
     @property
     def end(self) -> i64:
-        """The first bit behind the tag."""
+        """The first bit after the tag."""
         return self.start + self.step * (self.count - 1) + self.size
 
     @property
     def scaled(self) -> bool:
-        """True when the value on the wire is not the one in ``unit``."""
+        """Whether the value on the wire is different from that in ``unit``."""
         return self.factor != 1.0 or self.shift != 0.0
 
     @property
     def address(self) -> str:
-        """The address as people write it: ``DB10.DBD4``, ``M0.1``, ``T5``."""
+        """The address in STEP 7's form: ``DB10.DBD4``, ``M0.1``, ``T5``."""
         return place_text(self.area, self.db, self.start, self.size if self.kind not in UNLETTERED else 8)
 
     @property

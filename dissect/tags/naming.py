@@ -1,4 +1,4 @@
-"""Tags as the names that outputs ask for (`dissect.transactions.naming`): an item and its octets → values with names."""
+"""`TagNaming`: gives outputs the values of an item by tag (the interface is in `dissect.transactions.naming`)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from dissect.tags.values import decode_part
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue, Naming
 
-#: Items with the same octets as before need not be decoded again; a polled value changes rarely.
+#: The values of so many items are remembered with their octets: a polled value rarely changes, and is not decoded again.
 _MAX_REMEMBERED: Final = 4096
 
 
 class TagNaming(Naming):
-    """Names by tags, of every CPU."""
+    """Names values by tags, the same for every CPU."""
 
     def __init__(self, tags: list[Tag], programs: dict[str, Program] | None = None) -> None:
         self.tags: list[Tag] = tags
@@ -29,11 +29,11 @@ class TagNaming(Naming):
         self._remembered: dict[tuple[bytes, bytes], list[NamedValue]] = {}
 
     def program(self, host: str) -> Program | None:
-        """Return what a capture among the files says of the variables of a CPU."""
+        """Return the variables of a CPU that a capture among the files declares, None for none."""
         return self._programs.get(host)
 
     def cover(self, item: Item, size: i64) -> Cover | None:
-        """Return the tags of an item of which ``size`` octets are there, None for none of them."""
+        """Return the tags of the first ``size`` octets of an item, None if there are none."""
         area: i64 = item.area
         if area < 0 or size == 0:
             return None
@@ -46,11 +46,11 @@ class TagNaming(Naming):
         return self.index.cover(area, item.db, item.start_bit, 8 * size)
 
     def asked(self, item: Item) -> Cover | None:
-        """Return the tags of an item whose octets are not there, by the size it asks for."""
+        """Return the tags of an item without data, by the size that it requests."""
         return self.cover(item, item.size) if item.size > 0 else None
 
     def named(self, result: ItemResult) -> list[NamedValue]:
-        """Return the values of an item in the order of its octets, and the octets between them; empty when no tag is there."""
+        """Return the values of an item by tag, and the octets between tags, in their order; empty if no tag is covered."""
         item = result.item
         if item is None:
             return []
@@ -71,7 +71,7 @@ class TagNaming(Naming):
 
 
 class HostNaming(Naming):
-    """Names by tags of their own for single hosts, and for all others those of ``rest``, if there are any."""
+    """Names values with different tags for each host; ``rest`` are the tags for all other hosts, None for none."""
 
     def __init__(self, hosts: dict[str, TagNaming], rest: TagNaming | None) -> None:
         self._hosts: dict[str, TagNaming] = hosts
@@ -79,11 +79,11 @@ class HostNaming(Naming):
 
     @property
     def all(self) -> list[TagNaming]:
-        """The tags of each host, and those of all others."""
+        """The tags of each host, then those for all others."""
         return [*self._hosts.values(), *([self._rest] if self._rest is not None else [])]
 
     def of(self, connection: Connection) -> Naming | None:
-        """Return the tags of the CPU of a connection: of the end that was called, else of the one that called."""
+        """Return the tags of the CPU of a connection: those of the server's host, else of the client's, else the rest."""
         for end in (connection.server, connection.client):
             found = self._hosts.get(end.host)
             if found is not None:
@@ -132,7 +132,7 @@ def part_name(part: Part) -> str:
 
 
 def _silent(part: Part) -> NamedValue:
-    """Return a part of an item without octets: refused, not answered, or asked for only."""
+    """Return a part without a value, for an item that was refused, not answered or only requested."""
     tag = part.tag
     if not part.name:
         start: i64 = tag.start + part.first * tag.step + part.piece
@@ -157,7 +157,7 @@ def _type(part: Part) -> str:
 
 
 def _value(part: Part, data: bytes) -> NamedValue:
-    """Return a part with its value, or with its octets where it has none."""
+    """Return a part with its value, or with its octets if they have no value."""
     value = _silent(part)
     tag = part.tag
     if not part.whole:
@@ -179,7 +179,7 @@ def _piece(value: NamedValue, part: Part, data: bytes) -> NamedValue:
     size: i64 = tag.size // 8
     at: i64 = part.piece // 8
     if part.bits == 1 and size <= 8:
-        # Bit 0 is the lowest one of the last octet.
+        # Bit 0 is the lowest bit of the last octet.
         number: i64 = 8 * (size - 1 - at) + part.piece % 8
         value.name += f".%X{number}"
         value.type = "BOOL"

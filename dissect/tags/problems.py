@@ -1,4 +1,4 @@
-"""What is wrong with a file of tags, or worth knowing: file, line, what was found, what to do."""
+"""Problems of a file of tags: errors, warnings and notes, with file, line, what was found and what to do."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dissect.wire.text import shortened
 ERROR: Final = "error"
 WARNING: Final = "warning"
 NOTE: Final = "note"
-#: Characters of what a file says that a message repeats, and problems of one file that are kept.
+#: At most so many characters of a message, and so many problems of one file are kept.
 _LONGEST: Final = 400
 MAX_PROBLEMS: Final = 1000
 
 
 class Problem(NamedTuple):
-    """One of them. ``line`` counts from 1, 0 for the file as a whole; ``text`` says what is wrong and what to do about it."""
+    """One problem. ``line`` counts from 1, 0 is the file as a whole; ``text`` says what is wrong and what to do."""
 
     severity: str
     file: str
@@ -36,15 +36,15 @@ class Problems:
         self.more = 0
 
     def error(self, line: int, text: str) -> None:
-        """Note what makes the file unusable."""
+        """Note an error: the file cannot be used."""
         self._add(ERROR, line, text)
 
     def warning(self, line: int, text: str) -> None:
-        """Note what costs a row or may mislead."""
+        """Note a warning: a row is left out, or something may mislead."""
         self._add(WARNING, line, text)
 
     def note(self, line: int, text: str) -> None:
-        """Note what is worth knowing."""
+        """Note something that is worth knowing."""
         self._add(NOTE, line, text)
 
     def _add(self, severity: str, line: int, text: str) -> None:

@@ -8,12 +8,12 @@ from typing import Final
 from dissect.tags.tag_file import Row, TagFile
 from dissect.tags.types import whole_number
 
-#: The columns of an ASC line behind its prefix: symbol, address, type, comment.
+#: Columns of an ASC line after its prefix: symbol, address, type, comment.
 _ASC_LINE: Final = 130
 _ASC_LEAST: Final = 41
 _PREFIX: Final = re.compile(r"(\d{1,4}),")
 _ASC_PREFIX: Final = "126"
-#: Fields of a row: of STEP 7 V5 and of TIA.
+#: Number of fields of an SDF row, in STEP 7 V5 and in TIA.
 V5_FIELDS: Final = 4
 TIA_FIELDS: Final = 9
 _TIA_COMMENT: Final = 6
@@ -22,7 +22,7 @@ _CONSTANT: Final = "CONSTANT"
 
 
 def is_asc(first: str) -> bool:
-    """Tell whether a line looks like one of ASC: a length, a comma, columns."""
+    """Return whether a line looks like ASC: a length, a comma, columns."""
     return _PREFIX.match(first) is not None and len(first) >= _ASC_LEAST and '"' not in first[:6]
 
 
@@ -53,7 +53,7 @@ def read_asc(text: str, into: TagFile) -> None:
 
 
 def read_sdf(text: str, into: TagFile) -> None:
-    """Read quoted fields: four are STEP 7 V5, nine are TIA."""
+    """Read rows of quoted fields: four fields are STEP 7 V5, nine are TIA."""
     fields = 0
     for line, written in enumerate(text.splitlines(), 1):
         if not written.strip("\x1a "):
@@ -78,10 +78,10 @@ def read_sdf(text: str, into: TagFile) -> None:
 
 
 def _quoted(line: str) -> list[str]:
-    """Return the fields of a line of quoted ones.
+    """Return the fields of a line of quoted fields.
 
-    TIA writes a quote inside a comment as it is, not doubled (seen in a file of V15), so that no reader of CSV gets them right.
-    A comment with a quote, a comma and a quote makes more fields than there are: the surplus belongs to it.
+    TIA does not double a quote inside a comment (seen in a file of V15), so CSV readers get such lines wrong. A comment that
+    contains ``","`` makes too many fields: the surplus ones belong to the comment.
     """
     cells = _BETWEEN.split(line.removeprefix('"').removesuffix('"'))
     if len(cells) > TIA_FIELDS:
@@ -99,13 +99,13 @@ def _tia_row(into: TagFile, line: int, cells: list[str]) -> None:
 
 
 def add_constant(into: TagFile, name: str, value: str) -> None:
-    """Take a constant of a tag table and count it."""
+    """Take a constant of a tag table, and count it as a row that is not a tag."""
     into.skipped["constants"] += 1
     take_constant(into, name, value)
 
 
 def take_constant(into: TagFile, name: str, value: str) -> None:
-    """Take a constant; whole numbers may be bounds of arrays."""
+    """Remember a constant if it is a whole number: it may be a bound of an array."""
     number = whole_number(value)
     if number is not None:
         into.constants[name.strip().lower()] = number
@@ -119,7 +119,7 @@ def _v5_row(into: TagFile, line: int, symbol: str, address: str, type_: str, com
 
 
 def read_seq(text: str, into: TagFile) -> None:
-    """Read lines of an address, a symbol and a comment, each behind a tab; there are no types."""
+    """Read lines of address, symbol and comment, each after a tab; there are no types."""
     into.format = "STEP 7 V5 symbol table (SEQ)"
     for line, row in enumerate(text.splitlines(), 1):
         if not row.strip("\x1a \t") or row.lstrip().startswith(";"):
@@ -133,7 +133,7 @@ def read_seq(text: str, into: TagFile) -> None:
 
 
 def read_dif(text: str, into: TagFile) -> None:
-    """Read DIF: after its header rows of four texts."""
+    """Read DIF: a header, then rows of four texts."""
     into.format = "STEP 7 V5 symbol table (DIF)"
     lines = text.splitlines()
     at = next((number for number, line in enumerate(lines) if line.strip().upper() == "DATA"), len(lines)) + 3

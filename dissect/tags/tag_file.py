@@ -1,4 +1,4 @@
-"""One file of tags while it is read: its tags, blocks and symbols so far, and what is wrong with it."""
+"""`TagFile`: one file of tags while it is read, with its tags, blocks, symbols and problems so far."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from dissect.tags.model import Tag
 from dissect.tags.problems import Problems
 from dissect.tags.types import DataType, TypeNameError, tag_type
 
-#: Most tags of one file.
+#: Greatest number of tags of one file.
 MAX_TAGS: Final = 500_000
 
 
-#: A factor, and a shift with its sign; either may have an exponent, which has a sign as well.
+#: A factor, and a shift with its sign; either may have an exponent with a sign.
 _FACTOR_AND_SHIFT: Final = re.compile(r"([+-]?[0-9.]+(?:e[+-]?[0-9]+)?)([+-][0-9.]+(?:e[+-]?[0-9]+)?)", re.IGNORECASE)
 
 
 class Symbol(NamedTuple):
-    """The name of a block in a symbol table; ``of`` is what it is an instance of ("FB 20", "UDT 3"), empty for none."""
+    """The name of a block in a symbol table; ``of`` is the type or FB of an instance ("FB 20", "UDT 3"), else empty."""
 
     name: str
     kind: str
@@ -33,7 +33,7 @@ class Symbol(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A tag of a type that other files declare: it needs their layout."""
+    """A tag whose type another file declares; it is laid out when all files were read."""
 
     name: str
     address: TagAddress
@@ -43,14 +43,14 @@ class Placed(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """How the value on the wire becomes the one in the unit: times ``factor``, plus ``shift``."""
+    """The scale of a tag: the value on the wire times ``factor`` plus ``shift`` is the value in its unit."""
 
     factor: float = 1.0
     shift: float = 0.0
 
 
 class Row(NamedTuple):
-    """What a row of a table says of a tag. ``type`` is empty where the address tells it; ``scale`` is as it is written."""
+    """A row of a table. ``type`` is empty if the address has it; ``scale`` is a text as it is written."""
 
     line: int
     name: str
@@ -62,9 +62,9 @@ class Row(NamedTuple):
 
 
 class TagFile:
-    """What a file holds. ``format`` names what it is, ``encoding`` the code page that was assumed, empty where it is sure.
+    """The contents of a file. ``format`` is its name for users; ``encoding`` the code page if it was only assumed, else empty.
 
-    ``skipped`` counts rows that name no place in memory, by what they are. ``constants`` are those that array bounds use.
+    ``skipped`` counts rows that are not tags, by what they are. ``constants`` are those that bounds of arrays may use.
     """
 
     def __init__(self, path: str) -> None:
@@ -77,12 +77,12 @@ class TagFile:
         self.symbols: list[Symbol] = []
         self.placed: list[Placed] = []
         self.constants: dict[str, int] = {}
-        self.programs: dict[str, Program] = {}  # of a capture, by the host of the CPU
+        self.programs: dict[str, Program] = {}  # from a capture, by the host of the CPU
         self.skipped: Counter[str] = Counter()
         self._languages: dict[str, tuple[str, int]] = {}
 
     def add(self, row: Row, *, foreign: bool = False) -> None:
-        """Take a row; what is wrong with it is a problem of the file, or with ``foreign`` a warning that it was left out."""
+        """Add the tag of a row. A mistake is an error; with ``foreign``, a warning that the row was left out."""
         complain = self.problems.warning if foreign else self.problems.error
         if not row.name.strip():
             complain(row.line, f"the tag at {row.address.strip()[:60]!r} has no name")
@@ -120,7 +120,7 @@ class TagFile:
         self.tags.append(tag)
 
     def _declared(self, row: Row, address: TagAddress) -> tuple[DataType, list[tuple[int, int]]] | None:
-        """Return the type that the row declares; one that it does not know may be declared by another file."""
+        """Return the type of a row; None if it has none, or if another file may declare it (then the row is kept)."""
         if not row.type.strip():
             return None
         try:
@@ -132,7 +132,7 @@ class TagFile:
             return None
 
     def _speak(self, address: TagAddress, row: Row) -> None:
-        """Note the language of the letters; a file that has both gets one warning."""
+        """Note the language of an address's letters; a file with both languages gets one warning."""
         spoken = language(address.letters)
         if not spoken or spoken in self._languages:
             return
@@ -144,7 +144,7 @@ class TagFile:
             )
 
     def name_block(self, symbol: str, address: str, of: str, line: int) -> bool:
-        """Take a row of a symbol table that names a whole block; False when the address is none of a block."""
+        """Take a row of a symbol table that names a whole block; return False if the address is not a block."""
         block = block_number(address)
         if block is None:
             return False
@@ -158,12 +158,12 @@ class TagFile:
 
 
 def element_step(base: DataType) -> int:
-    """Return how many bits elements of an array are apart: bits are packed, octets as well, all else is even."""
+    """Return the distance of array elements in bits: bits and octets are packed, all other types begin at even bytes."""
     return base.bits if base.octets == 1 or base.kind == "FSTRING" else (base.octets + 1) // 2 * 16
 
 
 def parse_scale(text: str) -> Scale:
-    """Return what ``0.1``, ``0.1+5``, ``0.1-40`` or ``0..27648 = 0..100`` means. Raises ValueError for anything else."""
+    """Parse a scale: ``0.1``, ``0.1+5``, ``0.1-40`` or ``0..27648 = 0..100``. Raises ValueError for anything else."""
     written = "".join(text.split())
     if not written:
         return Scale()
@@ -185,7 +185,7 @@ def parse_scale(text: str) -> Scale:
 
 
 def _checked(factor: float, shift: float = 0.0) -> Scale:
-    """Return a scale that gives every value one of its own. Raises ValueError for 0, "nan" and "inf"."""
+    """Return a scale. Raises ValueError for a factor 0 (all values would be equal), NaN and infinities."""
     if not factor or not math.isfinite(factor) or not math.isfinite(shift):
         raise ValueError
     return Scale(factor, shift)

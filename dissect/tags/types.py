@@ -1,4 +1,4 @@
-"""The data types of S7 that a tag may have: their sizes, other names for them, and types by what a file writes (sheet 6)."""
+"""The S7 data types that a tag may have: their sizes and other names, and the parsing of types in files (sheet 6)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from dissect.s7plus.program_tables import DATATYPES
 
 
 class TypeNameError(ValueError):
-    """A type that is none; the text says what to write."""
+    """A text is not a type; the message says what to write."""
 
 
 class DataType(NamedTuple):
-    """A type of one element: ``name`` as it is shown ("STRING[20]"), ``kind`` without the length, ``bits`` of room.
+    """The type of an element: ``name`` as it is shown ("STRING[20]"), ``kind`` without the length, its size in ``bits``.
 
-    ``even`` tells that it begins at an even byte in a classic block.
+    ``even``: in a classic block it begins at an even byte.
     """
 
     name: str
@@ -26,7 +26,7 @@ class DataType(NamedTuple):
 
     @property
     def octets(self) -> int:
-        """The room in octets, one for a bit."""
+        """The size in octets; 1 for a bit."""
         return (self.bits + 7) // 8
 
 
@@ -47,7 +47,7 @@ def _types() -> dict[str, DataType]:
 
 #: Types of one size, by name.
 TYPES: Final = _types()
-#: Other names.
+#: Other names of types.
 ALIASES: Final[dict[str, str]] = {
     "TOD": "TIME_OF_DAY",
     "LTOD": "LTIME_OF_DAY",
@@ -57,13 +57,13 @@ ALIASES: Final[dict[str, str]] = {
     "BIT": "BOOL",
     "DWORD_BCD": "DWORD",
 }
-#: Types of the system that are a number or a handle; their octets are shown as a number. A user may call a type so as well
-#: (``HW_Status``): only names that STEP 7 itself has are of the system.
+#: System types that are a number or a handle; their octets are shown as a number. A user's type may have such a name, too
+#: (``HW_Status``): only names that STEP 7 itself has are system types.
 _HANDLES: Final = re.compile(r"(?:HW|OB|DB|PORT|PIP|RTM|CONN)_[A-Z0-9_]+|PORT|PIP|RTM")
 _LONG_HANDLES: Final = frozenset(("CONN_R_ID", "AOM_IDENT"))
 _EVENTS: Final = re.compile(r"EVENT_[A-Z0-9_]+")
 _SYSTEM: Final = frozenset([row.name for row in DATATYPES])
-#: Structures of the system, whose octets are shown as they are.
+#: System structures and their sizes in octets; their octets are shown as they are.
 STRUCTURES: Final[dict[str, int]] = {
     **dict.fromkeys(("IEC_TIMER", "TON_TIME", "TOF_TIME", "TP_TIME", "TONR_TIME"), 16),
     **dict.fromkeys(("IEC_COUNTER", "IEC_UCOUNTER"), 6),
@@ -73,20 +73,20 @@ STRUCTURES: Final[dict[str, int]] = {
     "CREF": 8,
     "NREF": 8,
 }
-#: Longest strings, and what STRING alone means.
+#: Greatest lengths of strings, and the length of STRING without a length.
 _LONGEST: Final = {"STRING": 254, "WSTRING": 16382, "FSTRING": 65535}
 _DEFAULT_LENGTH: Final = 254
 _STRING: Final = re.compile(r"(W|F)?STRING\s*(?:[\[(]\s*(\d{1,5})\s*[\])])?")
 _ARRAY: Final = re.compile(r"ARRAY\s*\[(.*?)\]\s*OF\s+(.+)", re.IGNORECASE | re.DOTALL)
 _COUNTED: Final = re.compile(r"([A-Z0-9_]+(?:\(\d+\))?)\s*\[\s*(\d{1,5})\s*\]")
 _BOUND: Final = re.compile(r"\s*(-?\d{1,10})\s*\.\.\s*(-?\d{1,10})\s*")
-#: A whole number as files write one. No type of S7 has more than the 20 digits of a ULINT; Python refuses to read thousands.
+#: A whole number in a file. No S7 type has more than the 20 digits of a ULINT; Python refuses to parse thousands of digits.
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,20}")
-#: Most dimensions and octets of an array.
+#: Greatest number of dimensions and of octets of an array.
 MAX_DIMENSIONS: Final = 6
 MAX_ARRAY: Final = 65536
 
-#: German words and words of other tools that people write, and the type that is meant.
+#: German words and words of other tools, and the types that they mean.
 _MEANT: Final = {
     "GANZZAHL": "INT",
     "FLOAT": "REAL",
@@ -113,13 +113,13 @@ _MEANT: Final = {
 
 
 def whole_number(text: str) -> int | None:
-    """Return the whole number that a file writes, None for anything else: "²", "+-5", thousands of digits."""
+    """Parse a whole number in a file; None for anything else: "²", "+-5", thousands of digits."""
     written = text.strip()
     return int(written) if _WHOLE.fullmatch(written) else None
 
 
 def string_type(kind: str, length: int) -> DataType:
-    """Return a STRING, WSTRING or FSTRING (characters without their lengths) of so many characters. Raises `TypeNameError`."""
+    """Return a STRING, WSTRING or FSTRING (without a length header) of ``length`` characters. Raises `TypeNameError`."""
     if not 0 <= length <= _LONGEST[kind]:
         raise TypeNameError(f"{kind}[{length}]: the length is between 0 and {_LONGEST[kind]}")
     octets = {"STRING": length + 2, "WSTRING": 2 * length + 4, "FSTRING": length}[kind]
@@ -127,7 +127,7 @@ def string_type(kind: str, length: int) -> DataType:
 
 
 def elementary(written: str) -> DataType | None:
-    """Return the type of one element that a file writes, whatever its case; None when it is none of S7's.
+    """Parse the type of one element, in any case; None if it is not an S7 type.
 
     Raises `TypeNameError` for a string of an impossible length.
     """
@@ -149,9 +149,9 @@ def elementary(written: str) -> DataType | None:
 
 
 def tag_type(written: str) -> tuple[DataType, list[tuple[int, int]]]:
-    """Return the type of an element and the bounds of an array that a file writes: ``Int``, ``INT[5]``, ``Array[1..3] of Int``.
+    """Parse a type: ``Int``, ``INT[5]``, ``Array[1..3] of Int``. Return the type of an element, and the bounds of an array.
 
-    Raises `TypeNameError` for what is neither.
+    Raises `TypeNameError` for anything else.
     """
     if array := _ARRAY.fullmatch(written.strip()):
         bounds = [parse_bounds(part) for part in array[1].split(",")]
@@ -167,14 +167,14 @@ def tag_type(written: str) -> tuple[DataType, list[tuple[int, int]]]:
 
 
 def checked_count(count: int, base: DataType) -> int:
-    """Return the count of an array. Raises `TypeNameError` for none, or for more than a block can hold."""
+    """Return the count of an array. Raises `TypeNameError` if it is below 1, or more than a block can hold."""
     if count < 1 or count * base.octets > MAX_ARRAY:
         raise TypeNameError(f"{count} x {base.name}: an array has 1 element or more, and at most {MAX_ARRAY} bytes")
     return count
 
 
 def parse_bounds(text: str) -> tuple[int, int]:
-    """Return the lowest and highest index of ``1..10``. Raises `TypeNameError`."""
+    """Parse bounds such as ``1..10``; return the lowest and the highest index. Raises `TypeNameError`."""
     found = _BOUND.fullmatch(text)
     if found is None:
         raise TypeNameError(f"array bounds {text.strip()[:40]!r}: expected LOWEST..HIGHEST, for example 1..10")
@@ -185,7 +185,7 @@ def parse_bounds(text: str) -> tuple[int, int]:
 
 
 def require(written: str) -> DataType:
-    """Return a type of one element. Raises `TypeNameError` when it is none."""
+    """Parse the type of one element. Raises `TypeNameError` if it is not an S7 type."""
     found = elementary(written)
     if found is None:
         raise TypeNameError(unknown(written))
@@ -198,7 +198,7 @@ def meant(written: str) -> str:
 
 
 def unknown(written: str) -> str:
-    """Return what is wrong with a type that is none, and which is close to it."""
+    """Return the message for a text that is not a type, with similar types."""
     name = written.strip().strip('"').upper()
     known = meant(name)
     near = [known] if known else close_names(name, [*TYPES, *ALIASES, "STRING[20]", "WSTRING[20]"])

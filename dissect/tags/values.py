@@ -1,4 +1,4 @@
-"""Octets → values by the declared type of a tag (sheet 6). What cannot be a value of its type gives None, never a guess."""
+"""Decodes octets by the declared type of a tag (sheet 6). Octets that are not a value of the type give None, never a guess."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ Scalar = bool | int | float | str | None
 
 
 def decode_part(part: Part, octets: bytes) -> tuple[Value, Value]:
-    """Return the value of a part of an item in its unit, and the one on the wire; (None, None) for a piece of an element.
+    """Return (value in its unit, value on the wire) of a part of an item; (None, None) for a piece of an element.
 
-    ``octets`` are those of the item: of an item of one bit, one octet.
+    ``octets`` are those of the item; an item of one bit has one octet.
     """
     tag = part.tag
     if not part.whole:
@@ -66,7 +66,7 @@ def scaled(tag: Tag, raw: Scalar) -> Scalar:
 
 
 def decode_element(tag: Tag, octets: bytes, bit: i64) -> Scalar:
-    """Return the value of one element that begins at a bit of ``octets``; None where it has none."""
+    """Return the value of the element that begins at ``bit`` of ``octets``; None if it has none."""
     at: i64 = bit // 8
     size: i64 = (tag.size + 7) // 8
     if at + size > len(octets):
@@ -78,7 +78,7 @@ def decode_element(tag: Tag, octets: bytes, bit: i64) -> Scalar:
 
 
 def decode_typed(kind: str, octets: bytes) -> Scalar:
-    """Return the value of octets that are as many as the type ``kind`` has."""
+    """Return the value of ``octets`` as type ``kind``, whose size they must have."""
     if kind == "REAL":
         return real(octets)
     if kind in _SIGNED:
@@ -112,7 +112,7 @@ def decode_typed(kind: str, octets: bytes) -> Scalar:
 
 
 def string(kind: str, octets: bytes) -> str | None:
-    """Return the text of a STRING or WSTRING; None when its lengths do not fit, as in one that was never written."""
+    """Return the text of a STRING or WSTRING; None if its lengths are impossible, as in one that was never written."""
     if kind == "STRING":
         if octets[0] > len(octets) - 2 or octets[1] > octets[0]:
             return None
@@ -173,7 +173,7 @@ def _dtl(octets: bytes) -> str | None:
 
 
 def _pointer(octets: bytes) -> str:
-    """Return a pointer of six octets: number of the block, area, bit address."""
+    """Return a pointer of six octets as text: block number, area, bit address."""
     return f"P#{address_text(octets[2], u16(octets, 0), u24(octets, 3), BIT)}"
 
 

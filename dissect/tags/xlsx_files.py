@@ -11,18 +11,18 @@ from typing import Any, Final
 from dissect.tags.csv_tables import read_constants, read_rows
 from dissect.tags.tag_file import TagFile
 
-#: A workbook is a ZIP of XML: what it may unpack to, in members, octets, and octets for one of the file.
+#: A workbook is a ZIP of XML files. Limits against ZIP bombs: members, octets when unpacked, and the ratio of unpacking, which
+#: is not checked below `_SMALL` octets.
 _MAX_MEMBERS: Final = 2000
 _MAX_UNPACKED: Final = 512 << 20
 _MAX_RATIO: Final = 200
 _SMALL: Final = 4 << 20
-#: Cells of a sheet, empty ones between and around them included: the library makes room for the whole rectangle up to the
-#: last cell that holds something before anything is read, about 40 bytes each. Half a million tags in the columns of TIA stay
-#: below it.
+#: Greatest number of cells of a sheet, empty ones included: before it reads, the library allocates the whole rectangle up to
+#: the last cell with content, about 40 bytes for each cell. Half a million tags in the columns of TIA stay below it.
 _MAX_CELLS: Final = 8_000_000
 _CHUNK: Final = 1 << 20
-#: What says where a cell is: rows and cells begin, or have a place; before these a cell that has but a place and a style, of
-#: which the library takes no notice. What is longer than the overlap of two pieces counts as a cell that holds something.
+#: The beginnings of rows and cells, with their places. The first alternative matches a cell with only a place and a style,
+#: which the library ignores; one that is longer than the overlap of two pieces counts as a cell with content.
 _SIGNS: Final = re.compile(
     rb"""<(?:[\w.-]{1,64}:)?c(?P<empty>(?: [rs] ?= ?(?:"\w{0,16}"|'\w{0,16}')){0,3}) ?(?:/>|></(?:[\w.-]{1,64}:)?c ?>)"""
     rb"""|<(?:[\w.-]{1,64}:)?(?P<tag>row|c)(?=[ />])"""
@@ -33,17 +33,17 @@ _OVERLAP: Final = 128
 _BLANKS: Final = re.compile(rb"\s+")
 _TAGS: Final = "PLC Tags"
 _CONSTANTS: Final = "Constants"
-#: Sheets of other tables of TIA.
+#: Sheets of other TIA tables, which have no tags.
 _OTHERS: Final = {"Hmi Tags": "HMI tags", "DiscreteAlarms": "HMI alarms", "TextListEntry": "text lists"}
 
 
 def is_workbook(octets: bytes) -> bool:
-    """Tell whether content is a ZIP that has the parts of a workbook."""
+    """Return whether content is a ZIP with the parts of a workbook."""
     return octets.startswith(b"PK") and b"[Content_Types].xml" in octets
 
 
 def read_xlsx(octets: bytes, into: TagFile) -> None:
-    """Read the sheets ``PLC Tags`` and ``Constants``. Raises ImportError."""
+    """Read the sheets ``PLC Tags`` and ``Constants``. Raises ImportError if the library is missing."""
     import python_calamine
 
     into.format = "TIA tag table (XLSX)"
@@ -76,14 +76,14 @@ def read_xlsx(octets: bytes, into: TagFile) -> None:
 
 
 def _text(cell: Any) -> str:
-    """Return a cell as text; whole numbers without a fraction."""
+    """Return a cell as text; a whole number without a fraction."""
     if isinstance(cell, float) and cell.is_integer():
         return str(int(cell))
     return str(cell)
 
 
 def _bomb(octets: bytes) -> str:
-    """Return why a workbook is not unpacked, empty when it may be."""
+    """Return why a workbook must not be unpacked; empty if it may be."""
     try:
         with zipfile.ZipFile(io.BytesIO(octets)) as archive:
             members = archive.infolist()
@@ -96,7 +96,7 @@ def _bomb(octets: bytes) -> str:
 
 
 class _Extent:
-    """How far the cells of a part of a workbook reach, by their places or, where they say none, by their number."""
+    """How far the cells of a part of a workbook reach: by their places or, for cells without a place, by counting."""
 
     def __init__(self) -> None:
         self.rows = 0
@@ -106,7 +106,7 @@ class _Extent:
         self._rest = b""
 
     def take(self, octets: bytes) -> None:
-        """Note the rows and cells that begin in a piece of the part, of which the last is empty."""
+        """Note the rows and cells that begin in a piece of the part; call it with empty octets at the end."""
         text = _BLANKS.sub(b" ", self._rest + octets)
         end = len(text) - _OVERLAP if octets else len(text)
         for found in _SIGNS.finditer(text):
@@ -116,7 +116,7 @@ class _Extent:
             empty: bytes | None = found["empty"]
             if empty is None:
                 self._note(found["tag"], found["letters"], found["digits"])
-            else:  # the next cell without a place stands behind it
+            else:  # a cell without a place comes after this one
                 places = [_column(letters) for letters in _PLACE.findall(empty)]
                 self._column = max(places, default=self._column + 1)
         self._rest = text[max(0, end) :]
@@ -143,10 +143,10 @@ def _column(letters: bytes) -> int:
 
 
 def _too_wide(octets: bytes) -> str:
-    """Return why a workbook is not given to the library, empty when it may be.
+    """Return why a workbook must not be given to the library; empty if it may be.
 
-    Other parts say which part is a sheet, and the library takes much for XML that is none: so all parts are looked at as they
-    unpack, whatever the directory says of their size, and without asking whether they are well-formed.
+    Which part is a sheet is declared in other parts, and the library accepts much that is not well-formed XML. Therefore all
+    parts are searched as they are unpacked, without trusting the sizes in the directory and without parsing the XML.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(octets)) as archive:

@@ -1,4 +1,4 @@
-"""XML of TIA: tag tables of its editor, and tag tables, data blocks and types of Openness (sheet 2.3 to 2.5)."""
+"""XML of TIA: tag tables from its editor, and tag tables, data blocks and types from Openness (sheet 2.3 to 2.5)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 #: The attribute in which the line of an element is kept.
 _LINE: Final = "s7dissect.line"
 _MAX_DEPTH: Final = 200
-#: The greatest number that a block may have: it stands in 16 bits.
+#: The greatest number of a block, which has 16 bits.
 _LAST_BLOCK: Final = 0xFFFF
-#: Sections in their order in memory; the others take no room.
+#: Sections in their order in memory; other sections take no room.
 _ORDER: Final = {"Input": 0, "Output": 1, "InOut": 2, "Static": 3, "None": 3}
 
 
 class XmlError(ValueError):
-    """Content that is no XML, or XML that is not read; ``line`` where that is known."""
+    """Content is not XML, or XML that is not accepted; ``line`` if it is known."""
 
     def __init__(self, line: int, text: str) -> None:
         self.line = line
@@ -31,7 +31,7 @@ class XmlError(ValueError):
 
 
 def parse_xml(octets: bytes) -> Element:
-    """Return the root of a document, each element with the line it begins on. Raises `XmlError`, ImportError."""
+    """Return the root of a document; each element has the line on which it begins. Raises `XmlError`, ImportError."""
     from xml.etree.ElementTree import ParseError, TreeBuilder
 
     from defusedxml.common import DefusedXmlException
@@ -40,7 +40,7 @@ def parse_xml(octets: bytes) -> Element:
     depth = 0
 
     class Builder(TreeBuilder):
-        """Notes the line of each element, and stops where elements are too deep to be walked."""
+        """Notes the line of each element, and stops if elements are nested too deep for recursion."""
 
         def start(self, tag: Any, attrs: Any, /) -> Any:
             nonlocal depth
@@ -133,7 +133,7 @@ def _tag_table(root: Element, into: TagFile) -> None:
 
 
 def _attributes(element: Element) -> dict[str, str]:
-    """Return the attributes of an object, name to text."""
+    """Return the attributes of an object: texts by name."""
     for child in element:
         if local(child) == "AttributeList":
             return {local(each): (each.text or "").strip() for each in child}
@@ -141,7 +141,7 @@ def _attributes(element: Element) -> dict[str, str]:
 
 
 def _comment(element: Element) -> str:
-    """Return the first comment of an object that is not empty, in whatever language."""
+    """Return the first comment of an object, in any language, that is not empty."""
     for child in element.iter():
         if local(child) == "MultilingualText" and child.get("CompositionName") == "Comment":
             for text in child.iter():
@@ -193,7 +193,7 @@ def _openness_block(element: Element, kind: str, into: TagFile) -> None:
 
 
 def _sections(block: Element) -> Iterator[Element]:
-    """Yield the sections of a block or type; the members in them may have expanded types, which have sections as well."""
+    """Yield the sections of a block or type, but not those of expanded types inside its members."""
     for attributes in block:
         if local(attributes) == "AttributeList":
             outer = next((each for each in attributes.iter() if local(each) == "Sections"), None)
@@ -206,7 +206,7 @@ def _start_value(member: Element) -> str:
 
 
 def _member(element: Element) -> Member:
-    """Return a member; a structure has its own members inside, a type has a name in quotes."""
+    """Return a member. A structure contains its own members; a user's type is named in quotes."""
     written = element.get("Datatype", "")
     bounds: list[str] = []
     if written.lower().startswith("array"):

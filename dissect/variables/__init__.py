@@ -1,1 +1,1 @@
-"""Values of variables over time: rows of what was read, written and pushed, and summaries of them (docs/values.md)."""
+"""Values of variables over time: a row for each value that was read, written or pushed, and summaries (docs/values.md)."""

@@ -1,4 +1,4 @@
-"""What a user names → `WantedSet`: addresses of every dialect, names of tags, elements and structures of them, SCD objects."""
+"""Makes a `WantedSet` of what a user names: addresses of every dialect, tags, their elements and members, SCD objects."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from dissect.transactions.naming import Naming
 from dissect.variables.wanted import Wanted, WantedSet, of_tag, whole
 from dissect.wire.text import shortened
 
-#: Addresses of SCD, and names of S7comm-plus, which are known only where they passed.
+#: Addresses of SCD, and names of S7comm-plus: whether these exist shows only in the traffic.
 _OBJECT: Final = re.compile(r"0x[0-9a-f]{1,16}:[0-9]{1,10}")
 _PLUS: Final = re.compile(r'.*".*|.* LID [0-9]+.*')
-#: An element of an array: the name of the array and the indexes.
+#: The name of an element of an array: the array and the indexes.
 _ELEMENT: Final = re.compile(r"(.+)\[([0-9,. -]+)\]")
-#: A whole data block is watched at most this far.
+#: Of a whole data block, at most so many bits are watched.
 _MOST_BITS: Final = 8 * 65536
 
 
 class WantedError(ValueError):
-    """A name that is neither an address nor a tag; the text says what was expected, on one line."""
+    """A name is neither an address nor a tag; the message, one line, says what was expected."""
 
 
 class Known:
-    """The names that arguments may have: those of ``naming``, and ``others`` (of SCD).
+    """The names that a user may give: those of the tags in ``naming``, and ``others`` (of SCD).
 
-    ``of_command``: they are those of a command, which may be files as well, and tags come by its option.
+    ``of_command``: they are arguments of a command, so that error messages mention files and the option for tags.
     """
 
     def __init__(self, naming: Naming | None, others: Iterable[str] = (), of_command: bool = True) -> None:
@@ -52,19 +52,19 @@ class Known:
 
     @property
     def names(self) -> list[str]:
-        """Every name."""
+        """All names."""
         return [*dict.fromkeys([tag.name for tag, _ in self.tags]), *self.others]
 
 
 def scd_names(decoder: PayloadDecoder | None) -> list[str]:
-    """Return what the dictionary of a decoder calls its variables."""
+    """Return the names of the variables in the SCD dictionary of a decoder; empty for no decoder."""
     if not isinstance(decoder, ScdCarrier):
         return []
     return [field.label for row in decoder.dictionary.objects.values() for field in row.fields]
 
 
 def choose(texts: Sequence[str], known: Known) -> WantedSet:
-    """Return what ``texts`` name. Raises `WantedError` for the first that names nothing."""
+    """Return the set of what ``texts`` name. Raises `WantedError` for the first text that names nothing."""
     found: dict[tuple[str, int, int, int, int], Wanted] = {}
     for text in texts:
         for wanted in one_of(text, known):
@@ -125,7 +125,7 @@ def _element(text: str, tag: Tag, indexes: str, naming: TagNaming | None) -> Wan
 
 
 def _of_address(text: str, address: TagAddress) -> Wanted:
-    """Return an address with its type, if it tells one."""
+    """Return an address with its type, if it has one."""
     base = address.type
     count = max(address.elements, 1)
     if base is None:
@@ -141,7 +141,7 @@ def _of_address(text: str, address: TagAddress) -> Wanted:
 
 
 def _typed(address: TagAddress, base: DataType, count: int) -> Tag:
-    """Return a tag without a name, which says how octets are decoded."""
+    """Return a tag without a name, by which octets can be decoded."""
     tag = Tag("", address.area, address.db, address.start, base.kind, base.name, base.bits)
     if count > 1:
         tag.count = count

@@ -1,7 +1,7 @@
-"""Transactions → rows of values: each item joined with the variable it is about, with what was there before.
+"""`Collector`: makes rows of values from transactions, each with the variable that it is of and the value before.
 
-Bounded: at most `MAX_VARIABLES` variables (`dissect.variables.tracker`) are remembered. Values of variables beyond are rows
-still, but nothing is known of what was before them, and no summary has them; ``untracked`` counts them.
+At most `MAX_VARIABLES` variables (`dissect.variables.tracker`) are remembered. Values of further variables still make rows, but
+without the value before, and they are not in summaries; ``untracked`` counts them.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ
 from dissect.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
 from dissect.variables.wanted import Image, WantedSet
 
-#: Items of which it is remembered what they are about; polling repeats the same ones.
+#: At most so many plans of items are remembered; polling repeats the same items.
 MAX_PLANS: Final = 16_384
 
-#: Tells whether a transaction is wanted.
+#: Returns whether a transaction is wanted.
 Choice = Callable[[Transaction], bool]
 
 
 class Collector(Observer):
-    """Is told of transactions, and collects ``rows`` of values until `take`; or with ``sums`` only adds them up.
+    """Collects rows of values from transactions until `take`; with ``sums`` it only adds them up for summaries.
 
-    ``wanted`` are the places and names to look at, None for everything. ``changes`` leaves out values that are as the one
-    before; ``every_ns`` all but the first of a variable in each such stretch of time (multiples of it since 1970), which are
-    then as if they had not been. ``choose`` tells which transactions are looked at, ``most`` how many variables are remembered.
+    ``wanted`` are the wanted places and names, None for everything. ``changes`` leaves out values equal to the one before.
+    ``every_ns`` keeps only the first value of a variable in each interval of so many nanoseconds (counted from 1970); other
+    values are ignored. ``choose`` returns which transactions are wanted; ``most`` is how many variables are remembered.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Collector(Observer):
         most: i64 = MAX_VARIABLES,
     ) -> None:
         super().__init__()
-        self.found: set[str] = set()  # of what is wanted, the texts that a value or a refusal was seen of
+        self.found: set[str] = set()  # texts of the wanted places for which a value or a refusal was seen
         self._store: Tracker = Tracker(changes, every_ns, sums, most)
         self._wanted: WantedSet | None = wanted
         self._choose: Choice | None = choose
@@ -83,12 +83,12 @@ class Collector(Observer):
 
     @property
     def variables(self) -> list[Variable]:
-        """Every variable that is remembered, PLC by PLC, in the order in which they were first seen."""
+        """All remembered variables, PLC by PLC, in the order in which they were first seen."""
         return [variable for plc in self._store.plcs.values() for variable in plc.variables.values()]
 
     @property
     def plcs(self) -> list[str]:
-        """The ends that hold variables, in the order in which they were first seen."""
+        """The ends that have variables, in the order in which they were first seen."""
         return list(self._store.plcs)
 
     @property
@@ -98,31 +98,31 @@ class Collector(Observer):
 
     @property
     def kept(self) -> int:
-        """Octets of the values that are remembered."""
+        """The octets of all remembered values."""
         return self._store.kept
 
     @property
     def untracked(self) -> int:
-        """Values of variables that are not remembered."""
+        """The number of values of variables that are not remembered."""
         return self._store.untracked
 
     @property
     def most(self) -> int:
-        """How many variables are remembered."""
+        """How many variables are remembered at most."""
         return self._store.most
 
     @property
     def refused(self) -> int:
-        """Reads and writes that the PLC refused."""
+        """The number of items that the PLC refused to read or write."""
         return self._store.refused
 
     @property
     def unconfirmed(self) -> int:
-        """Writes of which nobody saw what became."""
+        """The number of written items whose result was not captured."""
         return self._store.unconfirmed
 
     def connection_closed(self, connection: Connection) -> None:
-        """Forget which PLC a connection has."""
+        """Forget which PLC a closed connection was to."""
         self._store.forget(connection)
 
     def transaction(self, transaction: Transaction) -> None:
@@ -156,7 +156,7 @@ class Collector(Observer):
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
         answers = good_octets(transaction)
-        if answers is not None:  # nearly always; each item meets its own answer without an object in between
+        if answers is not None:  # nearly always: then no `ItemResult` has to be made
             self._answers(transaction, plc, answers)
             return
         whole: bool = transaction.error_code != 0
@@ -167,7 +167,7 @@ class Collector(Observer):
             self._result(transaction, plc, result, code, READ, False)
 
     def _answers(self, transaction: Transaction, plc: Plc, answers: list[bytes]) -> None:
-        """Take what the items of a read were answered with."""
+        """Take the values of a read without errors."""
         store = self._store
         for index, plan in enumerate(self._planned(transaction, plc)):
             variable = plan.variable
@@ -188,7 +188,7 @@ class Collector(Observer):
             self._result(transaction, plc, result, code, WRITE, True)
 
     def _sent(self, transaction: Transaction) -> None:
-        """Take what a cyclic service or a variable table sends, with its first answer or unasked."""
+        """Take the values that a cyclic service or a variable table sends, in its first answer or in a push."""
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
         for result in transaction.results():
             if result.unchanged:
@@ -198,7 +198,7 @@ class Collector(Observer):
                 self._result(transaction, plc, result, code, PUSH, False)
 
     def _modified(self, transaction: Transaction, how: str) -> None:
-        """Take what was modified or forced, when the PLC tells what became of it: the values are those of the request."""
+        """Take values that were modified or forced, once the PLC reports the result; the values are in the request."""
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
         asked = transaction.subscribed
         if transaction.outcome != OUTCOME_PUSH:
@@ -217,7 +217,7 @@ class Collector(Observer):
     def _result(
         self, transaction: Transaction, plc: Plc, result: ItemResult, code: i64, how: str, writes: bool
     ) -> None:
-        """Take an item with what became of it: by tags where they know it, else by its address."""
+        """Take an item with its result: by its tags if it has any, else by its address."""
         item = result.item
         if item is None:
             return
@@ -236,7 +236,7 @@ class Collector(Observer):
         self._item(transaction, plc, item, code, data, how, writes)
 
     def _named(self, transaction: Transaction, plc: Plc, named: NamedValue, code: i64, how: str, writes: bool) -> None:
-        """Take a value that tags name, or octets between them."""
+        """Take the value of a tag, or octets between tags."""
         type_ = named.type or ("BYTE" if len(named.data) == 1 else f"{len(named.data)} x BYTE")
         key = f"{named.address}|{type_}|{named.name}"
         if not named.whole:
@@ -260,7 +260,7 @@ class Collector(Observer):
     def _item(
         self, transaction: Transaction, plc: Plc, item: Item, code: i64, data: bytes, how: str, writes: bool
     ) -> None:
-        """Take an item of S7comm by its address; of a ``code`` that is none of success only that."""
+        """Take an item of S7comm by its address; if ``code`` is not success, only count the refusal."""
         plan = plc.plans.get(item)
         if plan is None:
             plan = self._plan(transaction, plc, item)
@@ -275,7 +275,7 @@ class Collector(Observer):
         self._store.item(transaction, variable, item, how, writes, data)
 
     def _planned(self, transaction: Transaction, plc: Plc) -> list[Plan]:
-        """Return what the items of a read request are about."""
+        """Return the plans of the items of a read request, from the cache if it is known."""
         parameters = transaction.parameters
         plans = plc.reads.get(parameters)
         if plans is None:
@@ -289,7 +289,7 @@ class Collector(Observer):
         return plans
 
     def _make_room(self) -> None:
-        """Forget all plans where there are too many."""
+        """Forget all plans if there are too many."""
         if self._plans >= MAX_PLANS:
             self._plans = 0
             for plc in self._store.plcs.values():
@@ -297,7 +297,7 @@ class Collector(Observer):
                 plc.reads.clear()
 
     def _plan(self, transaction: Transaction, plc: Plc, item: Item) -> Plan:
-        """Find out what an item is about, and remember it."""
+        """Make and remember the plan of an item: its variable, or the wanted places that it touches."""
         self._make_room()
         plan = Plan(item)
         wanted = self._wanted
@@ -319,7 +319,7 @@ class Collector(Observer):
         return plan
 
     def _own(self, plc: Plc, item: Item) -> Variable:
-        """Return the variable that an item is by itself."""
+        """Return the variable whose address and type are exactly those of an item."""
         type_ = item_type(item)
         key = f"{item.address}|{type_}|"
         variable = plc.variables.get(key)
@@ -339,7 +339,7 @@ class Collector(Observer):
         how: str,
         writes: bool,
     ) -> None:
-        """Take the wanted places that an item touches; one whose other octets are not known yet is shown as the item."""
+        """Take the wanted places that an item touches. If other octets of a place are not known yet, take the item itself."""
         sound: bool = code == SUCCESS and len(data) == item.size
         alone: bool = False
         for wanted in plan.wanted:
@@ -437,13 +437,13 @@ class Collector(Observer):
     def _scd(self, transaction: Transaction) -> None:
         carried: bool = transaction.carried is not None
         if carried and transaction.has_errors:
-            return  # which of its items was refused does not tell what of SCD was
+            return  # a refused item does not show which SCD values were refused
         writes: bool = carried and transaction.parameters.function == WRITE_VAR
         for found in transaction.scd:
             self._scd_message(transaction, found, carried, writes)
 
     def _scd_message(self, transaction: Transaction, found: ScdMessage, carried: bool, writes: bool) -> None:
-        """Take a message: of a read the response, of a write the request, of what is sent unasked itself."""
+        """Take an SCD message with values: the response of a read, the request of a write, or an unsolicited message."""
         side: i64 = 1 - transaction.asked_by
         how = WRITE if writes else READ
         refused: bool = False
@@ -490,7 +490,7 @@ class Collector(Observer):
 
 
 def _own_octets(named: NamedValue) -> bytes:
-    """Return the octets of a tag; of truth values one for each, because others share the octets that they stand in."""
+    """Return the octets of a tag; for BOOLs an octet each, because their octets on the wire also hold other variables."""
     value = named.value
     if isinstance(value, bool):
         return b"\1" if value else b"\0"
@@ -500,7 +500,7 @@ def _own_octets(named: NamedValue) -> bytes:
 
 
 def item_type(item: Item) -> str:
-    """Return the type of an item of S7comm as a tag would have it: ``REAL``, ``BOOL``, ``10 x BYTE``."""
+    """Return the type of an S7comm item in the form of a tag's type: ``REAL``, ``BOOL``, ``10 x BYTE``."""
     if item.transport_size < 0:
         return ""
     name = "BOOL" if item.transport_size == BIT else TRANSPORT_SIZES.name(item.transport_size)

@@ -1,4 +1,4 @@
-"""A variable, and one value of it that passed on the line."""
+"""`Variable`, and `ValueRow`: one value of a variable in the traffic."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.transactions.connection import Connection
 if TYPE_CHECKING:
     from dissect.variables.statistics import Statistics
 
-# How a value passed.
+# How a value was transferred.
 READ: Final = "read"
 WRITE: Final = "write"
 PUSH: Final = "push"  # of a cyclic or change-driven service, or of a variable table
@@ -24,13 +24,12 @@ HOWS: Final = (READ, WRITE, PUSH, MODIFY, FORCE, NOTIFICATION, PDO)
 
 
 class Variable:
-    """A place in a CPU, as it was read or written; rows of values share it.
+    """A place in a CPU that was read or written; its rows of values refer to it.
 
-    ``plc`` is the end of the connection that holds it, in the network ``vlan`` (`vlan_ids`). ``address`` is where it begins
-    ("DB10.DBD4", "0x6041:0"), ``type`` what is there ("REAL", "10 x BYTE"), ``tag`` its name, empty where nobody knows one.
-    ``data``, ``value`` and ``text`` are the latest, once it was ``seen``. ``refused_reads``, ``refused_writes`` and
-    ``unconfirmed`` count what gave no value: the PLC refused, or nobody saw whether it took a write. Texts are as in the file
-    or on the wire.
+    ``plc`` is the end of the connection that has the variable, in VLAN ``vlan`` (`vlan_ids`). ``address`` is where it begins
+    ("DB10.DBD4", "0x6041:0"), ``type`` its type ("REAL", "10 x BYTE"), ``tag`` its name, empty if none is known. ``data``,
+    ``value`` and ``text`` are the latest ones, once a value was ``seen``. ``refused_reads`` and ``refused_writes`` count what
+    the PLC refused, ``unconfirmed`` writes whose result was not captured. Texts are not escaped.
     """
 
     __slots__ = (
@@ -61,7 +60,7 @@ class Variable:
         self.tag: str = tag
         self.unit: str = unit
         self.comment: str = ""
-        self.bytes_only: bool = False  # octets without a meaning, which a person reads in hexadecimal
+        self.bytes_only: bool = False  # octets of unknown meaning, shown in hexadecimal
         self.data: bytes | None = None
         self.value: object = None
         self.text: str = ""
@@ -69,7 +68,7 @@ class Variable:
         self.refused_reads: i64 = 0
         self.refused_writes: i64 = 0
         self.unconfirmed: i64 = 0
-        self.next_ns: i64 = 0  # of ``--every``: the next row is not before this time
+        self.next_ns: i64 = 0  # with ``--every``: there is no further row before this time
         self.statistics: Statistics | None = None
 
     @property
@@ -150,17 +149,17 @@ class ValueRow:
 
     @property
     def plc(self) -> Endpoint:
-        """The end that holds the variable."""
+        """The end that has the variable."""
         return self.variable.plc
 
     @property
     def address(self) -> str:
-        """Where the value stands."""
+        """The address of the variable."""
         return self.variable.address
 
     @property
     def tag(self) -> str:
-        """The name of the variable, empty where nobody knows one."""
+        """The name of the variable, empty if none is known."""
         return self.variable.tag
 
     @property

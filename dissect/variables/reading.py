@@ -1,4 +1,4 @@
-"""Values from Python: `values` iterates rows, `value_tables` makes columns of them, a table for each variable."""
+"""Values in Python: `values` iterates rows; `value_tables` makes an Arrow table of them for each variable."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def value_tables(rows: Iterable[ValueRow]) -> dict[str, pyarrow.Table]:
 
 
 def _names(variables: list[Variable]) -> dict[Variable, str]:
-    """Return a name for each variable that no other has."""
+    """Return a unique name for each variable."""
     forms = (
         lambda one: one.name,
         lambda one: f"{one.name} {one.type}".rstrip(),
@@ -144,7 +144,7 @@ def _table(pa: Any, variable: Variable, rows: list[ValueRow]) -> pyarrow.Table:
 
 
 def _kind(pa: Any, found: Sequence[object]) -> Any:
-    """Return the Arrow type of values, None where they have none in common."""
+    """Return the Arrow type of values, None if they have no type in common."""
     there = [value for value in found if value is not None]
     if there and all([isinstance(value, list) for value in there]):
         inner = _kind(pa, [element for value in there for element in value])  # type: ignore[attr-defined]  # they are lists

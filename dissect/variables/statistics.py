@@ -1,4 +1,4 @@
-"""What a summary says of one variable, added up value by value in bounded memory."""
+"""`Statistics`: the summary of one variable, added up value by value in bounded memory."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from mypy_extensions import i64
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow
 
-#: Distinct values that are told apart; of more only that there are more.
+#: At most so many distinct values are counted; of more it is only known that there are more.
 MAX_DISTINCT: Final = 20
-#: Clients of one variable that are told apart; the others count together.
+#: At most so many clients of a variable are counted separately; others are counted together.
 MAX_CLIENTS: Final = 8
-#: Points of a trend: when there are twice as many, neighbours become one.
+#: Points of a trend: when there are twice as many, neighbours are joined.
 POINTS: Final = 24
 _BUCKET_NS: Final = 1_000_000
 
 
 class Pace:
-    """How often a client came: ``count`` times, on average every ``mean`` nanoseconds, of which ``jitter`` is the deviation.
+    """How often a client read or wrote: ``count`` times, on average every ``mean`` nanoseconds.
 
-    Times between two values are ``gaps``; one below zero, where the clock of the capture ran backwards, is none.
+    ``gaps`` is the number of intervals between two values. Intervals below zero, where the clock of the capture ran backwards,
+    are left out.
     """
 
     __slots__ = ("count", "gaps", "last_ns", "mean", "squares")
@@ -35,7 +36,7 @@ class Pace:
         self.squares: float = 0.0
 
     def add(self, time_ns: i64) -> None:
-        """Take the time of another value (Welford's way of adding up deviations)."""
+        """Add the time of another value (Welford's algorithm for the deviation)."""
         if self.count and time_ns >= self.last_ns:
             gap = float(time_ns - self.last_ns)
             off = gap - self.mean
@@ -47,22 +48,22 @@ class Pace:
 
     @property
     def period_ns(self) -> int | None:
-        """The mean time between two values, None for fewer than two."""
+        """The mean interval between two values in nanoseconds, None for fewer than two values."""
         return round(self.mean) if self.gaps else None
 
     @property
     def jitter_ns(self) -> int | None:
-        """The standard deviation of that time, None for fewer than two of them."""
+        """The standard deviation of the intervals in nanoseconds, None for fewer than two intervals."""
         return round(math.sqrt(self.squares / float(self.gaps))) if self.gaps > 1 else None
 
 
 class Statistics:
-    """The values of one variable: how many, first, last, extremes, mean, distinct ones, and who gave and took them.
+    """The values of one variable: count, first, last, extremes, mean, distinct values, and the clients that read or wrote.
 
-    ``first`` and ``last`` are values, or octets (bytes) where these have no value. ``least``, ``most``, ``total`` and the
-    ``trend`` are of the ``numbers`` among them (a truth value is 0 or 1; NaN and the infinities are none).
-    ``distinct`` are octets, or texts of values without octets, at most `MAX_DISTINCT`. ``others`` are values of clients beyond
-    `MAX_CLIENTS`.
+    ``first`` and ``last`` are values, or octets (bytes) that have no value. ``least``, ``most``, ``total`` and ``trend`` are
+    computed from numbers only, of which there are ``numbers`` (a truth value is 0 or 1; NaN and infinities are left out).
+    ``distinct`` has octets, or texts of values without octets, at most `MAX_DISTINCT`. ``others`` counts values of clients
+    beyond `MAX_CLIENTS`.
     """
 
     __slots__ = (
@@ -112,13 +113,13 @@ class Statistics:
         self.readers: dict[str, Pace] = {}
         self.writers: dict[str, Pace] = {}
         self.others: i64 = 0
-        self._numeric: bool = False  # the latest value is a number
+        self._numeric: bool = False  # whether the latest value is a number
         self._number: float = 0.0  # the latest number
-        self._low: float = 0.0  # least and most once more, rounded where they are too large for a double
+        self._low: float = 0.0  # `least` and `most` as doubles, rounded if need be
         self._high: float = 0.0
         self._points: list[float] = []
         self._bucket_ns: i64 = _BUCKET_NS
-        self._at: i64 = 0  # the point of the latest number, which is written when the next point begins
+        self._at: i64 = 0  # the point of the latest number, which is stored when the next point begins
         self._from_ns: i64 = 0
         self._until_ns: i64 = 0
         self._pace: Pace | None = None
@@ -144,7 +145,7 @@ class Statistics:
         side: i64,
         writes: bool,
     ) -> None:
-        """Add a value that is different from the one before, or the ``first``; ``data`` are its octets where it has some."""
+        """Add a value that is different from the one before, or the ``first``; ``data`` are its octets, None for none."""
         if not first:
             self.changes += 1
         if not self.more_distinct:
@@ -157,7 +158,7 @@ class Statistics:
         self._take(value, time_ns, link, side, writes)
 
     def again(self, time_ns: i64, link: Connection, side: i64, writes: bool) -> None:
-        """Add the value before once more: what is known of it need not be looked at again."""
+        """Add the same value as before: only counts and times change."""
         self.count += 1
         self.last_ns = time_ns
         if self._numeric:
@@ -187,10 +188,10 @@ class Statistics:
         self._come(time_ns, link, side, writes)
 
     def _come(self, time_ns: i64, link: Connection, side: i64, writes: bool) -> None:
-        """Note that a client came."""
+        """Note that a client read or wrote."""
         latest = self._pace
         if latest is not None and link is self._link and side == self._side and writes == self._writes:
-            latest.add(time_ns)  # the same client as before: its address need not be written again
+            latest.add(time_ns)  # the same client as before: no look-up by its address
             return
         clients = self.writers if writes else self.readers
         host = link.tcp.ends[side].host
@@ -209,24 +210,24 @@ class Statistics:
 
     @property
     def trend(self) -> list[float]:
-        """The numbers over time, at most twice `POINTS`: the last of each stretch of it, NaN where there was none."""
+        """The numbers over time, at most twice `POINTS`: the last number of each interval, NaN for an interval without one."""
         if self._points:
             self._points[self._at] = self._number
         return self._points
 
     @property
     def distinct_count(self) -> int:
-        """How many distinct values there were, at most `MAX_DISTINCT`."""
+        """The number of distinct values, at most `MAX_DISTINCT`."""
         return len(self.distinct)
 
     @property
     def mean(self) -> float | None:
-        """The mean of all numbers, None where there are none."""
+        """The mean of all numbers, None if there are none."""
         return self.total / float(self.numbers) if self.numbers else None
 
     @property
     def pace(self) -> Pace | None:
-        """The pace of the client that read most often, or else wrote; None where nobody did twice."""
+        """The pace of the client that read most often, else of the one that wrote most often; None if none did so twice."""
         found = [pace for pace in [*self.readers.values()] if pace.count > 1]
         if not found:
             found = [pace for pace in [*self.writers.values()] if pace.count > 1]
@@ -252,7 +253,7 @@ class Statistics:
         self._number = number
 
     def _point(self, time_ns: i64) -> None:
-        """Begin the point of a number, or find the one there is: what falls together with an earlier one replaces it."""
+        """Find or begin the point for the time of a number; the number replaces an earlier one in the same point."""
         points = self._points
         if points:
             points[self._at] = self._number

@@ -21,7 +21,7 @@ VARIABLE_SCHEMA: Final = "s7dissect.variable/1"
 #: Levels of a sparkline, from low to high.
 LEVELS: Final = "▁▂▃▄▅▆▇█"
 _COLUMN: Final = 36
-#: Digits of a mean, unless it takes more; more than the second tell nothing of a double.
+#: Digits of a mean, and most digits if it needs more; a double has no more than `_EXACT`.
 _DIGITS: Final = 9
 _EXACT: Final = 17
 CSV_COLUMNS: Final = (
@@ -32,7 +32,7 @@ CSV_COLUMNS: Final = (
 
 
 class Summary:
-    """The variables of a collector that only added up; ``spark`` asks for sparklines."""
+    """The variables of a collector with ``sums``; ``spark`` asks for sparklines."""
 
     def __init__(self, collector: Collector, spark: bool = False) -> None:
         self.variables = [row for row in collector.variables if _told(row)]
@@ -52,7 +52,7 @@ def _statistics(variable: Variable) -> Statistics:
 
 
 def sparkline(points: Sequence[float], levels: str = LEVELS) -> str:
-    """Return numbers as a line of ``levels``; one that is not there is as the one before it, a blank without one."""
+    """Return numbers as characters of ``levels``. NaN repeats the number before it; a blank if there is none."""
     known = [point for point in points if not math.isnan(point)]
     if not known:
         return ""
@@ -63,7 +63,7 @@ def sparkline(points: Sequence[float], levels: str = LEVELS) -> str:
         if math.isnan(last):
             line += " "
             continue
-        # Halves first: the difference of two large numbers may be too large for one.
+        # Halved first: the difference of two large doubles may overflow.
         share = 0.5 if most == least else (last / 2 - least / 2) / (most / 2 - least / 2)
         line += levels[min(int(share * len(levels)), len(levels) - 1)]
     return line
@@ -129,14 +129,14 @@ def _short(variable: Variable, value: object) -> str:
 
 
 def _octets(variable: Variable, value: object) -> bytes | None:
-    """Return the octets of what statistics keep of a value, None where it says enough."""
+    """Return the octets of a value in statistics if they have to be shown, None if the value is enough."""
     if isinstance(value, bytes):
         return value
     return bytes(value) if variable.bytes_only and isinstance(value, list) else None
 
 
 def mean_text(mean: float, least: float, most: float) -> str:
-    """Return a mean with as many digits as it takes to be between the extremes, and without an exponent where it has none."""
+    """Return a mean with as many digits as it needs to lie between the extremes, without an exponent if possible."""
     if isinstance(mean, int) or not math.isfinite(mean):
         return str(mean)
     whole = len(str(int(abs(mean))))
@@ -171,7 +171,7 @@ def _refused(variable: Variable) -> str:
 
 
 def json_lines(summary: Summary) -> list[str]:
-    """Return an object for each variable, on a line."""
+    """Return a line with a JSON object for each variable."""
     clock = Clock()
     return [
         json.dumps(variable_json(variable, clock), separators=(",", ":")).replace("\x7f", "\\u007f")
@@ -180,7 +180,7 @@ def json_lines(summary: Summary) -> list[str]:
 
 
 def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
-    """Return what a summary says of a variable (docs/json.md)."""
+    """Return the summary of a variable as values for JSON (docs/json.md)."""
     found = _statistics(variable)
     counted = found.count > 0
     pace = found.pace
@@ -215,7 +215,7 @@ def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
 
 
 def _json(value: object) -> object:
-    """Return a value as JSON has it; octets without one have none."""
+    """Return a value for JSON; None for octets that have no value."""
     return None if isinstance(value, bytes) else json.loads(any_text(value))
 
 
@@ -253,7 +253,7 @@ def csv_rows(summary: Summary) -> Iterable[list[str]]:
 
 
 def limits_text(summary: Summary) -> str:
-    """Return what a summary does not say, empty where it says all."""
+    """Return a sentence on what is missing from a summary, empty if nothing is."""
     if not summary.untracked:
         return ""
     return (

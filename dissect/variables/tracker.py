@@ -1,4 +1,4 @@
-"""The variables that were seen: what each had before, how many there may be, and the rows that are made of their values."""
+"""`Tracker`: remembers variables and their latest values within bounds, and makes rows of new values."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dissect.variables.statistics import Statistics
 from dissect.variables.wanted import Image, Wanted
 
 MAX_VARIABLES: Final = 20_000
-#: Octets of latest values that are kept for all of them together.
+#: At most so many octets of latest values are kept, for all variables together.
 MAX_KEPT: Final = 8 << 20
-#: Where there is no return code: nobody saw what became of an item.
+#: Stands for a return code if the result of an item was not captured.
 NO_ANSWER: Final = -1
 
 
 class Plan:
-    """What an item of a request is about: its own variable, or the wanted places that it touches."""
+    """What to do with an item of a request: its variable, or the wanted places that it touches."""
 
     __slots__ = ("bits", "item", "start", "variable", "wanted")
 
@@ -38,9 +38,9 @@ class Plan:
 
 
 class Plc:
-    """The variables of one end of connections, by address and type, and what is known of wanted places.
+    """The variables of one end of connections, by address, type and tag, and the known octets of wanted places.
 
-    ``plans`` are those of items, ``reads`` those of whole read requests, in the order of their items.
+    ``plans`` has the plan of each item; ``reads`` the plans of the items of a read request, in their order.
     """
 
     __slots__ = ("end", "images", "plans", "reads", "variables", "vlan")
@@ -55,10 +55,10 @@ class Plc:
 
 
 class Tracker:
-    """Remembers variables, and makes ``rows`` of their values, or with ``sums`` only adds them up.
+    """Remembers variables, and makes ``rows`` of their values; with ``sums`` it only adds them up.
 
-    ``untracked`` are values of variables beyond ``most``, or beyond `MAX_KEPT`; ``refused`` and ``unconfirmed`` count what gave
-    no value. ``changes`` and ``every_ns`` as `Collector` has them.
+    ``untracked`` counts values of variables beyond ``most``, or beyond `MAX_KEPT`; ``refused`` and ``unconfirmed`` count items
+    without a value. ``changes`` and ``every_ns`` as for `Collector`.
     """
 
     def __init__(self, changes: bool, every_ns: i64, sums: bool, most: i64) -> None:
@@ -72,12 +72,12 @@ class Tracker:
         self._changes: bool = changes
         self._every_ns: i64 = every_ns
         self._sums: bool = sums
-        self._adds: bool = sums and not changes and every_ns == 0  # nothing is left out, and nobody wants rows
+        self._adds: bool = sums and not changes and every_ns == 0  # values can be added up without making rows
         self._ends: dict[int, Plc] = {}
         self.kept: i64 = 0
 
     def forget(self, connection: Connection) -> None:
-        """Forget which PLC a connection has."""
+        """Forget which PLC a connection was to."""
         self._ends.pop(connection.number * 2, None)
         self._ends.pop(connection.number * 2 + 1, None)
 
@@ -88,7 +88,7 @@ class Tracker:
         return known if known is not None else self.variable(plc, key, address, type_, tag, unit)
 
     def plc(self, transaction: Transaction, side: i64) -> Plc:
-        """Return the end of a connection that holds variables."""
+        """Return the `Plc` at a side of a transaction's connection."""
         connection = transaction.connection
         key: i64 = connection.number * 2 + side
         found = self._ends.get(key)
@@ -98,14 +98,14 @@ class Tracker:
             found = self.plcs.get(name)
             if found is None:
                 found = Plc(end, connection.tcp.vlan)
-                # Of more PLCs than variables are remembered nothing is remembered.
+                # No more PLCs are remembered than variables.
                 if len(self.plcs) < self.most:
                     self.plcs[name] = found
             self._ends[key] = found
         return found
 
     def variable(self, plc: Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
-        """Return a new variable, remembered where there is room."""
+        """Return a new variable; it is remembered if there is room."""
         variable = Variable(plc.end, plc.vlan, address, type_, tag, unit)
         if self.count < self.most and self.kept < MAX_KEPT:
             self.count += 1
@@ -117,7 +117,7 @@ class Tracker:
         return variable
 
     def refuse(self, variable: Variable, code: i64, writes: bool) -> None:
-        """Count what gave no value: refused, or with no ``code`` at all a write of which nobody saw what became of it."""
+        """Count an item without a value: refused or, if ``code`` is `NO_ANSWER`, a write whose result was not captured."""
         if code == NO_ANSWER:
             if writes:
                 variable.unconfirmed += 1
@@ -132,7 +132,7 @@ class Tracker:
     def item(
         self, transaction: Transaction, variable: Variable, item: Item, how: str, writes: bool, data: bytes
     ) -> None:
-        """Take the octets of an item of S7comm: its value is decoded where it is another one than before."""
+        """Take the octets of an S7comm item; they are only decoded if they are different from those before."""
         if self._adds:
             self._add(transaction, variable, item, writes, data)
             return
@@ -145,7 +145,7 @@ class Tracker:
             self.finish(row)
 
     def _add(self, transaction: Transaction, variable: Variable, item: Item, writes: bool, data: bytes) -> None:
-        """Add up what `item` takes, without a row."""
+        """Do what `item` does, but add the value to the statistics without making a row."""
         statistics = variable.statistics
         if statistics is None:
             self.untracked += 1
@@ -177,7 +177,7 @@ class Tracker:
         data: bytes | None,
         value: object = None,
     ) -> ValueRow | None:
-        """Begin the row of a value, told from the one before by its octets or, without them, its ``value``; None for no row."""
+        """Begin the row of a value, None if it is left out. Values are compared by their octets, else by ``value``."""
         time_ns: i64 = transaction.response_ns
         frame: i64 = transaction.response_frame
         if writes and transaction.request_frame:
@@ -205,7 +205,7 @@ class Tracker:
         return row
 
     def finish(self, row: ValueRow) -> None:
-        """Remember the value of a row, and keep or add up the row."""
+        """Remember the value of a row as the latest one, and keep the row or add it up."""
         variable = row.variable
         if variable.next_ns >= 0 and row.changed:
             self._keep(variable, row.data, row.value, row.text)
@@ -227,5 +227,5 @@ class Tracker:
 
 
 def item_value(item: Item, data: bytes) -> object:
-    """Return the value of an item of S7comm, None where its octets have none."""
+    """Return the value of an S7comm item, None if its octets have none."""
     return decode_value(item.transport_size, data) if item.size == len(data) or item.fits(len(data)) else None

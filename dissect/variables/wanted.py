@@ -1,4 +1,4 @@
-"""What a user wants to see values of: a place in a CPU with the type of what stands there, or a name."""
+"""What a user wants to see the values of: a place in a CPU with a type, or a name."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from dissect.tags.naming import TagNaming, part_name
 from dissect.tags.values import decode_part
 from dissect.variables.model import Variable
 
-#: Transport sizes by bits, for a place of which nothing tells the type.
+#: Transport sizes by bits, for a place of unknown type.
 _BY_BITS: Final[dict[int, int]] = {8: BYTE, 16: 0x04, 32: 0x06, 64: 0x30}
-#: Bits of places that have a value where nothing tells the type.
+#: Sizes in bits of places of unknown type that are shown as a number.
 _BITS: Final = frozenset((1, *_BY_BITS))
 _BY_NAME: Final[dict[int, str]] = {8: "BYTE", 16: "WORD", 32: "DWORD"}
 
 
-#: The areas of timers and counters whose values are of the transport size with the same number.
+#: The areas of timers and counters; the transport size of their values has the same number as the area.
 _COUNTING: Final = frozenset((0x1C, 0x1D))
 
 
@@ -31,11 +31,11 @@ def place_key(area: i64, db: i64) -> i64:
 
 
 class Wanted:
-    """What is wanted: ``bits`` bits of a place from bit ``start`` on (`dissect.tags.model.Tag.start`), or a ``word``.
+    """Something wanted: ``bits`` bits from bit ``start`` of a place (`dissect.tags.model.Tag.start`), or a ``word``.
 
-    ``part`` says how the place is decoded, None where nothing tells its type. ``naming`` are the tags whose CPUs it belongs to,
-    None for every CPU. ``word``, in lower case, is the address or name of what has no place in memory: values of S7comm-plus
-    and SCD.
+    ``part`` says how the place is decoded, None if its type is unknown. ``naming`` are the tags of the CPUs that it belongs to,
+    None for every CPU. ``word``, in lower case, is the address or name of a value that has no place in memory (S7comm-plus,
+    SCD).
     """
 
     __slots__ = ("area", "bits", "db", "naming", "part", "start", "text", "word")
@@ -52,12 +52,12 @@ class Wanted:
 
     @property
     def end(self) -> i64:
-        """The first bit behind it."""
+        """The first bit after the place."""
         return self.start + self.bits
 
     @property
     def address(self) -> str:
-        """The address as people write it."""
+        """The address in STEP 7's form."""
         return place_text(self.area, self.db, self.start, self.bits)
 
     def __repr__(self) -> str:
@@ -65,7 +65,7 @@ class Wanted:
 
 
 def of_tag(text: str, tag: Tag, naming: TagNaming | None) -> Wanted:
-    """Return a tag as something wanted."""
+    """Return a tag as a `Wanted`."""
     wanted = Wanted(text, tag.area, tag.db, tag.start, tag.end - tag.start)
     wanted.part = whole(tag)
     wanted.naming = naming
@@ -73,7 +73,7 @@ def of_tag(text: str, tag: Tag, naming: TagNaming | None) -> Wanted:
 
 
 def whole(tag: Tag) -> Part:
-    """Return all of a tag as a part; its first bit is the one within the octet that it begins in."""
+    """Return the whole of a tag as a part; its first bit counts from the octet in which it begins."""
     bits: i64 = tag.end - tag.start
     return Part(tag, 0, tag.count, 0 if tag.area in NUMBERED_AREAS else tag.start % 8, bits, 0, True)
 
@@ -81,7 +81,7 @@ def whole(tag: Tag) -> Part:
 class Image:
     """The octets of a wanted place of one CPU, put together from all items that touch it.
 
-    ``octets`` begin at the octet that the place begins in; ``missing`` counts its bits that were never seen.
+    ``octets`` begin with the octet in which the place begins; ``missing`` counts bits of the place that were never seen.
     """
 
     __slots__ = ("known", "missing", "octets", "part", "size", "transport_size", "variable", "wanted")
@@ -98,10 +98,10 @@ class Image:
         if self.part is None and naming is not None:
             self.part = _tag_at(wanted, naming)
         if self.part is None and wanted.area in _COUNTING and wanted.bits == NUMBERED_BITS:
-            self.transport_size = wanted.area  # of timers and counters both numbers are the same
+            self.transport_size = wanted.area  # for timers and counters, both have the same number
 
     def take(self, data: bytes, start: i64, bits: i64) -> bool:
-        """Take octets from bit ``start`` on; return whether they were all of the place."""
+        """Take octets that begin at bit ``start``; return whether they cover the whole place."""
         wanted = self.wanted
         begin: i64 = max(start, wanted.start)
         end: i64 = min(start + bits, wanted.end)
@@ -117,7 +117,7 @@ class Image:
         else:
             bit: i64 = begin
             while bit < end:
-                # An item of one bit has it as the lowest of its octet.
+                # An item of one bit has it in the lowest bit of its octet.
                 told: i64 = data[0] & 1 if bits == 1 else (data[(bit - start) // 8] >> ((bit - start) % 8)) & 1
                 index = (bit - base) // 8
                 mask: i64 = 1 << (bit % 8)
@@ -134,13 +134,13 @@ class Image:
             fresh >>= 1
 
     def data(self) -> bytes:
-        """Return its octets; of a single bit one octet with the bit in it."""
+        """Return the octets of the place; for a single bit, an octet with the value of the bit."""
         if self.wanted.bits == 1:
             return bytes([(self.octets[0] >> (self.wanted.start % 8)) & 1])
         return bytes(self.octets)
 
     def value(self, data: bytes) -> object:
-        """Return the value of what `data` returned."""
+        """Return the value of ``data``, octets that `data` returned."""
         part = self.part
         if self.wanted.bits == 1:
             return data[0] == 1
@@ -151,20 +151,20 @@ class Image:
 
     @property
     def bytes_only(self) -> bool:
-        """True when its octets have no meaning but as bytes."""
+        """Whether the octets have no known meaning and are shown as bytes."""
         if self.part is not None:
             return False
         return self.wanted.bits not in _BITS or (self.transport_size == BYTE and self.wanted.bits > 8)
 
     def names(self, typed: str) -> tuple[str, str, str, str]:
-        """Return address, type, tag and unit; ``typed`` is the type where an item of exactly this place told it."""
+        """Return address, type, tag and unit; ``typed`` is the type of an item that had exactly this place, else empty."""
         wanted = self.wanted
         part = self.part
         if part is None:
             bits: i64 = wanted.bits
             if bits == 1:
                 return wanted.address, "BOOL", "", ""
-            if self.bytes_only and typed:  # as the item is called everywhere else: MB8, 4 x BYTE
+            if self.bytes_only and typed:  # the form of an item in other outputs: MB8, 4 x BYTE
                 return place_text(wanted.area, wanted.db, wanted.start, 8), typed, "", ""
             if not typed and self.transport_size >= 0:
                 typed = TRANSPORT_SIZES.name(self.transport_size)
@@ -177,7 +177,7 @@ class Image:
 
 
 def _tag_at(wanted: Wanted, naming: TagNaming) -> Part | None:
-    """Return the tag, or the element of one, that is exactly the wanted place."""
+    """Return the tag, or the element of a tag, that is exactly the wanted place; None for none."""
     cover = naming.index.cover(wanted.area, wanted.db, wanted.start, wanted.bits)
     if cover is None:
         return None
@@ -200,7 +200,7 @@ class WantedSet:
                 self._places.setdefault(int(place_key(one.area, one.db)), []).append(one)
 
     def touched(self, area: i64, db: i64, start: i64, bits: i64, naming: TagNaming | None) -> list[Wanted]:
-        """Return what of it has a bit in common with ``bits`` bits from bit ``start`` on."""
+        """Return the wanted places that have a bit in common with ``bits`` bits from bit ``start`` on."""
         if area < 0:
             return []
         rows = self._places.get(int(place_key(area, db)))

@@ -1,4 +1,4 @@
-"""Rows of values as text, JSON lines and CSV (docs/values.md). A row is written with what its variable has cached."""
+"""Rows of values as text, JSON lines and CSV (docs/values.md), put together from texts that are cached for each variable."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 VALUE_SCHEMA: Final = "s7dissect.value/1"
 _HEAD: Final = f'{{"schema":"{VALUE_SCHEMA}","time":"'
-#: Columns of the table of rows; with several files `FILE_COLUMN` stands behind ``frame``.
+#: Columns of the table of rows; with several files `FILE_COLUMN` follows ``frame``.
 CSV_COLUMNS: Final[list[str]] = [
     "time",
     "frame",
@@ -45,16 +45,16 @@ CSV_COLUMNS: Final[list[str]] = [
     "remark",
 ]
 FILE_COLUMN: Final = "file"
-#: Bytes as JSON, which most lists are made of.
+#: Bytes as JSON numbers: most lists are lists of bytes.
 _SMALL: Final = [str(number) for number in range(256)]
-#: Cached pieces are forgotten together when there are this many.
+#: A cache with so many entries is emptied.
 _MAX_CACHED: Final = 8192
 _NAME: Final = 100
 _STRUCT: Final = 200
-#: Octets of S7comm-plus, and how JSON has them.
+#: The S7comm-plus type whose values are octets, and their form in JSON.
 _BLOB: Final = "Blob"
 _HEXADECIMAL: Final = re.compile(r"([0-9a-f]{2})*")
-#: The remark of a value of which a part passed.
+#: The remark on a value of which only a part was transferred.
 PIECED: Final = "only a part of its bytes passed"
 
 
@@ -100,7 +100,7 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
 
 
 def members_said(members: dict[object, object]) -> str:
-    """Return the members of a structure of S7comm-plus by name: ``{OwnState: 0, OperatingState: 8 RUN}``. Not escaped."""
+    """Return the members of an S7comm-plus structure by name: ``{OwnState: 0, OperatingState: 8 RUN}``. Not escaped."""
     return f"{{{', '.join([_member_said(str(name), value) for name, value in members.items()])}}}"
 
 
@@ -113,7 +113,7 @@ def _member_said(name: str, value: object) -> str:
 
 
 class Beginnings:
-    """The beginning of rows, kept for those of one transaction: they share time, packet, both ends and the way."""
+    """The beginning that the rows of a transaction share: time, packet, both ends, and how the values were transferred."""
 
     __slots__ = ("_frame", "_how", "_link", "_side", "_time_ns", "text")
 
@@ -126,7 +126,7 @@ class Beginnings:
         self._frame: i64 = 0
 
     def fits(self, row: ValueRow) -> bool:
-        """Return whether ``text`` is that of a row; where it is not, it is that of this row which has to be put there."""
+        """Return whether ``text`` is the beginning of ``row``; if not, remember ``row``: the caller has to set its text."""
         if (
             row.link is self._link
             and row.time_ns == self._time_ns
@@ -144,9 +144,9 @@ class Beginnings:
 
 
 class Written:
-    """What a writer keeps of a variable: its ``names`` as they are written, and its latest value with the text of it.
+    """What a writer keeps for a variable: its ``names`` as they are written, and its latest value with the text.
 
-    ``repeated`` is what a row without a change ends with, of octets ``data``; empty where none was written yet.
+    ``repeated`` is the end of a row without a change, for octets ``data``; empty if no such row was written yet.
     """
 
     __slots__ = ("data", "names", "repeated", "text", "value")
@@ -159,7 +159,7 @@ class Written:
         self.repeated: str = ""
 
     def repeats(self, row: ValueRow) -> bool:
-        """Return whether ``repeated`` is the end of a row."""
+        """Return whether ``repeated`` is the end of ``row``."""
         return bool(
             self.repeated
             and not row.changed
@@ -171,14 +171,14 @@ class Written:
         )
 
     def keep(self, row: ValueRow, repeated: str) -> None:
-        """Keep the end of a row without a change, if there is nothing else to say in it."""
+        """Keep the end of a row without a change, unless it has a text or remark of its own."""
         if not (row.pieced or row.text or row.remark):
             self.data = row.data
             self.repeated = repeated
 
 
 class RowWriter(ValueWriter):
-    """Writes a row as a beginning, which it shares with those of its transaction, and an end, which a value repeats."""
+    """Writes a row as a beginning, which the rows of a transaction share, and an end, which repeats with the same value."""
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
@@ -187,7 +187,7 @@ class RowWriter(ValueWriter):
         self._ends: dict[int, str] = {}
 
     def ends(self, row: ValueRow) -> str:
-        """Return `between`, worked out once for each connection and direction."""
+        """Return `between`, which is made once for each connection and direction."""
         key: i64 = row.link.number * 2 + row.side
         found = self._ends.get(key)
         if found is None:
@@ -221,11 +221,11 @@ class RowWriter(ValueWriter):
         return texts
 
     def names(self, variable: Variable) -> str:
-        """Return what stands for a variable in each of its rows."""
+        """Return the part of its rows that names a variable."""
         return ""
 
     def beginning(self, row: ValueRow) -> str:
-        """Return what the rows of a transaction share: when, which packet, between whom and how."""
+        """Return the part that the rows of a transaction share: time, packet, both ends, how the value was transferred."""
         return ""
 
     def between(self, row: ValueRow) -> str:
@@ -233,12 +233,12 @@ class RowWriter(ValueWriter):
         return ""
 
     def end(self, row: ValueRow, written: Written) -> str:
-        """Return the rest, and remember the value in ``written``."""
+        """Return the rest of a row, and remember the value in ``written``."""
         return ""
 
 
 class ValueText(RowWriter):
-    """Writes a line for each row: when, which packet, who, how, what, and the value before where that was different."""
+    """Writes a line for each row: time, packet, both ends, how, the value, and a different value before it."""
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the lines of rows."""
@@ -274,12 +274,12 @@ def value_line(row: ValueRow, clock: Clock, places: Places) -> str:
 
 
 def ends_text(row: ValueRow, places: Places) -> str:
-    """Return who read, wrote or subscribed, and the PLC."""
+    """Return the client that read, wrote or subscribed, and the PLC."""
     return f"{places.host(row.client)} → {places.end(row.variable.plc)}"
 
 
 def line_beginning(row: ValueRow, clock: Clock, places: Places, ends: str) -> str:
-    """Return when a value passed, in which packet, between whom and how."""
+    """Return time, packet, both ends, and how a value was transferred."""
     return f"{clock.moment(row.time_ns)}  {places.mark(int(row.frame)):>6}  {ends}  {row.how:<5}  "
 
 
@@ -289,12 +289,12 @@ def typed_text(variable: Variable) -> str:
 
 
 def line_end(row: ValueRow, what: str) -> str:
-    """Return the value of a row, and the one before it where that was different."""
+    """Return the value of a row, and the value before it if that was different."""
     variable = row.variable
     was = ""
     if row.changed and not row.first:
         was = f"  was {shown(variable, row.previous, row.before, row.previous_text)}"
-    # What SCD says of a value that is there has no data with it, and stays out.
+    # The remark on an SCD value is only shown if there is no value: it has no ``data``.
     odd = row.remark and (row.value is None or row.data is not None)
     remark = f"  [{shortened(row.remark, _NAME)}]" if odd else ""
     if row.pieced:
@@ -306,7 +306,7 @@ def line_end(row: ValueRow, what: str) -> str:
 
 
 def any_text(value: object) -> str:
-    """Return a value as JSON, one of S7comm-plus that has members included."""
+    """Return any value as JSON, also an S7comm-plus value with members."""
     if value is None or isinstance(value, (bool, int, float, str)):
         return value_text(value)
     if isinstance(value, list):
@@ -334,7 +334,7 @@ def _or_null(text: str) -> str:
 
 
 class ValueJsonl(RowWriter):
-    """Writes an object for each row, on a line."""
+    """Writes a JSON object for each row, on a line."""
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
@@ -355,7 +355,7 @@ class ValueJsonl(RowWriter):
         self.lines += json_lines(summary)
 
     def beginning(self, row: ValueRow) -> str:
-        """Return the keys from the schema to the way."""
+        """Return the keys from ``schema`` to ``how``."""
         frame = str(row.frame)
         if self.places.several:
             name, number = self.places.locate(int(row.frame))
@@ -369,7 +369,7 @@ class ValueJsonl(RowWriter):
         )
 
     def end(self, row: ValueRow, written: Written) -> str:
-        """Return the other keys."""
+        """Return the remaining keys."""
         known: bool = written.text != ""
         before = written.text
         same: bool = known and row.previous is written.value
@@ -405,7 +405,7 @@ class ValueCsv(RowWriter):
         self._begun: bool = False
 
     def values(self, rows: list[ValueRow]) -> None:
-        """Add the rows; the first time with the names of the columns in front, also where there are none."""
+        """Add the rows; the first call adds the heading, even without rows."""
         if not self._begun:
             self._begun = True
             self.lines.append(",".join(self.columns()))
@@ -426,7 +426,7 @@ class ValueCsv(RowWriter):
         return [*CSV_COLUMNS[:2], FILE_COLUMN, *CSV_COLUMNS[2:]] if self.places.several else list(CSV_COLUMNS)
 
     def beginning(self, row: ValueRow) -> str:
-        """Return the cells from the time to the way. Numbers, times and addresses are safe as they are."""
+        """Return the cells from ``time`` to ``how``. Numbers, times and addresses need no quotes."""
         frame = str(row.frame)
         if self.places.several:
             name, number = self.places.locate(int(row.frame))
@@ -438,7 +438,7 @@ class ValueCsv(RowWriter):
         return f"{row.link.number},{row.host},{row.variable.plc}"
 
     def end(self, row: ValueRow, written: Written) -> str:
-        """Return the other cells."""
+        """Return the remaining cells."""
         variable = row.variable
         data = row.data
         before = ""
@@ -458,7 +458,7 @@ class ValueCsv(RowWriter):
 
 
 def value_cell(variable: Variable, value: object, data: bytes | None) -> str:
-    """Return the cell of a value; octets without a meaning as hexadecimal."""
+    """Return the cell of a value; octets of unknown meaning in hexadecimal."""
     if value is None:
         return ""
     if variable.bytes_only and data is not None and isinstance(value, list):

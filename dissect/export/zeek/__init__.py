@@ -1,1 +1,1 @@
-"""Logs as Zeek writes them, in the columns of cisagov's ICSNPP, and one of paired transactions."""
+"""Logs in Zeek's format, with the columns of cisagov's ICSNPP, and a log of transactions that ICSNPP does not have."""

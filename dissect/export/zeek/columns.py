@@ -1,4 +1,4 @@
-"""The columns of each log: names and types, the first eleven the same in all of them."""
+"""The columns of each log: names and types; the first eleven are the same in all logs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ def _columns(text: str) -> Columns:
     return tuple([(name, kind) for name, _, kind in [word.partition(":") for word in text.split()]])
 
 
-#: Of every log: `id` is who began the connection and the other end, `source` and `destination` are those of the message.
+#: Columns of every log: `id` has the ends of the connection, that which opened it first; `source` and `destination` are those
+#: of the message.
 COMMON: Final = _columns(
     "ts:time uid:string id.orig_h:addr id.orig_p:port id.resp_h:addr id.resp_p:port is_orig:bool "
     "source_h:addr source_p:port destination_h:addr destination_p:port"
 )
-#: The others, by the name of the log.
+#: The further columns, by the name of the log.
 LOGS: Final[dict[str, Columns]] = {
     "cotp": _columns("pdu_code:string pdu_name:string"),
     "s7comm": _columns(
@@ -35,7 +36,7 @@ LOGS: Final[dict[str, Columns]] = {
     "s7comm_known_devices": _columns(
         "automation_system_name:string module_name:string plant_name:string module_serial:string"
     ),
-    # Ours, so named that nobody takes it for one of ICSNPP.
+    # Our own log, named so that it is not taken for one of ICSNPP's.
     "s7comm_transaction": _columns(
         "community_id:string transaction:count protocol:string function_code:string function_name:string outcome:string "
         "reason:string latency:interval failed:bool errors:vector[string] items:count request_bytes:count response_bytes:count "

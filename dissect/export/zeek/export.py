@@ -1,7 +1,7 @@
-"""The logs of a run: an observer that writes them.
+"""`ZeekExport`: an observer that writes the logs of a run.
 
-By default rows are written that ICSNPP loses (refusals without parameters, SZL answers in parts, S7comm-plus below version 3).
-``strict`` leaves them out, for who compares with a Zeek. A second PDU in one segment, which ICSNPP loses too, is always there.
+By default, rows are written that ICSNPP loses: refusals without parameters, SZL answers in parts, S7comm-plus below version 3.
+``strict`` leaves them out, for comparisons with Zeek. A second PDU in one segment, which ICSNPP loses too, is always written.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from dissect.transactions.operation import LONG_ANSWER, Operation
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
-#: Connections of which uids, devices and open answers are remembered.
+#: So many connections are remembered with their uid, device and unfinished answers.
 _MOST_KNOWN: Final = 16_384
-_TRUSTED_VERSION: Final = 3  # of S7comm-plus: the only one that ICSNPP reads
+_TRUSTED_VERSION: Final = 3  # the only version of S7comm-plus that ICSNPP reads
 
 
 class _Known:
-    """What is remembered of a connection: its uid, the names of its device, data units whose first part was seen."""
+    """What is remembered of a connection: its uid, the names of its device, and data units whose first part was seen."""
 
     __slots__ = ("device", "parts", "uid")
 
@@ -41,7 +41,7 @@ class _Known:
 
 
 class ZeekExport(Export, Observer):
-    """Writes the logs into a folder; ``counts`` are rows by log."""
+    """Writes the logs into a folder."""
 
     def __init__(self, request: Request, as_json: bool) -> None:
         Observer.__init__(self)
@@ -56,23 +56,23 @@ class ZeekExport(Export, Observer):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Rows of each log."""
+        """The number of rows of each log."""
         return {name: log.rows for name, log in self._logs.items()}
 
     def begin(self, run: Run) -> None:
-        """Name packets by the files of the run."""
+        """Take the files of the run, by which packets are named."""
         self._rows = TransactionRows(run.files)
 
     def flush(self) -> None:
-        """Rows are written as they come."""
+        """Do nothing: rows are written as they come."""
 
     def close(self) -> None:
-        """Write the ends of the logs."""
+        """Write the last lines of the logs, and close them."""
         for log in self._logs.values():
             log.close()
 
     def abandon(self) -> None:
-        """Close the logs."""
+        """Close the logs, which will be deleted."""
         for log in self._logs.values():
             log.abandon()
 
@@ -85,7 +85,7 @@ class ZeekExport(Export, Observer):
             self._log("cotp", int(time_ns), side.connection, int(side.index), row)
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Log an S7 PDU, and what it is about."""
+        """Log an S7 PDU in s7comm.log, and in the log for its function if there is one."""
         pdu = S7(octets)
         connection, index = side.connection, int(side.index)
         from_server = index != connection.client_side
@@ -111,7 +111,7 @@ class ZeekExport(Export, Observer):
             self._log("s7comm_plus", int(time_ns), connection, int(side.index), row)
 
     def operation(self, operation: Operation) -> None:
-        """Take the names of a device from an answer in several parts."""
+        """Remember the names of a device from an SZL answer in several parts."""
         head = operation.content_head
         if self._strict or operation.kind != LONG_ANSWER or head is None or not operation.content:
             return
@@ -153,7 +153,7 @@ class ZeekExport(Export, Observer):
         )
 
     def connection_closed(self, connection: Connection) -> None:
-        """Log the device that a connection spoke of."""
+        """Log the device whose names were read on a connection."""
         known = self._known.pop(int(connection.number), None)
         log = self._logs.get("s7comm_known_devices")
         if known is None or not known.device or log is None:
@@ -182,7 +182,7 @@ class ZeekExport(Export, Observer):
         return found
 
     def _begins_szl(self, pdu: S7, connection: Connection) -> bool:
-        """Tell whether the data of a Read SZL begins with id and index: it does in the first part of an answer only."""
+        """Return whether the data of a Read SZL begins with id and index: only the first part of an answer does."""
         unit, more = pdu.unit
         if self._strict:
             return unit == 0 or more == 1

@@ -1,4 +1,4 @@
-"""One log of Zeek: its framing as tab-separated values, and as JSON lines (exports reference 1.6 and 1.7)."""
+"""One log in Zeek's format: as tab-separated values, or as JSON lines (exports reference 1.6 and 1.7)."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dissect.wire.text import Clock
 
 _UNSET: Final = "-"
 _EMPTY: Final = "(empty)"
-#: What is escaped in a text: the separator, backslashes, and what cannot be printed.
+#: Characters that are escaped in a text: the separator, backslashes, and those that cannot be printed.
 _ESCAPED: Final = re.compile("[\\\\\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 _NS_PER_S: Final = 1_000_000_000
 
 
 class Log:
-    """A log in a file of its own, made with its first row. ``rows`` counts them.
+    """A log in a file of its own, which is made with the first row. ``rows`` is the number of rows.
 
-    Values are what their column's type says: times and intervals are nanoseconds, texts are as on the wire, None is unset.
-    Times are cut to microseconds, as Zeek writes no more.
+    Values have the type of their column: times and intervals are nanoseconds, texts are as on the wire, None is unset. Times
+    are cut to microseconds, Zeek's precision.
     """
 
     def __init__(self, folder: Path, name: str, as_json: bool) -> None:
@@ -54,7 +54,7 @@ class Log:
         self._file.write(f"{line}\n")
 
     def close(self) -> None:
-        """Write the end."""
+        """Write the last line, and close the file."""
         if self._file is not None:
             if not self._json:
                 self._file.write(f"#close\t{self._stamp(self._last_ns)}\n")
@@ -62,11 +62,11 @@ class Log:
             self._file = None
 
     def abandon(self) -> None:
-        """Close a file of which nothing will be kept."""
+        """Close the file, which will be deleted."""
         if self._file is not None:
             try:
                 self._file.close()
-            except OSError:  # no room for what it still holds
+            except OSError:  # there may be no room for what is still buffered
                 self._file = None
 
     def _begin(self, first_ns: int) -> TextIO:
@@ -81,7 +81,7 @@ class Log:
         return file
 
     def _stamp(self, time_ns: int) -> str:
-        """Return the time of a packet, UTC: the clock on the wall would make each run differ."""
+        """Return the time of a packet (UTC) for #open and #close: the present time would make each run differ."""
         return re.sub("[T:]", "-", self._clock.iso(time_ns)[:19])
 
 
@@ -116,7 +116,7 @@ def _escape(found: re.Match[str]) -> str:
 
 
 def seconds(ns: int) -> str:
-    """Return nanoseconds as seconds with six decimals, what is smaller cut off."""
+    """Return nanoseconds as seconds, cut off after six decimals."""
     whole, rest = divmod(abs(ns), _NS_PER_S)
     return f"{'-' if ns < 0 else ''}{whole}.{rest // 1000:06d}"
 
@@ -130,6 +130,6 @@ def _as_json(kind: str, value: Any) -> Any:
 
 
 def _escape_octet(character: str) -> str:
-    """Return what stands for no UTF-8 as Zeek has it in JSON."""
+    """Return an octet that is not UTF-8 (a surrogate escape) in the form that Zeek writes in JSON; others unchanged."""
     code = ord(character)
     return f"\\x{code - 0xDC00:02x}" if 0xDC80 <= code <= 0xDCFF else character

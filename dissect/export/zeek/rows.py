@@ -1,4 +1,4 @@
-"""What the logs say of one PDU: the rules of ICSNPP, read from the octets as it reads them (exports reference 1.2 to 1.5)."""
+"""The rows for one PDU by the rules of ICSNPP, read from the octets in the way ICSNPP does (exports reference 1.2 to 1.5)."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ from dissect.s7plus.tables import REQUEST, RESPONSE
 
 _NONE: Final = 0xFF
 _LONG_NONE: Final = 0xFFFFFFFF
-#: Groups whose subfunctions have no names.
+#: Userdata groups whose subfunctions have no names.
 _NAMELESS: Final = frozenset((0x6, 0xF))
 _KINDS: Final = {4: "Request", 8: "Response", 0: "Push"}
-#: SZL of names and serial numbers, and the size of one of its records.
+#: The SZL id of names and serial numbers, and the size of its records.
 IDENTIFICATION: Final = 0x001C
 _RECORD: Final = 34
-#: Octets of a record that are a name: of the system, the module, the plant, and the serial number.
+#: By index of the record, how many of its octets are the name: of system, module, plant, and the serial number.
 NAMES: Final = {1: 24, 2: 24, 3: 32, 5: 24}
 
 
 def cotp_row(octets: bytes) -> tuple[str, str] | None:
-    """Return code and name of the TPDU in a TPKT, None where there is none."""
+    """Return code and name of the TPDU in a TPKT, None if there is no TPDU."""
     if len(octets) < 6:
         return None
     code = octets[5] >> 4
@@ -58,12 +58,12 @@ def cotp_row(octets: bytes) -> tuple[str, str] | None:
 
 
 def swapped_reference(octets: bytes) -> int:
-    """Return the PDU reference as ICSNPP logs it, its octets swapped."""
+    """Return the PDU reference with its octets swapped, as ICSNPP logs it."""
     return int.from_bytes(octets[4:6], "little")
 
 
 class S7:
-    """One S7 PDU, at the places where ICSNPP looks."""
+    """One S7 PDU, read at the places where ICSNPP reads."""
 
     def __init__(self, octets: bytes) -> None:
         self.octets = octets
@@ -117,7 +117,7 @@ class S7:
         return (service, SERVICES.get(service, "unknown")) if service is not None else (None, None)
 
     def service(self) -> str | None:
-        """Return the PI service of a PLC Control job, as the octets are."""
+        """Return the PI service of a PLC Control job, its octets as text; None for other PDUs."""
         octets = self.octets
         if self.rosctr != JOB or self.parameters[:1] != bytes((PI_SERVICE,)) or len(octets) < 21:
             return None
@@ -141,11 +141,11 @@ class S7:
 
     @property
     def unit(self) -> tuple[int, int]:
-        """Data unit reference and "last data unit" of a response; zeros where there are none."""
+        """The data unit reference and "last data unit" of a response; zeros if it has none."""
         return (self.parameters[8], self.parameters[9]) if len(self.parameters) >= 10 else (0, 0)
 
     def szl_row(self) -> tuple[Any, ...]:
-        """Return the columns of s7comm_read_szl.log; id and index are unset where the data has none."""
+        """Return the columns of s7comm_read_szl.log; id and index are unset if the data has none."""
         data = self.data
         id_ = int.from_bytes(data[4:6], "big") if len(data) >= 8 else None
         code = data[0] if data else None
@@ -160,7 +160,7 @@ class S7:
         )
 
     def szl_bounded(self, from_server: bool) -> bool:
-        """Tell whether ICSNPP can bound the data of a Read SZL; it drops all rows of others."""
+        """Return whether ICSNPP can parse the data of a Read SZL within its bounds; it drops all rows of other PDUs."""
         data = self.data
         if len(data) < 8 or len(data) < 4 + int.from_bytes(data[2:4], "big"):
             return False
@@ -172,7 +172,7 @@ class S7:
 
     @property
     def is_transfer(self) -> bool:
-        """True for the functions of upload and download, asked or answered."""
+        """True for the functions of upload and download, in requests and responses."""
         function = self.parameters[:1]
         return self.rosctr in {JOB, ACK_DATA} and bool(function) and REQUEST_DOWNLOAD <= function[0] <= END_UPLOAD
 
@@ -222,7 +222,7 @@ class S7:
 
 
 def identification(content: bytes) -> dict[int, str]:
-    """Return the names in the records of SZL 0x001c by their index; ``content`` begins with the SZL id."""
+    """Return the names in SZL 0x001c by the index of their record; ``content`` begins with the SZL id."""
     found: dict[int, str] = {}
     if len(content) < 8 or int.from_bytes(content[:2], "big") != IDENTIFICATION:
         return found
@@ -256,5 +256,5 @@ def plus_row(pdu: PlusPdu) -> tuple[Any, ...] | None:
 
 
 def text(octets: bytes) -> str:
-    """Return octets as text; what is no UTF-8 can be told from it again."""
+    """Return octets as text; octets that are not UTF-8 become surrogate escapes, so that they are not lost."""
     return octets.decode("utf-8", "surrogateescape")

@@ -1,6 +1,6 @@
-"""The words of cisagov's ICSNPP for Zeek, misspelt where they are misspelt there: readers of its logs compare whole texts.
+"""The words of cisagov's ICSNPP for Zeek, with its misspellings: readers of these logs compare whole texts.
 
-Kept apart from the words of our own outputs, and used by the writer of these logs only.
+Only the writer of these logs uses them; our other outputs have words of their own.
 """
 
 from __future__ import annotations
