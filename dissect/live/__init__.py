@@ -1,5 +1,5 @@
-"""A line that is watched: a live source joined to the pipeline, and what happens handed to whoever shows it.
+"""Live runs: packets from a live source go through the pipeline, and events come out for whoever shows them.
 
-`run.LiveRun` reads, lets the time pass and tells of lost packets; `session.Session` runs it in a thread of its own and keeps
-what happened in a bounded queue, which the plain lines of `s7dissect monitor` and its screens empty alike.
+`run.LiveRun` reads packets, advances the clock and reports lost packets. `session.Session` runs it in a thread of its own and
+keeps events in a bounded queue, from which the plain lines of `s7dissect monitor` and its screens take them.
 """

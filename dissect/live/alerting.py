@@ -1,4 +1,4 @@
-"""Alerts while a line is watched: the engine asks its rules, the dispatcher delivers in threads of its own."""
+"""Alerts of a live run: the engine applies the rules, the dispatcher delivers alerts in threads of its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.transactions.transaction import Transaction
 
 
 class AlertCompanion(Companion):
-    """Shows everything to ``engine``, whose alerts ``dispatcher`` delivers."""
+    """Passes every event on to ``engine``, whose alerts ``dispatcher`` delivers."""
 
     name = "alerting"
 
@@ -22,7 +22,7 @@ class AlertCompanion(Companion):
         self.dispatcher = dispatcher
 
     def connection_opened(self, connection: Connection) -> None:
-        """Pass it on, as all the others."""
+        """Pass it on; so do the other methods."""
         self.engine.connection_opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
@@ -38,11 +38,11 @@ class AlertCompanion(Companion):
         self.engine.finding(finding)
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Silence and rates are noticed by time alone; what an earlier run could not deliver is sent once this one goes."""
+        """Give the engine the time, by which it notices silence and rates; start delivery, also of an earlier run's alerts."""
         self.dispatcher.start()
         self.engine.tick(now_ns)
 
     def close(self) -> None:
-        """Tell what was held back, and deliver what waits."""
+        """Raise the alerts that were held back, and deliver those that wait."""
         self.engine.finish()
         self.dispatcher.close()

@@ -1,7 +1,7 @@
-"""Packets of a live source handed on as pcapng while they pass, with what is found in them as their comments.
+"""Writes the packets of a live source as pcapng while they arrive, with findings as packet comments.
 
-A comment is a part of its packet's block, and what a packet is about often shows with the answer only. So each packet waits a
-moment before it is written. What is found later goes to the next packet, and says which ones it is about.
+A comment is part of its packet's block, but many findings on a packet are made only when the answer arrives. So each packet is
+held for a moment before it is written. A later finding is put on the next packet and names the packets that it is about.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from dissect.recording.recent import MAX_COMMENTS, KeptPacket
 from dissect.source.live.reader import Drops
 from dissect.source.pcapng_writer import PcapngWriter
 
-#: How long a packet waits, in nanoseconds of the capture: answers usually come sooner, and nobody sees the delay.
+#: How long a packet is held, in nanoseconds by the clock of the capture: most answers come sooner, and users do not notice it.
 HOLD_NS: Final = 200_000_000
-#: Octets that wait at most; what is more is written early.
+#: At most so many octets are held; beyond that, packets are written early.
 MAX_HELD: Final = 16 * 1024 * 1024
 
 
 class CommentedStream(Companion):
-    """Writes every packet to ``writer``, ``hold_ns`` after it passed.
+    """Writes every packet to ``writer``, ``hold_ns`` after it arrived.
 
-    ``error`` is what writing failed with, None while it works; nothing is written after that. ``late`` are comments for which
-    no further packet came, ``dropped`` counts those that were too many.
+    ``error`` is the exception with which writing failed, None before; nothing is written after that. ``late`` are comments that
+    wait for a further packet; ``dropped`` counts comments that were too many.
     """
 
     name = "the stream of packets with comments"
@@ -45,7 +45,7 @@ class CommentedStream(Companion):
         self._held: deque[KeptPacket] = deque()
 
     def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
-        """Hold a packet, and write those whose time is over."""
+        """Hold a packet, and write those that were held long enough."""
         self._frames += 1
         packet = KeptPacket(self._frames, time_ns, octets, wire_length, link_type, interface, self.late)
         self.late = []
@@ -54,7 +54,7 @@ class CommentedStream(Companion):
         self._release(time_ns)
 
     def finding(self, finding: Finding) -> None:
-        """Put a comment to those of its packets that are still held; else to the latest one that is, or to the next."""
+        """Add a comment to the packets of a finding that are still held; if none is, to the latest held packet or the next."""
         frames = sorted({int(frame) for frame in finding.frames})
         comment = finding_comment(finding)
         first = self._frames - len(self._held) + 1
@@ -72,11 +72,11 @@ class CommentedStream(Companion):
             self.dropped += 1
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Write the packets whose time is over."""
+        """Write the packets that were held long enough."""
         self._release(now_ns)
 
     def close(self) -> None:
-        """Write what is held, and end the file."""
+        """Write the held packets, and end the file."""
         while self._held:
             self._write(self._held.popleft())
         try:
@@ -88,7 +88,7 @@ class CommentedStream(Companion):
             self._writer.abandon()
 
     def _release(self, now_ns: int) -> None:
-        # Both ways: a clock that was set back must not hold packets until it has caught up.
+        # The absolute difference: if the clock was set back, packets must not be held until it has caught up.
         while self._held and (abs(now_ns - self._held[0].time_ns) >= self._hold_ns or self._octets > self._max_octets):
             self._write(self._held.popleft())
 

@@ -1,4 +1,4 @@
-"""What happens on a line, as events for whoever shows it, and the observer that makes them."""
+"""`Event`: something that happened in a live run, and `Collector`, the observer that makes events."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
-#: Kinds of events. A ``PROBLEM`` is a sentence about the monitor itself, an ``ALERT`` one that an alert is told in.
+#: Kinds of events. A ``PROBLEM`` is a sentence on the monitor itself, an ``ALERT`` the sentence of an alert.
 OPENED: Final = "connection_opened"
 CLOSED: Final = "connection_closed"
 TRANSACTION: Final = "transaction"
@@ -30,10 +30,9 @@ KINDS: Final = frozenset((OPENED, CLOSED, TRANSACTION, OPERATION, FINDING, SCD, 
 
 
 class Event:
-    """Something happened: ``what`` it is about, by ``kind``, and when by the clock of the capture.
+    """An event: its ``kind``, the object ``what`` that it is about, and its time by the clock of the capture.
 
-    What it is about may go on changing where it is a connection that is open; ``facts`` are those of a connection, as JSON has
-    them, when it happened.
+    An open connection may change after the event; ``facts`` has the values of a connection for JSON at the time of the event.
     """
 
     __slots__ = ("facts", "kind", "time_ns", "what")
@@ -57,7 +56,7 @@ class Event:
 class Collector(Observer):
     """Counts what happens, and keeps events of the wanted ``kinds`` in ``fresh`` until they are taken.
 
-    ``describe`` returns the facts of a connection; ``scd`` says whether SCD messages of their own are to be read.
+    ``describe`` returns the facts of a connection; ``scd``: SCD messages are decoded.
     """
 
     def __init__(
@@ -71,7 +70,7 @@ class Collector(Observer):
         self.transactions: i64 = 0
         self.unanswered: i64 = 0
         self.with_errors: i64 = 0
-        self.now_ns: Callable[[], int] = lambda: 0  # by the clock of the capture, for what ends without a packet
+        self.now_ns: Callable[[], int] = lambda: 0  # time by the clock of the capture, for ends without a packet
         self._describe = describe
         self._kinds: frozenset[str] = frozenset(kinds)
         self._shows_transactions: bool = TRANSACTION in kinds
@@ -112,7 +111,7 @@ class Collector(Observer):
             self.fresh.append(Event(FINDING, finding.time_ns, finding))
 
     def fact(self, fact: Fact) -> None:
-        """Keep what is new; of the card behind an address only that it is a different one now, and not every block by name."""
+        """Keep a new fact; a MAC address only if it replaces another one, and no names of blocks."""
         if DEVICE in self._kinds and fact.fresh and fact.key != BLOCK and (fact.before or fact.key != MAC):
             self.fresh.append(Event(DEVICE, fact.time_ns, fact))
 

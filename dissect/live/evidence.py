@@ -1,4 +1,4 @@
-"""Packets kept on disk while a line is watched: all of them in a ring of files, or those around a finding."""
+"""Packets of a live run that are kept on disk: all of them in a ring of files, or those around findings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dissect.source.live.reader import Drops
 
 
 class RingCompanion(Companion):
-    """Writes every packet to ``ring``; what it gathers is on disk at the next tick."""
+    """Writes every packet to ``ring``; buffered packets are on disk after the next tick."""
 
     name = "the ring of files"
     wants_packets = True
@@ -24,12 +24,12 @@ class RingCompanion(Companion):
         self.ring.add(time_ns, octets, wire_length, link_type, interface)
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """End the file at hand where it is old enough; write what is gathered."""
+        """End the present file if it is old enough; write buffered packets."""
         self.ring.tick(now_ns)
         self.ring.flush()
 
     def close(self) -> None:
-        """Finish the file at hand."""
+        """Finish the present file."""
         self.ring.close()
 
 
@@ -44,7 +44,7 @@ class KeeperCompanion(Companion):
         self.keeper = keeper
 
     def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
-        """Remember a packet, or write it where a file is open."""
+        """Remember a packet, or write it if a file is open."""
         self.keeper.add(time_ns, octets, wire_length, link_type, interface)
 
     def finding(self, finding: Finding) -> None:
@@ -52,10 +52,10 @@ class KeeperCompanion(Companion):
         self.keeper.finding(finding)
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """End the file whose time is over; write the latest packet, of which everything was found by now."""
+        """Write the latest packet, on which no further findings come; end the file if its time is over."""
         self.keeper.settle()
         self.keeper.tick(now_ns)
 
     def close(self) -> None:
-        """Finish the file at hand."""
+        """Finish the present file."""
         self.keeper.close()

@@ -1,4 +1,4 @@
-"""Tables written while a line is watched."""
+"""Tables of a live run, written while it goes on."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from dissect.transactions.transaction import Transaction
 class ExportCompanion(Companion):
     """Writes all tables below ``folder`` as Parquet, new files every ``every_ns`` of the capture's clock.
 
-    ``source`` is what the line is called in the column ``file``. Rows are handed on at every tick, so that at most those of a
-    moment wait in memory; files get their names when their time is over.
+    ``source`` is the name of the source in the column ``file``. Rows are passed on at every tick, so that few wait in memory.
+    Files get their final names when they are complete.
     """
 
     name = "the export"
@@ -43,11 +43,11 @@ class ExportCompanion(Companion):
         self.wants_pdus = self._feed.wants_pdus
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Keep the pipeline, for what is known at the end only."""
+        """Keep the pipeline, for the rows that are known only at the end."""
         self._pipeline = pipeline
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Hand on the rows, and begin new files where it is time."""
+        """Pass on the rows, and begin new files when it is time."""
         self._now_ns = now_ns
         self._feed.flush()
         if not self._due_ns:
@@ -57,7 +57,7 @@ class ExportCompanion(Companion):
             self._sink.rotate(now_ns)
 
     def close(self) -> None:
-        """Write the rest; what cannot be written leaves nothing behind."""
+        """Write the rest; if that fails, the unfinished files are deleted."""
         try:
             self._feed.flush()
             if self._pipeline is not None:
@@ -67,7 +67,7 @@ class ExportCompanion(Companion):
             self._sink.abandon()
 
     def connection_opened(self, connection: Connection) -> None:
-        """Hand it on, as all the others."""
+        """Hand it on; so do the other methods."""
         self._feed.connection_opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:

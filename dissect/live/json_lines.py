@@ -1,7 +1,7 @@
-"""What happens on a line as lines of JSON (docs/json.md): what has a schema of its own keeps it, the rest gets a small one.
+"""Events of a live run as lines of JSON (docs/json.md).
 
-Transactions, operations and SCD messages are the lines of `s7dissect transactions`, `operations` and `show`. Connections,
-findings and problems have no line of their own there and come as ``s7dissect.event/1``.
+Transactions, operations and SCD messages have the same lines as in `s7dissect transactions`, `operations` and `show`. These
+commands have no lines for connections, findings and problems, which have the schema ``s7dissect.event/1``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ EVENT_SCHEMA: Final = "s7dissect.event/1"
 
 
 class JsonLines:
-    """Events as lines of JSON; of ``kinds`` only. Times are in UTC, however ``clock`` writes them for a person."""
+    """Makes JSON lines of events of the wanted ``kinds``. Times are in UTC, also if ``clock`` shows another time zone."""
 
     def __init__(self, kinds: Collection[str], clock: Clock | None = None) -> None:
         self._kinds = kinds
@@ -44,7 +44,7 @@ class JsonLines:
         return [self.line(event) for event in events if event.kind in self._kinds]
 
     def written(self, events: Iterable[Event], lost: Iterable[str] = ()) -> list[str | Line]:
-        """Return the lines of events, in their order, and behind them those of `lost`."""
+        """Return the lines of events, in their order, then ``lost``: lines that `lost` returned."""
         return [*self.lines(events), *lost]
 
     def end(self, status: Status) -> list[str | Line]:
@@ -52,7 +52,7 @@ class JsonLines:
         return [self.summary(status)]
 
     def line(self, event: Event) -> str:
-        """Return one event as a line, whatever is wanted."""
+        """Return the line of an event of any kind."""
         what = event.what
         if isinstance(what, Transaction):
             return self._transactions.line(what)
@@ -70,7 +70,7 @@ class JsonLines:
         return self._event(event.kind, event.time_ns, "text", encodable(what))
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
-        """Return the line that says how many events, by kind, were left out because the output was not taken in time."""
+        """Return the line on how many events, by kind, were left out because the output was read too slowly."""
         return self._event("events_lost", now_ns, "counts", dict(sorted(counts.items())))
 
     def summary(self, status: Status) -> str:

@@ -1,4 +1,4 @@
-"""What happens on a line as lines of text, one an event: the plain form of `s7dissect monitor`."""
+"""Events of a live run as lines of text, one for each event: the plain form of `s7dissect monitor`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dissect.transactions.operation import NO_FAILURES, Operation
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable, shortened
 
-#: What can be asked for alone, and the events it means.
+#: Topics that a user can choose, and the kinds of events that each means.
 TOPICS: Final = {
     "connections": (OPENED, CLOSED),
     "transactions": (TRANSACTION,),
@@ -29,18 +29,18 @@ TOPICS: Final = {
     "devices": (DEVICE,),
     "scd": (SCD,),
 }
-#: Characters of a finding's detail that are shown.
+#: At most so many characters of a finding's detail are shown.
 _DETAIL: Final = 300
 
 
 def kinds_of(topics: Iterable[str]) -> frozenset[str]:
-    """Return the kinds of events that ``topics`` mean, all when there are none. Problems are always among them."""
+    """Return the kinds of events that ``topics`` mean; all kinds for no topics. Problems are always included."""
     wanted = list(topics) or list(TOPICS)
     return frozenset([PROBLEM, *[kind for topic in wanted for kind in TOPICS[topic]]])
 
 
 class PlainLines:
-    """Events as lines; of ``kinds`` only. ``clock`` writes times, by default in UTC."""
+    """Makes lines of text of events of the wanted ``kinds``. ``clock`` writes times, by default in UTC."""
 
     def __init__(self, kinds: Collection[str], clock: Clock | None = None) -> None:
         self._kinds = kinds
@@ -52,18 +52,18 @@ class PlainLines:
         return [self.line(event) for event in events if event.kind in self._kinds]
 
     def written(self, events: Iterable[Event], lost: Iterable[str] = ()) -> list[str | Line]:
-        """Return the lines of events with their style, in their order, and behind them those of `lost`."""
+        """Return the lines of events with their style, in their order, then ``lost``: lines that `lost` returned."""
         lines: list[str | Line] = [
             Line(self.line(event), _style(event), HANG) for event in events if event.kind in self._kinds
         ]
         return lines + [Line(text, "warning", HANG) for text in lost]
 
     def end(self, status: Status) -> list[str | Line]:
-        """Return nothing: `summary_lines` say it elsewhere."""
+        """Return no lines: `summary_lines` are written elsewhere."""
         return []
 
     def line(self, event: Event) -> str:
-        """Return one event as a line, whatever is wanted."""
+        """Return the line of an event of any kind."""
         what = event.what
         if isinstance(what, Transaction):
             return transaction_line(what, self._clock, self._places)
@@ -81,7 +81,7 @@ class PlainLines:
         return f"{begun}  PROBLEM  {printable(what)}"
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
-        """Return the line that says how many events, by kind, were left out because the output was not taken in time."""
+        """Return the line on how many events, by kind, were left out because the output was read too slowly."""
         said = ", ".join([words.count(number, kind.replace("_", " ")) for kind, number in sorted(counts.items())])
         return f"{self._clock.moment(now_ns)}  NOT SHOWN  {said}: this output is not taken fast enough"
 
@@ -131,7 +131,7 @@ def _style(event: Event) -> str:
 
 
 def summary_lines(status: Status, engine: str) -> list[str]:
-    """Return what a run came to, and what was lost: a few lines for the end."""
+    """Return a few lines for the end of a run: its counts, and what was lost."""
     said = [words.count(status.packets, "packet"), words.count(status.connections, "connection")]
     transactions = words.count(status.transactions, "transaction")
     odd = [f"{status.unanswered} unanswered"] if status.unanswered else []

@@ -1,4 +1,4 @@
-"""A report for each period of a line: pages that are written while it is watched."""
+"""HTML reports of a live run, one for each period."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from dissect.wire.text import Clock
 
 
 class ReportCompanion(Companion):
-    """Writes a page for each period of ``every_ns`` into ``directory``, and one for what is left at the end.
+    """Writes a page for each period of ``every_ns`` into ``directory``, and one for the last period at the end.
 
-    Periods begin at multiples of their length since 1970, so that one of an hour begins with the hour. A page is named by the
-    time its period began at, in UTC; one that exists is kept, and the new one gets a number. ``name`` is what is watched,
-    ``version`` ours.
+    Periods begin at multiples of their length since 1970, so that a period of an hour begins on the hour. A page is named by
+    the beginning of its period in UTC; an existing page is kept, and the new one gets a number. ``name`` is the name of the
+    source, ``version`` that of this package.
     """
 
     name = "writing reports"
@@ -50,7 +50,7 @@ class ReportCompanion(Companion):
     # ---- what is gathered -------------------------------------------------------------------------------------------
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Take the pipeline, whose counters go on from period to period."""
+        """Take the pipeline; its counters are not reset between periods."""
         self._pipeline = pipeline
 
     def connection_opened(self, connection: Connection) -> None:
@@ -62,7 +62,7 @@ class ReportCompanion(Companion):
         self._gathered.connection_closed(connection)
 
     def transaction(self, transaction: Transaction) -> None:
-        """Take a transaction, which may be the first of another period."""
+        """Take a transaction, which may begin a new period."""
         self._turn(time_of(transaction))
         self._gathered.transaction(transaction)
 
@@ -91,14 +91,14 @@ class ReportCompanion(Companion):
             self._period = period
 
     def close(self) -> None:
-        """Write the page of the period that was going on."""
+        """Write the page of the last period."""
         if self._pipeline is not None and self._pipeline.frames:
             if self._period < 0:
                 self._period = int(self._pipeline.now_ns) // self._every_ns
             self._write()
 
     def _fresh(self) -> Gathered:
-        # There is no file that a command could read a packet from.
+        # No files: there is none from which a command in the report could read packets.
         return Gathered(Rows([], self._clock, self._hosts))
 
     def _write(self) -> None:
@@ -121,7 +121,7 @@ class ReportCompanion(Companion):
         target = self._free(self._clock.iso(begin_ns)[:19].replace("-", "").replace(":", ""))
         save(target, page.encode())
         self.written.append(target)
-        del self.written[:-1]  # only the latest is asked for, and a line is watched for months
+        del self.written[:-1]  # only the latest is needed, and a run may go on for months
 
     def _free(self, moment: str) -> Path:
         """Return a name that no file has."""

@@ -1,9 +1,9 @@
-"""A source joined to the pipeline while packets arrive: time that passes, packets that were lost, and when to end.
+"""`LiveRun`: reads a live source into a pipeline, advances its clock, reports lost packets, and ends the run.
 
-The clock of the capture is that of the latest packet. While none arrive it goes on from there with the monotonic clock of
-this machine, so that silence is reported as silence, whatever time the capturing machine believes it is.
+The clock of the capture shows the time of the latest packet. Between packets it advances with the monotonic clock of this
+machine, so that silence is noticed even if the clock of the capturing machine is wrong.
 
-`Fanout` is one observer that stands for several: one that fails is reported once and dropped, and the others go on.
+`Fanout` is an observer that passes events on to several others. One that fails is reported once and dropped; the others go on.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import reason
 
-#: Is told which observer failed, and how.
+#: Is called with an observer that failed, and its exception.
 Failed = Callable[[Observer, Exception], None]
 
 
 class Fanout(Observer):
-    """Hands every event to ``observers``, in their order; what only some want goes only to those.
+    """Passes every event on to ``observers``, in their order; PDUs and TPDUs only to those that want them.
 
     ``failed`` is called once for an observer that raises, which then gets no more events.
     """
@@ -46,11 +46,11 @@ class Fanout(Observer):
 
     @property
     def observers(self) -> list[Observer]:
-        """Those that still get events."""
+        """The observers that have not failed."""
         return list(self._observers)
 
     def drop(self, observer: Observer, error: Exception) -> None:
-        """Tell ``observer``, which failed, nothing more."""
+        """Pass no more events on to ``observer``, which failed."""
         if observer in self._observers:
             self._observers = [one for one in self._observers if one is not observer]
             self._failed(observer, error)
@@ -63,7 +63,7 @@ class Fanout(Observer):
                 self.drop(observer, error)
 
     def connection_opened(self, connection: Connection) -> None:
-        """Hand it on, as all the others."""
+        """Hand it on; so do the other methods."""
         self._each(lambda one: one.connection_opened(connection), self._observers)
 
     def connection_closed(self, connection: Connection) -> None:
@@ -122,51 +122,50 @@ class Fanout(Observer):
 
 
 _SECOND: Final = 1_000_000_000
-#: How often lost packets are asked for, and companions are told the time, by the clock of this machine.
+#: How often the source is asked for lost packets, and companions get a tick, by the clock of this machine.
 _DROPS_EVERY_NS: Final = _SECOND
 _TICK_NS: Final = 50_000_000
-#: After this long the findings may be as many again as in the beginning.
+#: After so long the bounds on the number of findings begin anew.
 _RENEW_NS: Final = 60 * _SECOND
-#: Silence before the end that counts as such.
+#: The least silence before the end of a run that counts as silence.
 _SILENCE_NS: Final = _SECOND
-#: How long what already arrived is still read after `LiveRun.stop`.
+#: For at most so long after `LiveRun.stop`, packets that already arrived are still read.
 _DRAIN_NS: Final = 2 * _SECOND
-#: Failures of companions that are kept in words.
+#: At most so many messages on failed companions are kept.
 _MAX_FAILURES: Final = 100
 
 
 class Limits(NamedTuple):
-    """When a run ends by itself: after a time by the clock of this machine, after a number of packets. 0: never."""
+    """When a run ends by itself: after a time by the clock of this machine, or a number of packets; 0 means no limit."""
 
     duration_ns: int = 0
     packets: int = 0
 
 
 class Companion(Observer):
-    """Accompanies a run: gets every event, and the time.
+    """Accompanies a run: an observer that also gets ticks and, with ``wants_packets``, each packet before the pipeline does.
 
-    With ``wants_packets`` it gets each packet before the pipeline does. One that raises gets no more events and is closed; the
-    run goes on.
+    A companion that raises gets no more events and is closed; the run goes on.
     """
 
     name = "companion"
     wants_packets = False
 
     def begin(self, pipeline: Pipeline) -> None:
-        """The run begins, with this pipeline."""
+        """The run begins with ``pipeline``."""
 
     def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
-        """Take a packet that the pipeline gets next."""
+        """Take a packet, before the pipeline gets it."""
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """It is ``now_ns`` by the clock of the capture, and ``drops`` packets were lost so far."""
+        """Called often: ``now_ns`` is the time by the clock of the capture, ``drops`` the packets lost so far."""
 
     def close(self) -> None:
-        """The run is over: write what is to be written."""
+        """The run is over: write the rest, and close files."""
 
 
 class _Door(PacketSink):
-    """Where packets come in: those who want them get them before the pipeline, and after the last one it is shut."""
+    """Gives each packet to the companions that want it, then to the pipeline; takes no more after the limit of packets."""
 
     def __init__(self, run: LiveRun, most: int) -> None:
         self._run = run
@@ -189,9 +188,9 @@ class _Door(PacketSink):
 class LiveRun:
     """Reads ``source`` into a pipeline that feeds ``observer`` and the ``companions``.
 
-    Any `Reader` will do; only a `LiveReader` has a line that can be silent and packets that can be lost. ``drops`` is what was
-    lost so far, and is a finding whenever it grows. ``failures`` says in words which companions were dropped. Call `step`
-    until it returns False. ``clock`` is a monotonic clock in nanoseconds.
+    Any `Reader` will do, but only a `LiveReader` can be silent and lose packets. ``drops`` are the packets lost so far;
+    whenever it grows, there is a finding. ``failures`` are messages on companions that were dropped. Call `step` until it
+    returns False. ``clock`` is a monotonic clock in nanoseconds.
     """
 
     def __init__(
@@ -238,12 +237,12 @@ class LiveRun:
 
     @property
     def notes(self) -> list[str]:
-        """What a live source has said so far, in sentences; a file says it when it was read (``file.notes``)."""
+        """The notes of a live source so far; those of a file are in ``file.notes`` once it was read."""
         return self._source.notes if self._live is not None else []
 
     @property
     def now_ns(self) -> int:
-        """The time by the clock of the capture; that of this machine while nothing was captured yet."""
+        """The time by the clock of the capture; before the first packet, by that of this machine."""
         if not self.pipeline.frames:
             return time.time_ns()
         packet_ns = int(self.pipeline.now_ns)
@@ -252,9 +251,9 @@ class LiveRun:
     # ---- reading ----------------------------------------------------------------------------------------------------
 
     def step(self) -> bool:
-        """Read what is there, or let a moment pass; False when it is over and every connection is closed.
+        """Read what has arrived, or wait a moment; return False when the run is over and every connection is closed.
 
-        Raises `CaptureError` when what comes through a pipe is not a capture.
+        Raises `CaptureError` when the input from a pipe is not a capture.
         """
         if self.ended:
             return False
@@ -278,7 +277,7 @@ class LiveRun:
         return True
 
     def stop(self) -> None:
-        """Take nothing more in; `step` gives what already arrived, then ends. May be called from a signal handler."""
+        """Stop capturing; `step` reads what already arrived, then ends. May be called from a signal handler."""
         self.stop_asked = True
 
     def finish(self) -> None:
@@ -302,7 +301,7 @@ class LiveRun:
             self._close(companion)
 
     def _let_silence_count(self) -> None:
-        """End at the present time where the line was silent: what is open has waited until now, not until the last packet.
+        """After silence, end at the present time: open requests have waited until now, not only until the last packet.
 
         A recording that came through a pipe ends with its last packet.
         """
@@ -358,7 +357,7 @@ class LiveRun:
         return bool(limits.duration_ns) and now - self._begun >= limits.duration_ns
 
     def _begin_stop(self) -> bool:
-        """Stop the source; False when there is nothing left to wait for."""
+        """Stop the source; return False when no more packets can come."""
         if self._live is None:
             return False
         now = self._clock()
@@ -368,7 +367,7 @@ class LiveRun:
         return now - self._stopped < _DRAIN_NS
 
     def _note_failure(self, observer: Observer, error: Exception) -> None:
-        """An observer failed: it is no companion any more."""
+        """Note that an observer failed, and give it no more packets."""
         name = observer.name if isinstance(observer, Companion) else type(observer).__name__
         if len(self.failures) < _MAX_FAILURES:
             self.failures.append(f"{name} failed and was switched off: {reason(error)}")

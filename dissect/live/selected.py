@@ -1,4 +1,4 @@
-"""Events of a session that a selection wants."""
+"""`SelectedEvents`: passes only those events of a session that an expression selects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dissect.transactions.transaction import Transaction
 
 
 class _Told(Observer):
-    """Notes that it was told of something."""
+    """An observer that notes whether the sieve passed anything on."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -43,7 +43,7 @@ class _Told(Observer):
 
 
 class SelectedEvents:
-    """Lets events pass that ``where`` selects, or that belong to a selected transaction, and problems of the monitor."""
+    """Passes events that ``where`` selects, or that belong to a selected transaction, and problems of the monitor."""
 
     def __init__(self, where: Where) -> None:
         self._where = where
@@ -52,11 +52,11 @@ class SelectedEvents:
         self._messages = where.knows(MESSAGE)
 
     def of(self, events: Iterable[Event]) -> list[Event]:
-        """Return those of ``events`` that pass."""
+        """Return the events that pass."""
         return [event for event in events if self.takes(event)]
 
     def takes(self, event: Event) -> bool:
-        """Tell whether an event passes; every event has to be asked about, in their order."""
+        """Return whether an event passes; call it for every event, in their order."""
         what = event.what
         self._told.hit = False
         if isinstance(what, Transaction):

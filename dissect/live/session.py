@@ -1,8 +1,8 @@
-"""A live run in a thread of its own, and what happened in it: kept for whoever shows it, never more than fits.
+"""`Session`: a live run in a thread of its own, with a bounded queue of events for whoever shows them.
 
-The thread reads and analyses; who shows what happened is never waited for, or packets would be lost. So events are kept in a
-queue, and when that is full because they are not taken fast enough, they are counted instead: transactions first. Only a file,
-which loses nothing by it, waits.
+The thread that captures must never wait for the consumer of events, or packets would be lost. So when the queue is full because
+events are taken too slowly, events are only counted: transactions first, others when the reserve is full, too. Only when the
+source is a file, which loses nothing, the thread waits.
 
     session = Session(lambda: open_live("eth0"), Options(overdue_ns=2_000_000_000))
     session.start()
@@ -27,15 +27,15 @@ from dissect.report.words import Places
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
 
-#: Events that wait to be taken; and how many more of those that are not transactions.
+#: So many events may wait to be taken, and so many more that are not transactions.
 MAX_EVENTS: Final = 20_000
 _RESERVE: Final = 5_000
-#: How often a file looks whether it is to be stopped while events wait to be taken, in seconds.
+#: While the reading of a file waits for events to be taken, it checks every so many seconds whether it should stop.
 _PATIENCE_S: Final = 0.1
 
 
 class Status(NamedTuple):
-    """The state of a session. ``lost_events`` were not taken in time; ``open_requests`` are without answer now."""
+    """The state of a session. ``lost_events`` were not taken in time; ``open_requests`` have no answer yet."""
 
     now_ns: int
     packets: int
@@ -53,10 +53,10 @@ class Status(NamedTuple):
 
 
 class Session:
-    """Runs what ``open_source`` opens in a thread, from `start` to its own end or to `stop`.
+    """Reads the source that ``open_source`` opens, in a thread, from `start` until its end or until `stop`.
 
-    ``error`` is what ended it against its will, None otherwise. ``lost`` counts events that were not taken in time, by kind.
-    Events of other than ``kinds`` are counted and not made; a ``PROBLEM`` always is.
+    ``error`` is the message of the error that ended it, None without one. ``lost`` counts events that were not taken in time,
+    by kind. Events of other kinds than ``kinds`` are only counted; a ``PROBLEM`` is always made.
     """
 
     def __init__(
@@ -98,14 +98,14 @@ class Session:
 
     @property
     def run(self) -> LiveRun:
-        """The run; there is one after `start`."""
+        """The run. Raises RuntimeError before `start`."""
         if self._run is None:
             raise RuntimeError("the session was not started")
         return self._run
 
     @property
     def running(self) -> bool:
-        """True until everything was read and reported."""
+        """Whether the thread still runs: not everything was read and reported."""
         return self._thread is not None and self._thread.is_alive()
 
     @property
@@ -114,7 +114,7 @@ class Session:
         return len(self._events)
 
     def start(self) -> None:
-        """Open the source and begin. Raises `CaptureError`, with advice where there is some, when it cannot be opened."""
+        """Open the source and start the thread. Raises `CaptureError`, if possible with advice, if that fails."""
         source = self._open_source()
         self._patient = not isinstance(source, LiveReader)
         self.engine = source.engine if isinstance(source, LiveReader) else "file"
@@ -134,13 +134,13 @@ class Session:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask it to end; what already arrived is still read. May be called from a signal handler, and twice."""
+        """Ask the run to end; what already arrived is still read. May be called from a signal handler, and twice."""
         self._stop_asked = True
         if self._run is not None:
             self._run.stop()
 
     def poll(self, wait_s: float = 0.0, most: int = 1000) -> list[Event]:
-        """Take up to ``most`` events, waiting up to ``wait_s`` for the first; none when there are none, or it is over."""
+        """Take up to ``most`` events; wait up to ``wait_s`` seconds for the first one. Empty if none came."""
         with self._changed:
             if not self._events and wait_s > 0 and self.running:
                 self._changed.wait(wait_s)

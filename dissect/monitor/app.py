@@ -1,8 +1,7 @@
-"""The screens of `s7dissect monitor`: connections, what is scrolling by, findings, and what is behind each of them.
+"""The application of `s7dissect monitor`: connections, transactions as they come, findings, and the details of each.
 
-The screen asks the session for events: five times a second while there are some, twice a second while there are none, a
-bounded number each time, and redraws only what changed. What is shown can be saved as text, but never over an existing file,
-and never through a symbolic link that someone put there.
+It takes events from the session five times a second while there are some, else twice a second; a bounded number each time. It
+redraws only what changed. The screen can be saved as text, but never over an existing file or through a symbolic link.
 """
 
 from __future__ import annotations
@@ -40,12 +39,12 @@ from dissect.variables.wanted import WantedSet
 from dissect.variables.writers import value_line
 from dissect.wire.text import Clock, printable, shortened
 
-#: Names that are tried before it is given up.
+#: So many file names are tried before saving fails.
 _TRIES: Final = 1000
 
 
 def save(directory: Path, time_ns: int, lines: Iterable[str]) -> Path:
-    """Write ``lines`` to a new file in ``directory`` named after a time; return its path. OSError when that cannot be."""
+    """Write ``lines`` to a new file in ``directory``, named after a time; return its path. Raises OSError if that fails."""
     stem = f"s7dissect-{time_word(time_ns, Clock())}"
     for number in range(1, _TRIES):
         path = directory / (f"{stem}.txt" if number == 1 else f"{stem}-{number}.txt")
@@ -59,16 +58,16 @@ def save(directory: Path, time_ns: int, lines: Iterable[str]) -> Path:
     raise FileExistsError(f"{directory}: too many files {stem}…")
 
 
-#: How long to wait for the next look at the events, in seconds: after some came, and after none did.
+#: Seconds until events are taken again: after some came, and after none did.
 _BUSY_S: Final = 0.2
 _QUIET_S: Final = 0.5
-#: How long it is said that something was saved, in seconds.
+#: For so many seconds a message says that the screen was saved.
 _SAID_S: Final = 6
-#: Events that are taken at one look.
+#: At most so many events are taken at once.
 _MOST: Final = 5000
-#: What ends the screens in order; Windows knows no SIGHUP.
+#: Signals on which the application quits in order; Windows has no SIGHUP.
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name))
-#: What may be typed, while nothing is.
+#: Hints in the empty input line.
 _WORDS: Final = "words, failed, slow, c12; Enter shows, Esc shows all"
 _EXPRESSION: Final = "an expression, such as host == 192.168.0.1 and latency > 20ms; Enter shows, Esc shows all"
 _END_KEYS: Final = "q quit  / filter  f select  Enter details  s save  ? help"
@@ -91,8 +90,8 @@ def run_app(
 class MonitorApp(App[bool]):
     """The main screen. An answer later than ``slow_ns`` is shown as slow; files go to ``directory``, ``clock`` writes times.
 
-    Of what rolls by only that is shown which ``where`` selects, until another expression is asked for. ``places`` names hosts.
-    ``wanted`` variables are watched from the beginning; without them all are, once their values are asked for.
+    Only transactions that ``where`` selects are shown, until the user enters another expression. ``places`` has names of hosts.
+    ``wanted`` variables are watched from the beginning; None means all, once the user opens the screen of values.
     """
 
     ENABLE_COMMAND_PALETTE = False
@@ -159,38 +158,38 @@ class MonitorApp(App[bool]):
     # ---- coming and going -------------------------------------------------------------------------------------------
 
     def compose(self) -> ComposeResult:
-        """Put the panes between the state of the line and the keys."""
+        """Lay out the panes between the status line and the line of keys."""
         yield self.head
         yield from self._panes
         yield self.foot
         yield self._input
 
     def on_mount(self) -> None:
-        """Begin to look at the events."""
+        """Begin to take events."""
         loop = asyncio.get_running_loop()
         for number in _SIGNALS:
-            with suppress(NotImplementedError):  # on Windows an event loop takes no signals, and Ctrl+C is a key
+            with suppress(NotImplementedError):  # on Windows, event loops cannot handle signals, and Ctrl+C is a key
                 loop.add_signal_handler(number, self.action_interrupt)
         self.entries.focus()
         self.foot.say(_KEYS)
         self.look()
 
     def on_unmount(self) -> None:
-        """Leave the signals to others again."""
+        """Remove the signal handlers."""
         loop = asyncio.get_running_loop()
         for number in _SIGNALS:
             with suppress(NotImplementedError):
                 loop.remove_signal_handler(number)
 
     def action_interrupt(self) -> None:
-        """End because a signal asked for it."""
+        """Quit because of a signal."""
         self.exit(True)
 
     # ---- looking ----------------------------------------------------------------------------------------------------
 
     def look(self) -> None:
-        """Take what happened, show it, and look again in a moment."""
-        running = self._session.running  # asked before: what it did last is taken then
+        """Take events, show them, and schedule the next look."""
+        running = self._session.running  # checked before `poll`, so that the last events are taken
         events = self._session.poll(0.0, _MOST)
         self.model.take(events)
         now = time.monotonic()
@@ -235,7 +234,7 @@ class MonitorApp(App[bool]):
         screen.pane.update_values(facts, title, status.now_ns)
 
     def _findings_title(self, status: Status, found: list[FindingFacts]) -> str:
-        """Say how many findings there are, the heaviest first."""
+        """Return the title with the number of findings of each severity, the worst first."""
         if not status.findings:
             return "FINDINGS none"
         weights = {
@@ -283,7 +282,7 @@ class MonitorApp(App[bool]):
         return "BROKEN OFF" if self._session.error is not None or self._session.run.file.loss else "ENDED"
 
     def _tell_end(self) -> None:
-        """Say once that nothing more will come; the screen stays."""
+        """Show once that the run is over; the screen stays."""
         if self._told_end:
             return
         self._told_end = True
@@ -303,10 +302,10 @@ class MonitorApp(App[bool]):
         self._arrange()
 
     def _arrange(self) -> None:
-        """Give each pane its share of the height: the lists what they need, up to a quarter; what rolls by the rest."""
+        """Give each pane its height: connections and findings what they need, up to a quarter; transactions get the rest."""
         room = max(self._height - 2, 3)
         quarter = max(room // 4, 3)
-        # All errors are seen, be it at the cost of what rolls by; a list that is longer says how many rows it hides.
+        # All errors are shown, up to half of the height; a longer list says how many rows are hidden.
         share = {self.connections: quarter, self.findings: max(quarter, min(self.findings.errors + 1, room // 2))}
         for pane in self._panes:
             alone = self.zoomed and pane.has_focus
@@ -323,24 +322,24 @@ class MonitorApp(App[bool]):
     # ---- time -------------------------------------------------------------------------------------------------------
 
     def action_pause(self) -> None:
-        """Freeze the screen, or go on."""
+        """Pause the screen, or continue."""
         self.paused = not self.paused
         self._came_at_pause = self.model.came
         self.show()
 
     def action_freeze(self) -> None:
-        """Freeze the transactions, or go on."""
+        """Freeze the list of transactions, or continue."""
         self.entries.freeze(not self.entries.frozen)
         self.show()
 
     # ---- the filter -------------------------------------------------------------------------------------------------
 
     def action_ask_filter(self) -> None:
-        """Ask what to show."""
+        """Ask for words that select what to show."""
         self._ask(False, _WORDS, self.model.wanted.typed)
 
     def action_ask_select(self) -> None:
-        """Ask for an expression that says what to show."""
+        """Ask for an expression that selects what to show."""
         where = self.model.wanted.where
         self._ask(True, _EXPRESSION, where.text if where is not None else "")
 
@@ -355,7 +354,7 @@ class MonitorApp(App[bool]):
         self._input.focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Show what was asked for; of a wrong expression say why, and ask again."""
+        """Apply the words or expression that the user entered; for an invalid expression show the error, and ask again."""
         if not self._asked_select:
             self._filter(event.value)
             return
@@ -375,7 +374,7 @@ class MonitorApp(App[bool]):
         self._filter("")
 
     def action_show_only(self, word: str) -> None:
-        """Show failed or slow ones only, or no longer."""
+        """Show only failed or slow transactions, or all again."""
         self._filter(self.model.wanted.toggled({"failed": FAILED, "slow": SLOW}[word]))
 
     def _filter(self, typed: str) -> None:
@@ -391,7 +390,7 @@ class MonitorApp(App[bool]):
     # ---- what is behind ---------------------------------------------------------------------------------------------
 
     def on_pane_opened(self, event: Pane.Opened) -> None:
-        """Show what is behind a row."""
+        """Show the details of a row."""
         if event.pane is self.connections and (one := self.connections.selected) is not None:
             self._open(
                 f"Connection {one.key}", details.connection_details(one, self.model.entries, self._clock, self._places)
@@ -422,7 +421,7 @@ class MonitorApp(App[bool]):
             self._open("Keys and signs", HELP)
 
     def _open(self, title: str, lines: Sequence[Line]) -> None:
-        _ = self.push_screen(PageScreen(title, lines), self._back)  # shown in its turn; nobody has to wait for it
+        _ = self.push_screen(PageScreen(title, lines), self._back)  # need not be awaited
 
     def _back(self, _: None) -> None:
         self.show()
@@ -430,7 +429,7 @@ class MonitorApp(App[bool]):
     # ---- keeping ----------------------------------------------------------------------------------------------------
 
     def action_save(self) -> None:
-        """Save what is shown as text."""
+        """Save the present screen as text."""
         top = self.screen
         lines = list(self._shown())
         bar = self.foot
@@ -454,7 +453,7 @@ class MonitorApp(App[bool]):
         return [Line(f"{screen.head.left}  {screen.head.right}", HEADING), *[Line(f"  {text}") for text in latest]]
 
     def _shown(self) -> Iterator[Line]:
-        """Yield what the panes hold, in full."""
+        """Yield the full contents of all panes."""
         yield Line(f"{self.head.left}  {self.head.right}", HEADING)
         yield Line("")
         yield Line(self.connections.title, HEADING)

@@ -1,4 +1,4 @@
-"""What is behind a row: a transaction with the field tree and the octets of its PDUs, a connection, the findings of a rule."""
+"""The details of a row: a transaction with field tree and octets of its PDUs, a connection, the findings of a rule."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from dissect.transactions.transaction import PUSH, Transaction
 from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 
-#: Lines that are shown of one thing.
+#: At most so many lines of details are shown.
 MAX_LINES: Final = 20_000
-#: Transactions of a connection that are listed with it, and characters of each.
+#: At most so many transactions are listed with their connection, and so many characters of each shown.
 _LAST: Final = 20
 _LONG: Final = 1000
 _NOTES: Final = 200
 
 
 def entry_lines(entry: Entry, clock: Clock | None = None, places: Places = PLACES) -> list[Line]:
-    """Return everything about an entry; ``clock`` writes times."""
+    """Return the details of an entry; ``clock`` writes times."""
     return list(islice(_entry(entry, clock or Clock(), places), MAX_LINES))
 
 
@@ -78,7 +78,7 @@ def _transaction(transaction: Transaction, clock: Clock, places: Places) -> Iter
 
 def _halves(transaction: Transaction, clock: Clock, places: Places) -> Iterator[Line]:
     connection = transaction.connection
-    # `entries.detached` keeps the packet in front of a PDU that it carries whole.
+    # `entries.detached` keeps the packet headers before a PDU if one packet carries all of it.
     asked = transaction.request_buf if transaction.request_offset else b""
     told = transaction.response_buf if transaction.response_offset else b""
     given = "Push" if transaction.outcome == PUSH else "Answer"
@@ -99,7 +99,7 @@ def _heading(title: str, text: str) -> Iterator[Line]:
 
 
 def _plain(lines: Iterable[str]) -> Iterator[Line]:
-    """Yield lines of a tree, two columns further left than in a report, where they hang below a line."""
+    """Yield lines of a tree, indented by two columns less than in a report, where they are below a line."""
     for text in lines:
         yield Line(text.removeprefix("  "), PLAIN, 27)
 
@@ -107,7 +107,7 @@ def _plain(lines: Iterable[str]) -> Iterator[Line]:
 def connection_details(
     facts: ConnectionFacts, entries: Iterable[Entry], clock: Clock | None = None, places: Places = PLACES
 ) -> list[Line]:
-    """Return everything about a connection, and the last of ``entries`` that are on it."""
+    """Return the details of a connection, and the last of ``entries`` that are on it."""
     clock = clock or Clock()
     lines = list(connection_lines(facts.connection, places))
     if facts.waiting:
@@ -129,7 +129,7 @@ def _same(one: Connection, other: Connection) -> bool:
 
 
 def finding_details(facts: FindingFacts, places: Places = PLACES) -> list[Line]:
-    """Return everything about the findings of a rule, the newest first."""
+    """Return the details of the findings of a rule, the newest first."""
     details = list(reversed(facts.details))
     lines = list(finding_lines(facts.rule, facts.times, details, places, len(details)))
     if details and len(details) < facts.times:
@@ -138,7 +138,7 @@ def finding_details(facts: FindingFacts, places: Places = PLACES) -> list[Line]:
 
 
 def watched_details(facts: WatchedFacts, clock: Clock | None = None, places: Places = PLACES) -> list[Line]:
-    """Return everything about a watched variable, and its latest changes, the newest first."""
+    """Return the details of a watched variable, and its latest changes, the newest first."""
     clock = clock or Clock()
     variable = facts.variable
     title = f"{place_text(variable)} {printable(variable.type)}".rstrip()

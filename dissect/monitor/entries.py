@@ -1,7 +1,7 @@
-"""What rolls by: transactions, operations and SCD messages, kept with the octets it takes to look into them later.
+"""`Entry`: a transaction, operation or SCD message in the rolling list, with the octets that its details need.
 
-A transaction from the pipeline refers to the buffer its packets were read in, which may be a large piece of a capture. What is
-kept here holds its own octets and no more of them, and all together are bounded.
+A transaction from the pipeline refers to the buffer into which its packets were read, which may be a large piece of a capture.
+Entries have copies of only their own octets, and are bounded all together.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 
-#: What an entry takes besides the octets of its PDUs.
+#: Estimated octets of memory of an entry besides those of its PDUs.
 _COST: Final = 1000
-#: TPKT and the header of a DT.
+#: Octets of the TPKT header and the header of a DT.
 _TPKT_HEAD: Final = 7
-#: Headers that may stand before the user data of an IBH-NetLink packet: its own, and MPI with function and number.
+#: Sizes of the headers before the user data of an IBH-NetLink packet: its own, and MPI's with function and number.
 _IBH_HEADS: Final = (HEADER + SHORT_HEAD + 2, HEADER + LONG_HEAD + 2)
 
 What = Transaction | Operation | tuple[ScdMessage, Connection]
 
 
 class Entry:
-    """Something that happened. ``order`` counts what came; ``slow``: the answer came later than it should."""
+    """An entry of the rolling list. ``order`` numbers the entries as they come; ``slow``: the answer was slow."""
 
     __slots__ = ("order", "slow", "time_ns", "what")
 
@@ -51,7 +51,7 @@ class Entry:
 
     @property
     def octets(self) -> int:
-        """What it takes of the memory set aside."""
+        """Its estimated size in memory."""
         what = self.what
         if isinstance(what, Transaction):
             return _COST + len(what.request_buf) + len(what.response_buf)
@@ -61,7 +61,7 @@ class Entry:
 
 
 class Ring:
-    """The last entries: at most ``most`` of them, with at most ``most_octets``."""
+    """The latest entries: at most ``most`` of them, with at most ``most_octets``."""
 
     def __init__(self, most: int, most_octets: int) -> None:
         self.entries: deque[Entry] = deque()
@@ -70,7 +70,7 @@ class Ring:
         self._most_octets = most_octets
 
     def add(self, entry: Entry) -> None:
-        """Take one more; the oldest make room."""
+        """Add an entry; the oldest ones are dropped to make room."""
         self.entries.append(entry)
         self.octets += entry.octets
         while len(self.entries) > self._most or (self.octets > self._most_octets and len(self.entries) > 1):
@@ -78,7 +78,7 @@ class Ring:
 
 
 def detached(transaction: Transaction) -> Transaction:
-    """Return the transaction with octets of its own: the packet of each PDU where that holds it whole, else the PDU."""
+    """Return a copy of a transaction with its own octets: for each PDU the packet that carries all of it, else the PDU."""
     copy = Transaction(
         transaction.number,
         transaction.connection,
@@ -115,7 +115,7 @@ def detached(transaction: Transaction) -> Transaction:
 
 
 def _head(buf: bytes, offset: int, size: int, ibh: bool) -> int:
-    """Return how many octets before a PDU are the headers of the one packet that carries it whole; 0 when it has none."""
+    """Return the size of the packet headers directly before a PDU; 0 if no single packet carries all of it."""
     if not size:
         return 0
     if ibh:

@@ -1,8 +1,8 @@
-"""What of the transactions is shown: words that must occur, `failed`, `slow`, and `c12` for connection 12.
+"""The filter for transactions: words that must occur, `failed`, `slow`, and `c12` for connection 12.
 
-The words are looked for in the ends of the connection, the function, the addresses, and what went wrong. Polling asks the same
-few parameter blocks over and over, so what these say is remembered; a line on which everything is new could ask for more work
-than there is time for, so that is bounded, and what was not looked at is counted.
+Words are searched in the ends of the connection, the function, the addresses and the errors. Polling repeats the same few
+parameter blocks, so their texts are remembered. If all requests are different, there may be too little time to search them: the
+number of new ones is bounded, and transactions that were not searched are counted.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from dissect.transactions.transaction import Transaction
 FAILED: Final = "failed"
 SLOW: Final = "slow"
 
-#: Parameter blocks whose words are remembered, and new ones that are looked at in one go.
+#: The texts of so many parameter blocks are remembered, and so many new ones are searched at once.
 _REMEMBERED: Final = 4096
 _NEW_AT_ONCE: Final = 2000
-#: Items of a request that are searched, and characters of what is typed.
+#: At most so many items of a request are searched, and so many characters of the filter used.
 _ITEMS: Final = 32
 _MOST_TYPED: Final = 200
 _CONNECTION: Final = re.compile(r"c([0-9]{1,9})")
 
 
 class Wanted:
-    """A filter as it was typed: words, and beside them an expression ``where``. With neither everything is wanted.
+    """A filter: the words that were typed, and an expression ``where``. Without both, everything is wanted.
 
-    ``unsearched`` counts what was passed by since the filter was set, because too much came at once.
+    ``unsearched`` counts transactions since the filter was set that were not searched, because too many came at once.
     """
 
     def __init__(self, typed: str = "", slow_ns: int = 1_000_000_000, where: Where | None = None) -> None:
@@ -54,26 +54,26 @@ class Wanted:
 
     @property
     def everything(self) -> bool:
-        """True when nothing is left out."""
+        """Whether everything is wanted."""
         return not self.typed and self.where is None
 
     @property
     def text(self) -> str:
-        """Both as a person reads them."""
+        """The expression and the words, for the screen."""
         return " ".join([part for part in (self.where.text if self.where is not None else "", self.typed) if part])
 
     def begin(self) -> None:
-        """Another go: as much may be looked at again."""
+        """Begin with another batch of events: as many new parameter blocks may be searched again."""
         self._new = 0
 
     def toggled(self, word: str) -> str:
-        """Return what is typed with a word more, or less where it is there."""
+        """Return the typed words with ``word`` added, or removed if it is there."""
         tokens = self.typed.split()
         there = [token for token in tokens if token.casefold() != word]
         return " ".join(there if len(there) < len(tokens) else [*tokens, word])
 
     def takes(self, what: What) -> bool:
-        """Return whether this is wanted."""
+        """Return whether an entry is wanted."""
         if self.where is not None and not self._selected(what, self.where):
             return False
         if not self.typed:
@@ -118,7 +118,7 @@ class Wanted:
         return all([word in said for word in left])
 
     def _asked(self, parameters: Parameters) -> str | None:
-        """Return the words of a parameter block; None when too many new ones came at once."""
+        """Return the text of a parameter block; None if too many new ones came at once."""
         said = self._said.get(parameters)
         if said is None:
             self._new += 1

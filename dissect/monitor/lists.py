@@ -1,4 +1,4 @@
-"""The connections and findings of a line, as they are listed: bounded, each list in an order that holds still."""
+"""The lists of connections and findings: bounded, each in an order that stays the same."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from dissect.monitor.rate_history import SECONDS, RateHistory
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 
-#: Connections that are listed.
+#: Greatest number of listed connections.
 MAX_CONNECTIONS: Final = 500
-#: Findings of each rule that are kept in detail.
+#: Greatest number of findings of a rule that are kept in detail.
 MAX_DETAILS: Final = 50
 
 #: How a connection ended, in a word.
@@ -31,9 +31,9 @@ _ENDED: Final = {
 
 
 class ConnectionFacts(NamedTuple):
-    """A connection as it stands at one moment.
+    """The state of a connection at one moment.
 
-    ``waiting`` requests are open now; ``worst`` is the worst answer time of each of the last seconds, -1 for none.
+    ``waiting`` is the number of open requests; ``worst`` has the longest answer time of each of the last seconds, -1 for none.
     """
 
     connection: Connection
@@ -50,12 +50,12 @@ class ConnectionFacts(NamedTuple):
 
     @property
     def key(self) -> int:
-        """What tells it from others of the list."""
+        """The key of the connection in the list."""
         return int(self.connection.number)
 
     @property
     def failed(self) -> int:
-        """Transactions that were refused or not answered."""
+        """The number of transactions that were refused or not answered."""
         return self.unanswered + self.errors
 
 
@@ -69,7 +69,7 @@ class _Listed:
 
 
 class ConnectionList:
-    """The connections. When there are too many, closed ones leave first, then those that were silent for longest."""
+    """The connections. If there are too many, closed ones are dropped first, then those that were silent for longest."""
 
     def __init__(self, most: int = MAX_CONNECTIONS) -> None:
         self.left_out = 0
@@ -78,14 +78,14 @@ class ConnectionList:
         self._closed: OrderedDict[int, None] = OrderedDict()
 
     def note(self, connection: Connection) -> None:
-        """A connection opened, or closed."""
+        """Note a connection that was opened or closed."""
         self._find(connection)
         if connection.ending is not None:
             self._closed[int(connection.number)] = None
             self._bound()
 
     def transaction(self, connection: Connection, time_ns: int, latency_ns: int | None) -> None:
-        """A transaction on a connection."""
+        """Note a transaction on a connection."""
         listed = self._find(connection)
         self._listed.move_to_end(int(connection.number))
         listed.pulse.add(time_ns, latency_ns)
@@ -93,7 +93,7 @@ class ConnectionList:
             listed.latency_ns = latency_ns
 
     def facts(self, now_ns: int) -> list[ConnectionFacts]:
-        """Return them as they stand: those that are open by number, then those that are over, the newest first."""
+        """Return the state of all connections: open ones by number, then closed ones, the newest first."""
         every = [_facts(listed, now_ns) for listed in list(self._listed.values())]
         return sorted(every, key=lambda one: (one.over, -one.key if one.over else one.key))
 
@@ -132,7 +132,7 @@ def _facts(listed: _Listed, now_ns: int) -> ConnectionFacts:
 
 
 def _state(connection: Connection) -> str:
-    """Return in a word how a connection stands; a refusal weighs more than how it ended."""
+    """Return the state of a connection in a word; a refusal has priority over how it ended."""
     if connection.refused:
         return "refused"
     ending = connection.ending
@@ -140,7 +140,7 @@ def _state(connection: Connection) -> str:
 
 
 class FindingFacts(NamedTuple):
-    """The findings of one rule: how many, and the last of them in detail."""
+    """The findings of one rule: their number, and the latest ones in detail."""
 
     rule: Rule
     times: int
@@ -148,25 +148,25 @@ class FindingFacts(NamedTuple):
 
     @property
     def key(self) -> str:
-        """What tells it from others of the list."""
+        """The key of the rule in the list."""
         return self.rule.slug
 
 
 class FindingList:
-    """The findings, by their rules: the catalogue bounds them."""
+    """The findings by rule; there are no more rules than in the catalogue."""
 
     def __init__(self) -> None:
         self._details: dict[str, deque[Finding]] = {}
 
     def note(self, finding: Finding) -> None:
-        """Something deserves attention."""
+        """Note a finding."""
         kept = self._details.get(finding.slug)
         if kept is None:
             kept = self._details[finding.slug] = deque(maxlen=MAX_DETAILS)
         kept.append(finding)
 
     def facts(self, counts: Mapping[str, int]) -> list[FindingFacts]:
-        """Return the rules that applied, by severity, and the newest first; ``counts`` are exact, and there before a detail."""
+        """Return the rules that applied, by severity, the newest first. ``counts`` are exact and may precede details."""
         found = [
             FindingFacts(CATALOGUE[slug], count, tuple(self._details.get(slug, ()))) for slug, count in counts.items()
         ]

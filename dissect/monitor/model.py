@@ -1,4 +1,4 @@
-"""What the screens show, as data: events folded into bounded state. Knows nothing of a terminal."""
+"""`Model`: the data that the screens show, a bounded state of the events. It does not depend on a terminal."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.variables.wanted import WantedSet
 
-#: Entries that are kept of each sort, and the octets they may take.
+#: Greatest number of entries in each list, and of the octets of their PDUs.
 MAX_ENTRIES: Final = 1000
 MAX_OCTETS: Final = 8_000_000
 
 
 class Model:
-    """Folds events.
+    """Keeps the state of the events.
 
-    What failed or was slow is kept beside the rest, so that it does not roll by with it; so is what a filter
-    wants, from the moment it is set. An answer later than ``slow_ns`` is slow. ``said`` counts problems of the monitor and
-    alerts, ``latest`` is the last of them.
+    Failed and slow transactions are kept in a list of their own, so that the others do not push them out; so are entries that a
+    filter wants, from the moment when it is set. An answer later than ``slow_ns`` is slow. ``said`` counts problems of the
+    monitor and alerts, ``latest`` is the latest of these.
     """
 
     def __init__(self, slow_ns: int = 1_000_000_000, most: int = MAX_ENTRIES, most_octets: int = MAX_OCTETS) -> None:
@@ -46,12 +46,12 @@ class Model:
         self.watched: Watched | None = None
 
     def watch(self, wanted: WantedSet | None) -> None:
-        """Watch variables from now on, beginning with the transactions that are still there; None for all of them."""
+        """Watch variables from now on (None: all of them), beginning with the transactions that are still kept."""
         self.watched = Watched(wanted)
         self.watched.take([entry.what for entry in self._recent.entries if isinstance(entry.what, Transaction)])
 
     def take(self, events: Iterable[Event]) -> None:
-        """Fold events, in their order."""
+        """Take events, in their order."""
         fresh: list[tuple[int, What]] = []
         for event in events:
             what = event.what
@@ -68,7 +68,7 @@ class Model:
                 self.said += 1
                 self.latest = what if event.kind == ALERT else f"PROBLEM {what}"
             elif isinstance(what, Fact):
-                continue  # its lines are those of the plain form
+                continue  # shown only by the plain form
             elif not isinstance(what, tuple) or not what[0].message.phase:  # SCD with a phase is in a transaction
                 fresh.append((event.time_ns, what))
         if self.watched is not None:
@@ -76,11 +76,11 @@ class Model:
         self._keep(fresh)
 
     def select(self, where: Where | None) -> None:
-        """Show only what an expression selects, beside what the words ask for; None for everything."""
+        """Show only what an expression selects and the words want; None for no expression."""
         self._want(Wanted(self.wanted.typed, self.slow_ns, where))
 
     def filter(self, typed: str) -> None:
-        """Show only what is wanted by the words that were typed; of what came before, what is still there."""
+        """Show only entries that the typed words want, among them those that are still kept."""
         self._want(Wanted(typed, self.slow_ns, self.wanted.where))
 
     def _want(self, wanted: Wanted) -> None:
@@ -95,16 +95,16 @@ class Model:
 
     @property
     def entries(self) -> list[Entry]:
-        """What is shown of what rolls by, the newest last."""
+        """The entries that are shown, the newest last."""
         return list((self._recent if self.wanted.everything else self._matching).entries)
 
     def connections(self, now_ns: int) -> list[ConnectionFacts]:
-        """Return the connections as they stand at a time of the capture's clock."""
+        """Return the state of the connections at a time by the clock of the capture."""
         return self._connections.facts(now_ns)
 
     @property
     def connections_left_out(self) -> int:
-        """Connections that had to leave the list."""
+        """The number of connections that were dropped from the list."""
         return self._connections.left_out
 
     def findings(self, counts: Mapping[str, int]) -> list[FindingFacts]:
@@ -112,7 +112,7 @@ class Model:
         return self._findings.facts(counts)
 
     def _keep(self, fresh: list[tuple[int, What]]) -> None:
-        """Keep of what came what will still be there afterwards: the rest would only be copied in vain."""
+        """Keep only those new entries that the lists have room for: copying the others would be wasted."""
         first_recent = len(fresh) - self._most
         odd = self._last([at for at, (_, what) in enumerate(fresh) if self._is_odd(what)])
         self.wanted.begin()

@@ -1,6 +1,6 @@
-"""The lists of the main screen and the page of details, as widgets: they draw the rows there are room for, and no other.
+"""The lists of the main screen and the page of details, as widgets. They draw only the rows for which there is room.
 
-Text is drawn as `rich.text.Text` and never as markup, so that nothing a device says can look like an order to the terminal.
+Text is drawn as `rich.text.Text`, never as markup, so that text from a device cannot contain commands for the terminal.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dissect.wire.text import Clock
 
 Row = TypeVar("Row")
 
-#: How the lines of a report look.
+#: Styles for the lines of a report.
 _LINE_STYLES: Final = {"heading": "bold", "error": rows.BAD, "warning": rows.ODD, "note": "", "dim": rows.DIM, "": ""}
 
 _MOVES: Final[list[BindingType]] = [
@@ -57,7 +57,7 @@ def drawn(lines: Sequence[Sequence[Piece]], styles: Sequence[str], width: int) -
 class Pane(Widget, Generic[Row], can_focus=True):
     """A list with a heading and a cursor. The cursor stays on its row while others come and go.
 
-    ``draw`` returns a row as it is drawn in so many columns, ``key`` what tells it from others, and stays.
+    ``draw`` returns the text of a row for a width in columns; ``key`` returns the permanent key of a row.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [*_MOVES, Binding("enter", "open", show=False)]
@@ -109,13 +109,13 @@ class Pane(Widget, Generic[Row], can_focus=True):
         return drawn(lines, styles, width)
 
     def _first(self, room: int) -> int:
-        """Return the first row to show: the one on top, which weighs most, unless somebody reads further down."""
+        """Return the index of the first row to show: 0 without focus, else so that the cursor is visible."""
         if not self.has_focus:
             return 0
         return min(max(self._top, self.cursor - room + 1, 0), self.cursor, max(len(self.rows) - room, 0))
 
     def _hidden(self, shown: int) -> str:
-        """Return in words how many rows there is no room for."""
+        """Return in words how many rows are hidden."""
         below = len(self.rows) - self._top - shown
         parts = [f"{self._top} more above"] if self._top else []
         parts += [f"{below} more below" if self._top else f"{below} more"] if below > 0 else []
@@ -127,7 +127,7 @@ class Pane(Widget, Generic[Row], can_focus=True):
 
     def _keep_cursor(self, before: Row | None) -> None:
         if not self.has_focus and not self.cursor:
-            return  # nobody chose a row: the first stays the first, whatever comes before it
+            return  # the user has not chosen a row: the cursor stays on top
         if before is not None:
             key = self._key(before)
             for at, row in enumerate(self.rows):
@@ -137,7 +137,7 @@ class Pane(Widget, Generic[Row], can_focus=True):
         self.cursor = min(self.cursor, max(len(self.rows) - 1, 0))
 
     def move_to(self, at: int) -> None:
-        """Put the cursor on a row, the nearest there is."""
+        """Put the cursor on row ``at``, or the nearest that exists."""
         self.cursor = min(max(at, 0), max(len(self.rows) - 1, 0))
         self.refresh()
 
@@ -146,7 +146,7 @@ class Pane(Widget, Generic[Row], can_focus=True):
         self.move_to(self.cursor + by)
 
     def action_page(self, by: int) -> None:
-        """Move the cursor by what is seen at once."""
+        """Move the cursor by pages."""
         self.move_to(self.cursor + by * max(self.size.height - 2, 1))
 
     def action_home(self) -> None:
@@ -158,7 +158,7 @@ class Pane(Widget, Generic[Row], can_focus=True):
         self.move_to(len(self.rows) - 1)
 
     def action_open(self) -> None:
-        """Look behind the row."""
+        """Open the details of the selected row."""
         if self.selected is not None:
             self.post_message(self.Opened(self))
 
@@ -171,7 +171,7 @@ class ConnectionsPane(Pane[ConnectionFacts]):
         super().__init__("connections", lambda row, width: rows.connection_row(row, width, look), lambda row: row.key)
 
     def heading(self, title: str, width: int) -> str:
-        """Return the title, and the heads of the columns behind it."""
+        """Return the title and the headings of the columns."""
         return rows.connection_heads(title, width)
 
 
@@ -184,14 +184,14 @@ class FindingsPane(Pane[FindingFacts]):
 
     @property
     def errors(self) -> int:
-        """How many of the rows are errors; they are the first."""
+        """The number of rows that are errors; these come first."""
         return len([row for row in self.rows if row.rule.severity == ERROR])
 
 
 class EntriesPane(Pane[Entry]):
-    """What rolls by, the newest last.
+    """The rolling list of entries, the newest last.
 
-    While the cursor is on the last row it stays there; moved away from it, the list is frozen.
+    While the cursor is on the last row it stays on the newest; when it is moved away, the list is frozen.
     """
 
     def __init__(self, clock: Clock | None = None, places: Places = rows.PLACES) -> None:
@@ -203,7 +203,7 @@ class EntriesPane(Pane[Entry]):
         self._latest: list[Entry] = []
 
     def update_rows(self, fresh: list[Entry], title: str) -> None:
-        """Show these rows, the last of them under the cursor; keep them for later while frozen."""
+        """Show these rows with the cursor on the last; while the list is frozen, only keep them for later."""
         self._latest = fresh
         if self.frozen:
             fresh = self.rows
@@ -215,15 +215,15 @@ class EntriesPane(Pane[Entry]):
         self.refresh()
 
     def _first(self, room: int) -> int:
-        """Return the first row to show: those that came last are seen, or the frozen ones around the cursor."""
+        """Return the index of the first row to show, so that the cursor is visible."""
         return min(max(self._top, self.cursor - room + 1, 0), self.cursor, max(len(self.rows) - room, 0))
 
     def _hidden(self, shown: int) -> str:
-        """Return nothing: what rolls by is counted in the title."""
+        """Return an empty text: the title counts the entries."""
         return ""
 
     def freeze(self, frozen: bool) -> None:
-        """Freeze the list, or go on with what came since."""
+        """Freeze the list, or continue with the entries that came since."""
         self.frozen = frozen
         if not frozen:
             self.rows = self._latest
@@ -231,30 +231,30 @@ class EntriesPane(Pane[Entry]):
         self.refresh()
 
     def replace(self, fresh: list[Entry]) -> None:
-        """Show other rows, because others are wanted."""
+        """Show other rows after the filter has changed."""
         self._latest = fresh
         self.freeze(False)
 
     @property
     def held_back(self) -> int:
-        """How many newer entries there are than the last one shown."""
+        """The number of entries that are newer than the last one shown."""
         if not self._latest:
             return 0
         return self._latest[-1].order - (self.rows[-1].order if self.rows else 0)
 
     def move_to(self, at: int) -> None:
-        """Put the cursor on a row; off the last one it freezes the list."""
+        """Put the cursor on a row; any row but the last freezes the list."""
         if not self.frozen and at < len(self.rows) - 1:
             self.frozen = True
         super().move_to(at)
 
     def action_end(self) -> None:
-        """Go to the newest, and on with those that come."""
+        """Go to the newest entry, and follow new ones."""
         self.freeze(False)
 
 
 class ValuesPane(Pane[WatchedFacts]):
-    """Watched variables. ``now_ns`` is the time by the clock of the capture, which trends end with."""
+    """Watched variables. ``now_ns`` is the time by the clock of the capture at which trends end."""
 
     def __init__(self, clock: Clock | None = None, places: Places = rows.PLACES) -> None:
         look = rows.Look(rows.sparks(), places)
@@ -267,18 +267,18 @@ class ValuesPane(Pane[WatchedFacts]):
         )
 
     def heading(self, title: str, width: int) -> str:
-        """Return the title, and the heads of the columns behind it."""
+        """Return the title and the headings of the columns."""
         return rows.watched_heads(title, width)
 
     def update_values(self, fresh: list[WatchedFacts], title: str, now_ns: int) -> None:
-        """Show these variables as they are now; they are the same ones, with other values."""
+        """Show variables with their present values; the row objects may be the same as before."""
         self.now_ns = now_ns
         self.update_rows(fresh, title)
         self.refresh()
 
 
 class Page(Widget, can_focus=True):
-    """Lines that are read, wrapped to the width there is."""
+    """Lines to read, wrapped to the width of the widget."""
 
     BINDINGS: ClassVar[list[BindingType]] = _MOVES
 
@@ -291,13 +291,13 @@ class Page(Widget, can_focus=True):
 
     @property
     def place(self) -> str:
-        """Which lines are seen, of how many."""
+        """Which lines are visible, and how many there are."""
         total = len(self._fitted())
         last = min(self.top + self.size.height, total)
         return "" if self.top == 0 and last == total else f"lines {self.top + 1}-{last} of {total}"
 
     def render(self) -> Text:
-        """Draw the lines there is room for."""
+        """Draw the lines for which there is room."""
         fitted = self._fitted()
         self.top = min(max(self.top, 0), max(len(fitted) - self.size.height, 0))
         shown = fitted[self.top : self.top + self.size.height]
@@ -319,10 +319,10 @@ class Page(Widget, can_focus=True):
         self.post_message(self.Moved())
 
     class Moved(Message):
-        """Other lines are seen than before."""
+        """The visible lines have changed."""
 
     def action_page(self, by: int) -> None:
-        """Scroll by what is seen at once."""
+        """Scroll by pages."""
         self.action_move(by * max(self.size.height - 1, 1))
 
     def action_home(self) -> None:

@@ -1,20 +1,20 @@
-"""The pulse of a connection: how many transactions in the last seconds, and the worst answer time of each of them."""
+"""`RateHistory`: transactions of a connection in each of the last seconds, and the longest answer time of each second."""
 
 from __future__ import annotations
 
 from typing import Final
 
 _NS_PER_S: Final = 1_000_000_000
-#: Seconds that are remembered.
+#: So many seconds are remembered.
 SECONDS: Final = 60
 
-#: From one level to the next answer times grow by the root of ten; the first ends at 316 µs, the last is open.
+#: Upper bounds of the levels of answer times, each √10 times the one before; the last level has no upper bound.
 _LEVELS_NS: Final = (316_228, 1_000_000, 3_162_278, 10_000_000, 31_622_777, 100_000_000, 316_227_766)
 LEVELS: Final = len(_LEVELS_NS) + 1
 
 
 class RateHistory:
-    """Counts by seconds of the capture's clock. What comes late, from reordered packets, counts for the newest second."""
+    """Counts by seconds of the capture's clock. Transactions from reordered packets count for the newest second."""
 
     __slots__ = ("_counts", "_second", "_worst")
 
@@ -32,12 +32,12 @@ class RateHistory:
             self._worst[at] = latency_ns
 
     def rate(self, now_ns: int, seconds: int) -> float:
-        """Return transactions a second over the last whole ``seconds``, which end with the running one's beginning."""
+        """Return the transactions per second over the last ``seconds`` whole seconds, without the present one."""
         last = now_ns // _NS_PER_S - 1
         return sum([self._of(self._counts, second, 0) for second in range(last - seconds + 1, last + 1)]) / seconds
 
     def worst(self, now_ns: int, seconds: int) -> list[int]:
-        """Return the worst answer time of each of the last ``seconds``, the running one included; -1 for none."""
+        """Return the longest answer time of each of the last ``seconds``, the present one included; -1 for none."""
         last = max(now_ns // _NS_PER_S, self._second)
         return [self._of(self._worst, second, -1) for second in range(last - seconds + 1, last + 1)]
 
@@ -45,7 +45,7 @@ class RateHistory:
         return kept[second % SECONDS] if self._second - SECONDS < second <= self._second else nothing
 
     def _turn(self, second: int) -> None:
-        """Go on to a second; those passed over had nothing."""
+        """Advance to a second, and clear the seconds in between."""
         if second <= self._second:
             return
         for passed in range(max(self._second + 1, second - SECONDS + 1), second + 1):

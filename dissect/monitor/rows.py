@@ -1,4 +1,4 @@
-"""One row of each list in a given width, as pieces of text with their styles; everything from the wire is escaped here."""
+"""Makes the rows of the lists for a given width, as pieces of text with styles; text from the wire is escaped here."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from dissect.variables.summary import sparkline
 from dissect.variables.writers import place_text, shown
 from dissect.wire.text import Clock, printable, shortened
 
-#: From this many columns there is room for more of everything.
+#: From this width on, rows show more.
 WIDE: Final = 130
 _ROOM_FOR_A_MINUTE: Final = 170
-#: Characters of a row that are worth making.
+#: At most so many characters of a row are made.
 _LONG: Final = 400
-#: A value that changed less than this ago is drawn strong.
+#: A value that changed less than so many nanoseconds ago is drawn bold.
 _FRESH_NS: Final = 2_000_000_000
 
 PLAIN: Final = ""
@@ -40,15 +40,15 @@ DIM: Final = "dim"
 BAD: Final = "red"
 ODD: Final = "yellow"
 STRONG: Final = "bold"
-#: How findings look, by their severity; the word stands beside it.
+#: Styles of findings by severity.
 SEVERITY: Final = {ERROR: BAD, WARNING: ODD}
 
-#: What the details of some findings begin with.
+#: The beginning of the details of some findings.
 _WHO_TO_WHOM: Final = re.compile(r"^\S+:\d+ to \S+:\d+: ")
 
 PLACES: Final = Places([], False)
 
-#: Where all of Unicode cannot be shown, answer times are told by the digits 1 to 8.
+#: On terminals that cannot show all of Unicode, answer times are drawn as the digits 1 to 8.
 _BLOCKS: Final = "▁▂▃▄▅▆▇█"
 _DIGITS: Final = "12345678"
 _PLAIN_TERMINALS: Final = frozenset(("dumb", "linux", "vt100", "vt102", "vt220", "ansi"))
@@ -57,14 +57,14 @@ Piece = tuple[str, str]
 
 
 class Look(NamedTuple):
-    """How rows are drawn: ``glyphs`` of sparklines from low to high, ``places`` with the names of hosts."""
+    """Settings for drawing rows: ``glyphs`` of sparklines from low to high, ``places`` with the names of hosts."""
 
     glyphs: str
     places: Places = PLACES
 
 
 def sparks() -> str:
-    """Return what answer times are drawn with: blocks, or digits where the terminal's font may lack them."""
+    """Return the glyphs for answer times: blocks, or digits if the terminal's font may lack blocks."""
     return _DIGITS if os.environ.get("TERM", "") in _PLAIN_TERMINALS else _BLOCKS
 
 
@@ -81,7 +81,7 @@ def fit(text: str, width: int, right: bool = False) -> str:
 
 class _Column(NamedTuple):
     head: str
-    width: int  # 0: what is left
+    width: int  # 0: the remaining width
     right: bool
     cell: Callable[[ConnectionFacts, Look], Piece]
 
@@ -148,7 +148,7 @@ def connection_row(facts: ConnectionFacts, width: int, look: Look) -> list[Piece
 
 
 def connection_heads(title: str, width: int) -> str:
-    """Return the heads of the columns, the title where the first of them stand."""
+    """Return the headings of the columns, with the title in place of the first two."""
     columns = _columns(width)
     first = columns[0][1] + columns[1][1] + 1
     return " ".join([fit(title, first), *[fit(column.head, size, column.right) for column, size in columns[2:]]])
@@ -163,7 +163,7 @@ def _columns(width: int) -> list[tuple[_Column, int]]:
 
 
 def ends(connection: Connection, places: Places = PLACES) -> str:
-    """Return who talks to whom; the port everybody has is left out."""
+    """Return both ends of a connection; port 102 of the server is left out."""
     arrow = "→" if connection.client_known else "↔"
     over = " UDP" if connection.udp else ""
     return f"{places.end(connection.client)} {arrow} {places.end(connection.server).removesuffix(':102')}{over}"
@@ -191,7 +191,7 @@ def entry_row(entry: Entry, width: int, clock: Clock, places: Places = PLACES) -
 
 
 def entry_line(entry: Entry, clock: Clock, places: Places = PLACES) -> str:
-    """Return an entry on one line, however long, as the other commands write it."""
+    """Return the full line of an entry, in the form of the other commands."""
     what = entry.what
     if isinstance(what, Transaction):
         return transaction_line(what, clock, places)
@@ -204,7 +204,7 @@ def entry_line(entry: Entry, clock: Clock, places: Places = PLACES) -> str:
 
 
 def begun(entry: Entry) -> int:
-    """Return the time an entry begins, in nanoseconds since 1970."""
+    """Return the time at which an entry begins, in nanoseconds since 1970."""
     what = entry.what
     if isinstance(what, Transaction):
         return int(what.request_ns if what.request_frame else what.response_ns)
@@ -248,14 +248,14 @@ def _direction(entry: Entry, places: Places) -> str:
 
 
 def _said(entry: Entry, narrow: bool = False) -> str:
-    """Return what an entry is about; ``narrow`` leaves out the group of a function, which Enter shows."""
+    """Return what an entry is about; ``narrow`` leaves out the group of a function, which the details show."""
     what = entry.what
     if isinstance(what, Transaction):
         name = what.function_name
         head = what.parameters.userdata
         if narrow and head is not None and name == f"{head.group_name}: {head.subfunction_name}":
             name = head.subfunction_name if head.subfunction_name[:1].isalpha() else name
-        about = facets.gist(what) if what.has_errors else facets.subject(what)  # what was refused must not be cut off
+        about = facets.gist(what) if what.has_errors else facets.subject(what)  # refused items must not be cut off
         parts = [name, facets.outcome(what), about]
     elif isinstance(what, Operation):
         parts = [NAMES[what.kind], what.subject[:_LONG], result(what)]
@@ -268,7 +268,7 @@ def _said(entry: Entry, narrow: bool = False) -> str:
 
 
 def finding_row(facts: FindingFacts, width: int, clock: Clock) -> list[Piece]:
-    """Return the findings of a rule in ``width`` columns: how many there are, and the last of them."""
+    """Return the findings of a rule in ``width`` columns: their number, and the latest one."""
     rule = facts.rule
     times = f"{facts.times}x" if facts.times > 1 else ""
     wide = width >= WIDE
@@ -292,13 +292,13 @@ _BY: Final = 16
 
 
 def watched_heads(title: str, width: int) -> str:
-    """Return the heads of the columns, the title where the names stand."""
+    """Return the headings of the columns, with the title in place of that of the names."""
     name, trend = _watched_sizes(width)
     return " ".join([fit(title, name), fit("value", _VALUE), fit("since", _WHEN), fit("by", _BY), fit("trend", trend)])
 
 
 def watched_row(facts: WatchedFacts, width: int, clock: Clock, look: Look, now_ns: int) -> list[Piece]:
-    """Return a variable in ``width`` columns: its value, when it changed last, who read or wrote that, the last seconds."""
+    """Return a variable in ``width`` columns: value, time and client of its latest change, trend of the last seconds."""
     name, trend = _watched_sizes(width)
     row = facts.latest
     changed = facts.rows[-1]
@@ -317,7 +317,7 @@ def watched_row(facts: WatchedFacts, width: int, clock: Clock, look: Look, now_n
 
 
 def _watched_sizes(width: int) -> tuple[int, int]:
-    """Return the columns of the name and of the trend."""
+    """Return the widths of the columns for the name and the trend."""
     trend = SECONDS if width >= _ROOM_FOR_A_MINUTE else SECONDS // 2 if width >= WIDE else 8
     return max(width - _VALUE - _WHEN - _BY - trend - 4, 8), trend
 
@@ -327,7 +327,7 @@ def joined(rows: Sequence[Piece]) -> str:
     return "".join([text for text, _ in rows]).rstrip()
 
 
-#: What the signs on the screen mean.
+#: The meanings of the signs on the screen.
 LEGEND: Final = (
     ("E U S", "a transaction with errors, without an answer, or with a slow answer"),
     ("=", "an operation of several transactions: a download, an upload, a long answer …"),

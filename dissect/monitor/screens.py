@@ -1,4 +1,4 @@
-"""The screens over the main one: a page of details, and the help."""
+"""The other screens: a page of details or help, and the values of variables."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dissect.report.styled import HEADING, Line
 
 
 class Bar(Widget):
-    """One line: ``left`` and, as far as there is room, ``right``."""
+    """One line: ``left`` and, if there is room, ``right``."""
 
     def __init__(self, name: str, reverse: bool = False) -> None:
         super().__init__(id=name)
@@ -27,13 +27,13 @@ class Bar(Widget):
         self._reverse = reverse
 
     def say(self, left: str, right: str = "") -> None:
-        """Show this."""
+        """Show these texts."""
         if (left, right) != (self.left, self.right):
             self.left, self.right = left, right
             self.refresh()
 
     def render(self) -> Text:
-        """Draw it."""
+        """Draw the line."""
         width = self.size.width
         room = max(width - len(self.right) - 1, 0) if self.right else width
         said = f"{fit(self.left, room)} {self.right}" if self.right else fit(self.left, room)
@@ -53,7 +53,7 @@ class PageScreen(Screen[None]):
         self._title = title
 
     def compose(self) -> ComposeResult:
-        """Put the page between a title and the keys."""
+        """Lay out the page between a title and the line of keys."""
         yield self._head
         yield self.page
         yield self.foot
@@ -76,7 +76,7 @@ class PageScreen(Screen[None]):
 
 
 class ValuesScreen(Screen[None]):
-    """Watched variables with their trends; it goes on while it is shown."""
+    """Watched variables with their trends, updated while they are shown."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,v,backspace,left", "dismiss", show=False)]
 
@@ -87,7 +87,7 @@ class ValuesScreen(Screen[None]):
         self.foot = Bar("foot")
 
     def compose(self) -> ComposeResult:
-        """Put the variables between the state of the line and the keys."""
+        """Lay out the variables between the status line and the line of keys."""
         yield self.head
         yield self.pane
         yield self.foot

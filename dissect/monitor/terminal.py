@@ -1,4 +1,4 @@
-"""The terminal the screens are shown on: whether it will do, and where the keys come from when standard input is a capture."""
+"""Checks whether the terminal can show the screens, and reads keys from it when standard input is a capture."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def will_do() -> bool:
 
 @contextmanager
 def keyboard() -> Iterator[None]:
-    """Let the keys come from the terminal while standard input is something else, such as a capture in a pipe.
+    """A context in which keys are read from the terminal although standard input is something else, such as a pipe.
 
-    Meanwhile `sys.stdin` is what standard input was, under another descriptor, and descriptor 0, from which textual reads the
-    keys, is the terminal. Raises `NoKeyboardError` when there is none.
+    In the context, `sys.stdin` is the original standard input under another descriptor, and descriptor 0, from which textual
+    reads keys, is the terminal. Raises `NoKeyboardError` when there is no terminal.
     """
     standing = sys.stdin
     if standing is None or standing.isatty():

@@ -1,4 +1,4 @@
-"""Variables that are watched: their latest values, who gave them, and a minute of trend of each, in bounded memory."""
+"""Watched variables: their latest values, who read or wrote them, and a trend of a minute, in bounded memory."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow, Variable
 from dissect.variables.wanted import WantedSet
 
-#: Variables that are watched at once; values of others are counted.
+#: Greatest number of watched variables; values of others are only counted.
 MAX_WATCHED: Final = 500
-#: Seconds of the capture's clock that a trend shows, and values that the details of a variable list.
+#: Seconds of a trend by the clock of the capture, and greatest number of values in the details of a variable.
 SECONDS: Final = 60
 LATEST: Final = 50
 _NS_PER_S: Final = 1_000_000_000
 
 
 class WatchedFacts:
-    """One variable as it stands: its ``latest`` row, how many values and changes there were, the last changes.
+    """The state of one variable: its ``latest`` row, the numbers of values and changes, and the latest changes.
 
-    ``trend`` are (second, number) of the last `SECONDS` in which there was a number.
+    The trend has (second, number) for those of the last `SECONDS` in which there was a number.
     """
 
     def __init__(self, variable: Variable, row: ValueRow) -> None:
@@ -52,7 +52,7 @@ class WatchedFacts:
             self._trend.append((second, float(value)))
 
     def trend(self, now_ns: int, seconds: int) -> list[float]:
-        """Return a number for each of the last ``seconds``, the running one included: the latest there was, NaN for none."""
+        """Return the latest number in each of the last ``seconds``, the present one included; NaN before the first number."""
         last = max(now_ns // _NS_PER_S, self._trend[-1][0] if self._trend else 0)
         known = dict(self._trend)
         number = math.nan
@@ -67,7 +67,7 @@ class WatchedFacts:
 
 
 class Watched:
-    """Folds transactions into `WatchedFacts`: of ``wanted`` variables, or None for all."""
+    """Makes `WatchedFacts` from transactions, for the ``wanted`` variables; None for all."""
 
     def __init__(self, wanted: WantedSet | None = None, most: int = MAX_WATCHED) -> None:
         self._collector = Collector(wanted, most=most)
@@ -75,7 +75,7 @@ class Watched:
         self._most = most
 
     def take(self, transactions: Iterable[Transaction]) -> None:
-        """Fold transactions, in their order."""
+        """Take transactions, in their order."""
         for transaction in transactions:
             self._collector.transaction(transaction)
         for row in self._collector.take():
@@ -87,20 +87,20 @@ class Watched:
             facts.add(row)
 
     def forget(self, connection: Connection) -> None:
-        """A connection is over."""
+        """Forget a connection that is over."""
         self._collector.connection_closed(connection)
 
     @property
     def not_listed(self) -> int:
-        """Values of variables that there was no room for."""
+        """The number of values of variables for which there was no room."""
         return int(self._collector.untracked)
 
     @property
     def refused(self) -> int:
-        """Reads and writes of the variables that were refused."""
+        """The number of refused reads and writes of the variables."""
         return int(self._collector.refused)
 
     @property
     def facts(self) -> list[WatchedFacts]:
-        """The variables: those with a name first, in the order in which they were first seen."""
+        """Return the variables: those with a name first, in the order in which they were first seen."""
         return sorted(self._facts.values(), key=lambda one: not one.variable.tag)

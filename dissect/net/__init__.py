@@ -1,1 +1,1 @@
-"""Addresses and sockets shared by the rooms that speak TCP."""
+"""Addresses and sockets, shared by the packages that use TCP themselves."""

@@ -1,4 +1,4 @@
-"""Where a proxy listens and where it connects to, as sockets take it."""
+"""The addresses at which a proxy listens and to which it connects, in the form that sockets take."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Final, NamedTuple
 from dissect.metrics.address import THIS_MACHINE, Address, AddressError, is_loopback, parse_address
 from dissect.source.packet import CaptureError
 
-#: Where the proxy listens unless told otherwise.
+#: The default address at which the proxy listens.
 DEFAULT: Final = "127.0.0.1:10102"
-#: Where a PLC listens (RFC 1006).
+#: The port of PLCs (RFC 1006).
 PLC_PORT: Final = 102
 _DANGER: Final = "and anyone who reaches it reaches the PLC"
-#: Addresses of one name that are used.
+#: At most so many addresses of one name are used.
 _MAX_ADDRESSES: Final = 8
 
 
 class ProxyError(CaptureError):
-    """The proxy cannot begin: one line that says why and what to do."""
+    """The proxy cannot begin; the message is one line that says why and what to do."""
 
 
 class Place(NamedTuple):
@@ -32,7 +32,7 @@ class Place(NamedTuple):
 
 
 def read_address(text: str, default_port: int | None = None) -> Address:
-    """Read ``HOST:PORT`` or ``[IPv6]:PORT``, with ``default_port`` also without the port. Raises `AddressError`."""
+    """Parse ``HOST:PORT`` or ``[IPv6]:PORT``; with ``default_port``, the port may be missing. Raises `AddressError`."""
     try:
         return parse_address(text)
     except AddressError:
@@ -46,9 +46,9 @@ def read_address(text: str, default_port: int | None = None) -> Address:
 
 
 def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER) -> list[Place]:
-    """Return what to listen on; what other machines can reach only with ``allow_remote``. Raises `ProxyError`.
+    """Return the places to listen on. Raises `ProxyError` if other machines can reach one, unless ``allow_remote``.
 
-    ``danger`` says what comes of it when they do.
+    ``danger`` is the end of that message: the risk if other machines connect.
     """
     places = _resolved(address, socket.AI_PASSIVE)
     for place in places:
@@ -57,11 +57,11 @@ def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER
                 f"{address} can be reached from other machines, {danger}: "
                 f"listen on {Address(THIS_MACHINE, address.port)}, or add --allow-remote if that is intended"
             )
-    return places if address.port else places[:1]  # a port that the system chooses is another one for each
+    return places if address.port else places[:1]  # the system would choose a different port for each place
 
 
 def places_to_connect(address: Address) -> list[Place]:
-    """Return what to try, in this order, to reach the server. Raises `ProxyError`."""
+    """Return the places to try, in this order, to reach the server. Raises `ProxyError`."""
     if not address.port:
         raise ProxyError(f"{address}: port 0 cannot be connected to: give the port of the PLC, {PLC_PORT} by default")
     return _resolved(address, 0)
@@ -85,7 +85,7 @@ def _resolved(address: Address, flags: int) -> list[Place]:
 
 
 def listen_on(place: Place) -> socket.socket:
-    """Return a socket that listens there. Raises `ProxyError`."""
+    """Return a socket that listens at ``place``. Raises `ProxyError`."""
     listener = socket.socket(place.family, socket.SOCK_STREAM)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -102,7 +102,7 @@ def listen_on(place: Place) -> socket.socket:
 
 
 def expect_no_circle(listeners: list[Place], targets: list[Place]) -> None:
-    """Refuse to relay to ourselves, which would go round until nothing is left. Raises `ProxyError`."""
+    """Raise `ProxyError` if a target is one of our own listeners: each connection would open another one without end."""
     anywhere = {"0.0.0.0", "::"}  # noqa: S104 - only compared with
     for target in targets:
         for place in listeners:
@@ -118,8 +118,8 @@ def expect_no_circle(listeners: list[Place], targets: list[Place]) -> None:
 def _is_own(place: Place) -> bool:
     """Return whether an address is one of this machine; nothing is sent.
 
-    A bind alone does not tell: a system may be told to allow any address (ip_nonlocal_bind), but finds no way from one that
-    is not its own.
+    A successful bind is not enough: a system may be configured to allow any address (ip_nonlocal_bind). But then a connect from
+    an address that is not its own fails.
     """
     with socket.socket(place.family, socket.SOCK_DGRAM) as probe:
         try:

@@ -1,6 +1,6 @@
-"""Where clients come in: listens, accepts as many as there is room for, and can be woken and stopped from outside.
+"""`Listener`: listens, accepts as many clients as allowed, and can be woken and stopped from other threads.
 
-Its loop is its owner's, who also registers sockets of his own with ``selector``.
+Its owner runs the loop, and may register further sockets with ``selector``.
 """
 
 from __future__ import annotations
@@ -16,23 +16,24 @@ from typing import Any, Final, NamedTuple
 from dissect.net.addresses import Place, ProxyError, listen_on
 from dissect.net.sockets import prepare
 
-#: How long no client is accepted after the system had no more sockets, in seconds.
+#: After the system had no more sockets, no client is accepted for so many seconds.
 PAUSE_S: Final = 1.0
 _NO_MORE: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
 _READ: Final = selectors.EVENT_READ
 
 
 class Accepted(NamedTuple):
-    """A client that was accepted, its socket prepared, and its end as ``accept`` gives it."""
+    """An accepted client: its prepared socket, and its address in the form of ``accept``."""
 
     socket: socket.socket
     name: tuple[Any, ...]
 
 
 class Listener:
-    """Listens at ``places``, at once (`ProxyError` when it cannot).
+    """Listens at ``places``, from the beginning; raises `ProxyError` if it cannot.
 
-    ``most`` clients are let in; more wait in the system's queue. ``tell`` is given a line when somebody has to wait.
+    Up to ``most`` clients are accepted; more wait in the system's queue. ``tell`` is called with a message when clients have to
+    wait.
     """
 
     def __init__(self, places: Sequence[Place], most: int, tell: Callable[[str], None]) -> None:
@@ -60,13 +61,13 @@ class Listener:
     def stop(self) -> None:
         """Ask the owner to end. May be called from any thread and from a signal handler, and twice."""
         self.stopping = True
-        with suppress(OSError):  # it is awake, or gone
+        with suppress(OSError):  # the socket is full, so `wait` will wake up, or it is closed
             self._wake.send(b"\0")
 
     def wait(self, patience: float | None) -> Iterator[tuple[Any, int]]:
-        """Yield what happens within ``patience`` seconds (None: however long it takes): what was registered, and its events.
+        """Wait up to ``patience`` seconds (None: no limit); yield (registered object, events) for each socket that is ready.
 
-        For somebody who came in a `Accepted`, and 0.
+        For a new client it yields (`Accepted`, 0).
         """
         for key, events in self.selector.select(patience):
             if key.fileobj is self._woken:
@@ -89,13 +90,13 @@ class Listener:
             return None
         try:
             prepare(client)
-        except OSError:  # gone again
+        except OSError:  # the client is gone already
             client.close()
             return None
         return Accepted(client, name)
 
     def count(self, inside: int) -> None:
-        """Let in more, or nobody for now: so many are inside. To be said when somebody came, and from time to time."""
+        """Stop or resume accepting: ``inside`` clients are connected. Call it for each new client, and from time to time."""
         if self.is_open and inside >= self._most:
             self._tell(f"{inside} clients are connected; more must wait until one disconnects")
             self._set(False)
@@ -111,7 +112,7 @@ class Listener:
                 self.selector.unregister(listener)
 
     def watch(self, one: socket.socket, before: int, events: int, owner: object) -> None:
-        """Watch a socket for ``events`` (0: for none) where it was watched for ``before``."""
+        """Watch a socket for ``events`` (0: none); so far it was watched for ``before``."""
         if events == before:
             return
         if not before:
@@ -122,12 +123,12 @@ class Listener:
             self.selector.unregister(one)
 
     def unwatch(self, one: socket.socket) -> None:
-        """Take a socket out of the selector; nothing happens when it is not in there."""
-        with suppress(KeyError, ValueError):  # it was not watched, or is closed
+        """Remove a socket from the selector, if it is registered."""
+        with suppress(KeyError, ValueError):  # the socket was not watched, or is closed
             self.selector.unregister(one)
 
     def close(self) -> None:
-        """Listen no more. May be called twice."""
+        """Stop listening, and close the sockets. May be called twice."""
         for listener in self._listeners:
             listener.close()
         self.selector.close()

@@ -1,4 +1,4 @@
-"""Options of TCP connections that the rooms which accept and relay them share."""
+"""Options of TCP connections, shared by the packages that accept and relay them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import struct
 from contextlib import suppress
 from typing import Final
 
-#: Close with a reset, whatever is still to be sent.
+#: SO_LINGER with time 0: close with a reset, even if octets are still to be sent.
 _AT_ONCE: Final = struct.pack("ii", 1, 0)
 
 
 def prepare(one: socket.socket) -> None:
-    """Set a connection's options: nothing is held back, urgent octets stay where they are, who is gone is noticed."""
+    """Set a connection's options: non-blocking, no delay (Nagle), keep-alives, urgent data in line."""
     one.setblocking(False)
     one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     one.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -21,6 +21,6 @@ def prepare(one: socket.socket) -> None:
 
 def close_with_reset(one: socket.socket) -> None:
     """Close a connection with a RST."""
-    with suppress(OSError):  # it is broken already
+    with suppress(OSError):  # the connection is broken already
         one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _AT_ONCE)
     one.close()

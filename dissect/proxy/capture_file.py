@@ -1,4 +1,4 @@
-"""What passes as one capture file, written while it passes."""
+"""The relayed traffic as one capture file, written while it is relayed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dissect.source.pcapng_writer import PcapngWriter
 class CaptureFile(Companion):
     """Writes each packet to ``writer`` before it is analysed, and ends the file with the run.
 
-    A file that can no longer be written (the disk is full) costs the file, neither the run nor the relay.
+    If the file can no longer be written (the disk is full), the run and the relay go on without it.
     """
 
     name = "the capture file"
@@ -21,11 +21,11 @@ class CaptureFile(Companion):
         self._writer = writer
 
     def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
-        """Write it."""
+        """Write a packet."""
         self._writer.packet(time_ns, octets, wire_length, link_type, name=interface)
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Write what is gathered."""
+        """Write buffered packets."""
         self._writer.flush()
 
     def close(self) -> None:

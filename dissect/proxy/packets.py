@@ -1,8 +1,8 @@
-"""A conversation whose octets are known, as the Ethernet frames that a capture of it would hold.
+"""Makes the Ethernet frames of a TCP connection from the octets that both sides sent, as if it had been captured.
 
-For those who stand in the middle and have no capture: a proxy, a recorder. Sequence numbers, acknowledgements and checksums
-are right, so that whatever reads captures finds neither holes nor retransmissions. What no socket tells is made up:
-the MAC addresses, where segments begin and end, and that every octet was acknowledged by the next packet of the other side.
+A proxy or a recorder knows the octets but has no packets. Sequence numbers, acknowledgements and checksums are consistent, so
+that readers of captures find neither gaps nor retransmissions. What a socket does not show is made up: the MAC addresses, where
+segments begin and end, and that the next packet of the other side acknowledges every octet.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from dissect.tcp.stream import ACK, FIN, RST, SYN, Endpoint
 
-#: Octets of payload that fit an IPv4 packet: 65,535 less a header of IP and one of TCP, 20 octets each.
+#: Octets of payload that fit into an IPv4 packet: 65,535 less the IP and TCP headers of 20 octets each.
 MAX_SEGMENT: Final = 65_495
 #: Octets after which the other side acknowledges even when it has nothing to send.
 ACKNOWLEDGE_AFTER: Final = 1 << 20
@@ -23,7 +23,7 @@ _MASK: Final = 0xFFFFFFFF
 #: Locally administered addresses: those of the client and of the server.
 _MACS: Final = (b"\x02\0\0\0\0\x01", b"\x02\0\0\0\0\x02")
 _TCP: Final = 6
-#: With the scale below 1 GiB: the window never fills.
+#: The window, with the scale below 1 GiB, so that it never fills.
 _WINDOW: Final = 65_535
 #: Maximum segment size, no operation, window scale 14 (RFC 9293 3.1, RFC 7323 2.2).
 _SYN_OPTIONS: Final = struct.pack(">BBHBBBB", 2, 4, MAX_SEGMENT, 1, 3, 3, 14)
@@ -31,12 +31,12 @@ _TCP_HEAD: Final = struct.Struct(">HHIIBBHHH")
 _IPV4_HEAD: Final = struct.Struct(">BBHHHBBH4s4s")
 _IPV6_HEAD: Final = struct.Struct(">IHBB16s16s")
 _MAPPED: Final = bytes(10) + b"\xff\xff"
-#: Spreads the numbers of conversations over the sequence numbers (Knuth's 2**32 divided by the golden ratio).
+#: Multiplier that spreads conversation numbers over the sequence numbers (Knuth: 2**32 divided by the golden ratio).
 _SPREAD: Final = 2_654_435_761
 
 
 def endpoint_of(address: tuple[Any, ...]) -> Endpoint:
-    """Return what ``getpeername`` and ``getsockname`` give, ``(host, port, …)``, as an endpoint; without its scope."""
+    """Return an address from ``getpeername`` or ``getsockname``, ``(host, port, …)``, as an endpoint without its scope."""
     number = ip_address(str(address[0]).partition("%")[0])
     mapped = getattr(number, "ipv4_mapped", None)
     return Endpoint((mapped or number).packed, int(address[1]))
@@ -45,9 +45,9 @@ def endpoint_of(address: tuple[Any, ...]) -> Endpoint:
 class Conversation:
     """A TCP connection from ``client`` (side 0) to ``server`` (side 1).
 
-    Each method says what happened next and returns the frames of it. ``number`` tells one conversation from another
-    between the same endpoints: their sequence numbers begin elsewhere. Where only one end speaks IPv6, the other end's
-    address is given as an IPv4-mapped one. Raises ValueError for what TCP does not allow: octets after a close or a reset.
+    Call the method for what happened next; it returns the frames. ``number`` distinguishes conversations between the same
+    endpoints: it decides their first sequence numbers. If only one end has an IPv6 address, that of the other is written as an
+    IPv4-mapped one. Raises ValueError for what TCP does not allow: octets after a close or a reset.
     """
 
     def __init__(self, client: Endpoint, server: Endpoint, number: int = 0) -> None:
@@ -58,13 +58,13 @@ class Conversation:
         self._ports = (client.port, server.port)
         first = number * _SPREAD + 1000
         self._next = [first & _MASK, (first + 0x40000000) & _MASK]  # next sequence number of each side
-        self._known = [self._next[0], self._next[1]]  # as far as the other side has acknowledged it
+        self._known = [self._next[0], self._next[1]]  # up to where the other side has acknowledged each side
         self._finished = [False, False]
         self._over = False
         self._packets = 0
 
     def opened(self) -> list[bytes]:
-        """The connection was made."""
+        """Return the frames of the handshake: the connection was made."""
         first = self._segment(0, SYN, b"", _SYN_OPTIONS)
         self._next[0] = (self._next[0] + 1) & _MASK
         second = self._segment(1, SYN | ACK, b"", _SYN_OPTIONS)
@@ -72,7 +72,7 @@ class Conversation:
         return [first, second, self._segment(0, ACK)]
 
     def refused(self) -> list[bytes]:
-        """The server did not want the connection."""
+        """The server refused the connection."""
         return [*self.unanswered(), self._segment(1, RST | ACK)]
 
     def unanswered(self) -> list[bytes]:
@@ -84,7 +84,7 @@ class Conversation:
         return [first]
 
     def sent(self, side: int, octets: bytes) -> list[bytes]:
-        """``side`` sent octets: as many segments as it takes."""
+        """``side`` sent octets; return as many segments as they need."""
         self._expect_open(side)
         frames = []
         for start in range(0, len(octets), MAX_SEGMENT):
@@ -97,12 +97,12 @@ class Conversation:
         return frames
 
     def skipped(self, side: int, size: int) -> None:
-        """``side`` sent so many octets that nobody kept: a hole, as when a capture loses packets."""
+        """``side`` sent ``size`` octets that were not kept: they become a gap, as if a capture had lost packets."""
         self._expect_open(side)
         self._next[side] = (self._next[side] + size) & _MASK
 
     def closed(self, side: int) -> list[bytes]:
-        """``side`` sends no more; the other one still may."""
+        """``side`` closed its direction (FIN); the other side may still send."""
         self._expect_open(side)
         self._finished[side] = True
         first = self._segment(side, FIN | ACK)
@@ -110,7 +110,7 @@ class Conversation:
         return [first, self._segment(1 - side, ACK)]
 
     def reset(self, side: int) -> list[bytes]:
-        """``side`` broke the connection off."""
+        """``side`` reset the connection."""
         if self._over:
             raise ValueError("the connection is over")
         self._over = True
@@ -121,7 +121,7 @@ class Conversation:
             raise ValueError(f"side {side} has closed, it can no longer send")
 
     def _segment(self, side: int, flags: int, payload: bytes = b"", options: bytes = b"") -> bytes:
-        """Return a frame of ``side``, which acknowledges all that the other side has sent."""
+        """Return a frame from ``side`` that acknowledges everything that the other side sent."""
         ack = 0
         if flags & ACK:
             ack = self._known[1 - side] = self._next[1 - side]
@@ -138,7 +138,7 @@ class Conversation:
             0,
             0,
         )
-        # The pseudo header of RFC 9293 3.1 in the form of IPv6; its sum is that of IPv4's form as well.
+        # The pseudo header of RFC 9293 3.1 in the form for IPv6; the form for IPv4 has the same sum.
         pseudo = source + target + struct.pack(">II", size, _TCP)
         check = struct.pack(">H", _checksum(b"".join((pseudo, head, options, payload))))
         tcp = b"".join((head[:16], check, head[18:], options, payload))

@@ -1,7 +1,7 @@
-"""The relay in a process of its own, so that no dissection, however slow, makes what passes wait for the interpreter.
+"""Runs the relay in a process of its own, so that a slow dissection never delays the relayed data (the GIL is not shared).
 
-The relay's process keeps the bounded queue (`dissect.proxy.tap`) and sends what is in it through a socket as fast as this
-process takes it; what does not fit is counted there and left out here, and passes all the same. The relay ends when it is told
+The relay's process has the bounded queue (`dissect.proxy.tap`), and sends its content through a socket as fast as this process
+reads. Data that does not fit into the queue is relayed, but not dissected, and counted there. The relay ends when it is told
 to, or when this process is gone.
 """
 
@@ -26,19 +26,19 @@ from dissect.proxy.relay import Problem, Relay
 from dissect.proxy.tap import OVERHEAD, Passed, Tap, take_from
 from dissect.tcp.stream import Endpoint
 
-#: Octets that wait here at most, each message counted as so many more; more waits in the other process.
+#: At most so many octets wait in this process, plus an overhead for each message; more waits in the other process.
 _MAX_HELD: Final = 4 * 1024 * 1024
 _LENGTH: Final = struct.Struct(">I")
 _PATIENCE_S: Final = 0.2
-#: By how much this process gives way to that of the relay (nice(2)).
+#: The nice value (nice(2)) of this process, so that the relay's process has priority.
 _LATER: Final = 5
-#: Messages that are sent together, and the octets of them.
+#: At most so many messages, and so many octets of them, are sent together.
 _MOST: Final = 256
 _PIECE: Final = 262_144
 
 
 class _Message(msgspec.Struct, array_like=True):
-    """What the relay tells: something that passed (``kind`` is empty for none), its counts, problems, and how it ended."""
+    """A message from the relay: an event (``kind`` is empty for none), its counts, problems, and the error that ended it."""
 
     kind: str = ""
     link: int = 0
@@ -54,15 +54,15 @@ class _Message(msgspec.Struct, array_like=True):
 
 
 def possible() -> bool:
-    """Return whether this system makes processes as is needed here."""
+    """Return whether this system has fork."""
     return hasattr(os, "fork")
 
 
 class RelayProcess:
-    """Runs ``relay``, which tells ``tap``, in another process from `start` to `stop`; there must be no other thread yet.
+    """Runs ``relay``, which fills ``tap``, in another process from `start` to `stop`; no other thread may run before `start`.
 
-    ``connections``, ``failed``, ``octets``, ``problems`` are those of the relay, ``error`` why it broke off. As a
-    tap it gives what passed (`take`), and ``lost`` counts what did not fit.
+    ``connections``, ``failed``, ``octets`` and ``problems`` are those of the relay, ``error`` is why it broke off. Like a tap,
+    it returns events (`take`), and ``lost`` counts what did not fit.
     """
 
     def __init__(self, relay: Relay, tap: Tap) -> None:
@@ -87,7 +87,7 @@ class RelayProcess:
     def start(self) -> None:
         """Begin to relay."""
         with warnings.catch_warnings():
-            # Python warns of any other thread: the command has none yet, and a test has only its own peers.
+            # Python warns of fork if there are threads. The command has none yet; tests have only their own peers.
             warnings.simplefilter("ignore", DeprecationWarning)
             pid = os.fork()
         if not pid:
@@ -96,17 +96,17 @@ class RelayProcess:
         self._pid = pid
         self._theirs.close()
         with contextlib.suppress(OSError):
-            os.nice(_LATER)  # what passes comes first
+            os.nice(_LATER)  # relaying has priority
         self._relay.close()  # the sockets are the other process's
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask it to end. May be called from any thread and from a signal handler, and twice."""
-        with contextlib.suppress(OSError):  # it may have ended
+        """Ask the relay to end. May be called from any thread and from a signal handler, and twice."""
+        with contextlib.suppress(OSError):  # the relay may have ended
             self._ours.send(b"\0")
 
     def is_alive(self) -> bool:
-        """Return whether it relays, or has something to tell."""
+        """Return whether the relay runs, or still has messages."""
         return self._thread.is_alive()
 
     def join(self, timeout: float | None = None) -> None:
@@ -117,13 +117,13 @@ class RelayProcess:
     # ---- as a tap ---------------------------------------------------------------------------------------------------
 
     def take(self, wait_s: float) -> Passed | None:
-        """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
+        """Return the next event; wait up to ``wait_s`` seconds for it. None if there is none."""
         passed, size = take_from(self._queue, wait_s)
         self._taken += size
         return passed
 
     def shut(self) -> None:
-        """Nobody takes any more: what comes from now on is dropped. May be called by any thread."""
+        """Drop all further events: nothing takes them any more. May be called by any thread."""
         self._shut = True
 
     # ---- the thread -------------------------------------------------------------------------------------------------
@@ -137,7 +137,7 @@ class RelayProcess:
                     length = _LENGTH.unpack(head)[0]
                     octets = stream.read(length)
                     if len(octets) < length:
-                        break  # it was killed while it sent
+                        break  # the relay's process was killed while it sent
                     message = decode(octets)
                     self._take_in(message)
                     if message.over:
@@ -176,17 +176,17 @@ class RelayProcess:
 
 
 def _serve(relay: Relay, tap: Tap, to: socket.socket) -> NoReturn:
-    """Relay in this process until the other one says so or is gone, and end it."""
+    """Relay in this process until the other process says to stop or is gone; then end this process."""
     code = 1
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)  # the other process is told and says what is to be done
+            signal.signal(number, signal.SIG_IGN)  # the other process handles signals, and tells this one to stop
         error: list[str] = []
         done = threading.Event()
         sender = threading.Thread(target=_send, args=(relay, tap, to, done, error))
         sender.start()
         threading.Thread(target=_obey, args=(relay, to), daemon=True).start()
-        # What passes comes before what is told of it: the sender gives way soon.
+        # Relaying has priority over sending events: the sender's thread must give up the interpreter soon.
         sys.setswitchinterval(0.000_1)
         try:
             relay.run()
@@ -200,19 +200,19 @@ def _serve(relay: Relay, tap: Tap, to: socket.socket) -> NoReturn:
 
 
 def _obey(relay: Relay, to: socket.socket) -> None:
-    """Stop when the other process says so, or is gone."""
+    """Stop the relay when the other process says so, or is gone."""
     with contextlib.suppress(OSError):
         to.recv(1)
     relay.stop()
 
 
 def _send(relay: Relay, tap: Tap, to: socket.socket, done: threading.Event, error: list[str]) -> None:
-    """Send what the tap holds until the relay has ended and all is sent."""
+    """Send the events in the tap until the relay has ended and everything is sent."""
     encode = msgspec.msgpack.Encoder().encode
     told: tuple[int, ...] = ()
     try:
         while True:
-            over = done.is_set()  # asked before: what came last is sent then
+            over = done.is_set()  # checked before `take`, so that the last events are sent
             passed = tap.take(0 if over else _PATIENCE_S)
             pieces: list[bytes] = []
             size = 0
@@ -250,7 +250,7 @@ def _message_of(passed: Passed) -> _Message:
 
 
 class RelayThread:
-    """What `RelayProcess` is where there is no fork: the relay in a thread, which has to wait its turn."""
+    """Stands in for `RelayProcess` where there is no fork: the relay in a thread, which shares the interpreter."""
 
     def __init__(self, relay: Relay, tap: Tap) -> None:
         self.listening = relay.listening
@@ -266,17 +266,17 @@ class RelayThread:
 
     @property
     def connections(self) -> int:
-        """Clients that reached the server."""
+        """The number of clients that reached the server."""
         return self._relay.connections
 
     @property
     def failed(self) -> int:
-        """Clients that did not."""
+        """The number of clients that did not reach the server."""
         return self._relay.failed
 
     @property
     def lost(self) -> int:
-        """What did not fit into the tap."""
+        """The number of events that did not fit into the tap."""
         return self._tap.lost
 
     def start(self) -> None:
@@ -284,7 +284,7 @@ class RelayThread:
         self._thread.start()
 
     def is_alive(self) -> bool:
-        """Return whether it relays."""
+        """Return whether the relay runs."""
         return self._thread.is_alive()
 
     def join(self, timeout: float | None = None) -> None:

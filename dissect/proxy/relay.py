@@ -1,10 +1,9 @@
 """The relay: accepts clients, connects each to the server, and passes on what they send. One thread, one selector.
 
-It knows nothing about S7. A `Tap` gets every piece after it was passed on, and nothing the tap does can come back.
+It knows nothing about S7. A `Tap` gets every piece after it was passed on, and cannot affect the relay.
 
-At most one piece waits in each direction, and while it does nothing more is read from its sender, so that a sender notices
-when its receiver stops reading: that is all the back-pressure there is, TCP does the rest. The end of a stream and a reset
-are passed on as such.
+At most one piece waits in each direction. While it waits, nothing more is read from its sender, so that TCP slows a sender down
+when its receiver stops reading. A FIN is relayed as a FIN, a reset as a reset.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ from dissect.net.sockets import close_with_reset, prepare
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
 
-#: Octets that are read at once, and wait at most in one direction.
+#: At most so many octets are read at once, and wait in one direction.
 PIECE: Final = 65_536
 
 _NOTHING: Final = memoryview(b"")
 
 
 class ResetError(Exception):
-    """A side has broken the connection off, or cannot be reached any more."""
+    """A side has reset the connection, or can no longer be reached."""
 
     def __init__(self, side: int) -> None:
         super().__init__(f"side {side}")
@@ -39,9 +38,9 @@ class ResetError(Exception):
 
 
 class End:
-    """The socket of one side, what waits to be sent to it, and how far it is done.
+    """One side of a link: its socket, and the octets that wait to be sent to it.
 
-    ``finished``: that side sends no more. ``told``: it knows that the other side sends no more.
+    ``finished``: this side sends no more. ``told``: this side was sent the other side's FIN.
     """
 
     __slots__ = ("events", "finished", "link", "side", "socket", "told", "waiting")
@@ -62,11 +61,11 @@ class End:
 
     @property
     def wants_read(self) -> bool:
-        """True when more may be read from it: what it sent before is all gone."""
+        """Whether more may be read from this side: everything that it sent before was passed on."""
         return not self.finished and not self.peer.waiting
 
     def read(self) -> bytes | None:
-        """Return what it sent, empty at its end; None when there is nothing now. Raises `ResetError`."""
+        """Return what this side sent, empty at the end of its stream; None if there is nothing now. Raises `ResetError`."""
         try:
             octets = self.socket.recv(PIECE)
         except (BlockingIOError, InterruptedError):
@@ -78,12 +77,12 @@ class End:
         return octets
 
     def send(self, octets: bytes) -> None:
-        """Send what nothing waits before. Raises `ResetError`."""
+        """Send octets to this side; nothing else may be waiting. Raises `ResetError`."""
         self.waiting = memoryview(octets)
         self.flush()
 
     def flush(self) -> None:
-        """Send what waits, as far as it is taken; pass on the end when nothing is left. Raises `ResetError`."""
+        """Send as much of the waiting octets as the system takes; then, if need be, pass on the end. Raises `ResetError`."""
         try:
             if self.waiting:
                 self.waiting = self.waiting[self.socket.send(self.waiting) :]
@@ -96,7 +95,7 @@ class End:
             raise ResetError(self.side) from None
 
     def broken(self) -> bool:
-        """Return whether it was reset; asked for where the selector watches for nothing."""
+        """Return whether this side was reset; called if the selector does not watch it."""
         try:
             return self.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0
         except OSError:
@@ -114,14 +113,14 @@ class Link:
 
     @property
     def done(self) -> bool:
-        """True when both sides have finished, and know it of each other."""
+        """Whether both sides have finished, and each was sent the other's FIN."""
         return self.ends[0].told and self.ends[1].told
 
 
 def trouble(one: socket.socket) -> int:
-    """Return why nothing can be read any more, as an errno; 0 while something can be, or may still come.
+    """Return why nothing can be read any more, as an errno; 0 while octets can be read or may still come.
 
-    ``SO_ERROR`` would tell of a reset although there are octets to be read before it, and take it away from who reads them.
+    ``SO_ERROR`` is not used: it would report a reset before octets that can still be read, and clear it for the later read.
     """
     try:
         one.recv(1, socket.MSG_PEEK)
@@ -134,11 +133,11 @@ def trouble(one: socket.socket) -> int:
     return 0
 
 
-#: Clients at once; more wait in the system's queue.
+#: Greatest number of clients at once; more wait in the system's queue.
 MAX_LINKS: Final = 400
 #: How long a server may take to accept, in seconds, for each of its addresses.
 CONNECT_S: Final = 10.0
-#: How often those are looked at that the selector does not watch, in seconds.
+#: Ends that the selector does not watch are checked every so many seconds.
 _LOOK_S: Final = 0.1
 _MAX_PROBLEMS: Final = 1000
 _UNDER_WAY: Final = frozenset((errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EAGAIN))
@@ -148,14 +147,14 @@ _WRITE: Final = selectors.EVENT_WRITE
 
 
 class Problem(NamedTuple):
-    """Something went wrong at ``time_ns`` since 1970 that no packet shows."""
+    """A problem that no packet shows; ``time_ns`` is nanoseconds since 1970."""
 
     time_ns: int
     text: str
 
 
 class _Attempt:
-    """A client that waits until its server has accepted."""
+    """A client that waits until the server has accepted its connection."""
 
     __slots__ = ("client", "client_name", "deadline", "number", "place", "refused", "rest", "server")
 
@@ -171,11 +170,10 @@ class _Attempt:
 
 
 class Relay:
-    """Relays whoever connects to one of ``places`` to the first of ``targets`` that accepts.
+    """Relays clients that connect to one of ``places`` to the first of ``targets`` that accepts.
 
-    Listening begins at once (`ProxyError` when it cannot); `run` works until `stop`. ``connections`` counts clients that
-    reached the server, ``failed`` those that did not, ``octets`` what clients and servers sent, ``active`` who is connected
-    now. ``problems`` are taken from its left by whoever tells them.
+    It listens at once (or raises `ProxyError`); `run` works until `stop`. ``connections`` counts clients that reached the
+    server, ``failed`` those that did not, ``octets`` what clients and servers sent. Consumers take ``problems`` from the left.
     """
 
     def __init__(self, places: Sequence[Place], targets: Sequence[Place], tap: Tap) -> None:
@@ -199,16 +197,16 @@ class Relay:
 
     @property
     def listening(self) -> list[Place]:
-        """Where it listens, with the port that the system chose where it was to."""
+        """The places where it listens, with the port that the system chose for port 0."""
         return self._door.listening
 
     @property
     def active(self) -> int:
-        """Clients that are connected now, those whose server has not accepted yet included."""
+        """The number of clients that are connected now, including those whose server has not accepted yet."""
         return len(self._links) + len(self._attempts)
 
     def stop(self) -> None:
-        """Ask it to end: everybody is disconnected. May be called from any thread and from a signal handler, and twice."""
+        """Ask the relay to end and disconnect all. May be called from any thread and from a signal handler, and twice."""
         self._door.stop()
 
     def run(self) -> None:
@@ -231,7 +229,7 @@ class Relay:
 
     def _happened(self, what: object, events: int) -> None:
         if isinstance(what, End):
-            if what.link in self._links:  # an event before this one may have ended it
+            if what.link in self._links:  # an earlier event may have ended the link
                 self._work(what, events)
         elif isinstance(what, _Attempt):
             if what in self._attempts:
@@ -252,7 +250,7 @@ class Relay:
         self._door.count(self.active)
 
     def _try_next(self, attempt: _Attempt, why: str) -> None:
-        """Connect to the next address of the server; there is none: the client is told by a reset."""
+        """Connect to the next address of the server; if there is none left, reset the client."""
         while attempt.rest:
             attempt.place = attempt.rest.pop(0)
             try:
@@ -271,7 +269,7 @@ class Relay:
         self._give_up(attempt)
 
     def _failed(self, attempt: _Attempt, code: int) -> str:
-        """One address did not work; return why."""
+        """Close the socket to an address that did not work; return the reason in words."""
         attempt.refused = code in {errno.ECONNREFUSED, errno.ECONNRESET}
         if attempt.server is not None:
             attempt.server.close()
@@ -292,7 +290,7 @@ class Relay:
         self._attempts.discard(attempt)
 
     def _connected(self, attempt: _Attempt) -> None:
-        """The server has accepted, or refused."""
+        """Handle the result of a connection attempt: the server has accepted, or refused."""
         server = attempt.server
         assert server is not None
         self._door.unwatch(server)
@@ -331,7 +329,7 @@ class Relay:
         self._watch(end.peer)
 
     def _pass_on(self, end: End) -> None:
-        """Read once, send at once, and only then tell the tap."""
+        """Read once, send at once, and only then give the octets to the tap."""
         octets = end.read()
         if octets is None:
             return
@@ -353,7 +351,7 @@ class Relay:
             raise reset
 
     def _watch(self, end: End) -> None:
-        """Let the selector watch an end for what can be done with it; for nothing: look at it from time to time."""
+        """Let the selector watch an end for what it needs; an end that needs nothing is only checked from time to time."""
         events = (_READ if end.wants_read else 0) | (_WRITE if end.waiting else 0)
         if events == end.events:
             if not events:
@@ -369,7 +367,7 @@ class Relay:
     # ---- ends -------------------------------------------------------------------------------------------------------
 
     def _reset(self, link: Link, side: int) -> None:
-        """A side broke off: so does the other one."""
+        """A side was reset: reset the other side, too."""
         self._tap.reset(link.number, side, time.time_ns())
         self._let_go(link, close_with_reset)
 
@@ -385,7 +383,7 @@ class Relay:
         self._links.discard(link)
 
     def _look(self, now: float) -> None:
-        """Time has passed: see to those whom nothing may happen to that the selector tells."""
+        """Check what the selector does not report: resets of unwatched ends, and connection attempts that took too long."""
         for end in list(self._quiet):
             if end.link in self._links and end.broken():
                 self._reset(end.link, end.side)
@@ -398,9 +396,9 @@ class Relay:
         self._door.count(self.active)
 
     def close(self) -> None:
-        """Disconnect everybody; who still waits for octets that are here is told by a reset that they will not come.
+        """Disconnect all; links with octets that were not passed on are reset, so that the receiver notices the loss.
 
-        `run` does so at its end: this is for a relay that never ran.
+        `run` does this at its end; call it for a relay that never ran.
         """
         for attempt in list(self._attempts):
             self._give_up(attempt)

@@ -1,4 +1,4 @@
-"""What passes the relay as packets: a live source as any other, for the pipeline and for capture files."""
+"""`RelayReader`: the relayed traffic as packets of a live source, for the pipeline and for capture files."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from dissect.source.live.reader import WAIT_MS, Drops, LiveReader
 from dissect.source.packet import PacketSink
 from dissect.tcp.link import ETHERNET
 
-#: What one step takes at most.
+#: At most so many octets, and so many events, are taken in one step.
 _STEP_OCTETS: Final = 262_144
 _STEP_EVENTS: Final = 512
 
 
 class RelayReader(LiveReader):
-    """Turns what passed into Ethernet frames. ``link`` names the interface in captures.
+    """Makes Ethernet frames of the relayed traffic. ``link`` is the name of the interface in captures.
 
-    It ends when `stop` was called and what had passed until then is delivered. The relay is not ended by it, and what it still
-    tells the tap is dropped then.
+    It ends after `stop`, when all traffic before that is delivered. It does not end the relay; later events in the tap are
+    dropped.
     """
 
     def __init__(self, tap: Tapped, link: str = "proxy", wait_ms: int = WAIT_MS) -> None:
@@ -31,11 +31,11 @@ class RelayReader(LiveReader):
 
     @property
     def drops(self) -> Drops:
-        """What the dissection was too slow for counts as the kernel's; no card can have lost anything."""
+        """Events that were dropped because dissection was too slow count as the kernel's; an interface cannot lose any."""
         return Drops(self._tap.lost, None)
 
     def stop(self) -> None:
-        """Ask it to end. May be called from a signal handler, and twice."""
+        """Ask the reader to end. May be called from a signal handler, and twice."""
         self._stopping.set()
 
     def close(self) -> None:
@@ -45,7 +45,7 @@ class RelayReader(LiveReader):
         self._conversations.clear()
 
     def step(self, sink: PacketSink) -> bool:
-        """Deliver some of what passed, waiting for it a moment; False when it was stopped and nothing is left."""
+        """Deliver some packets, after waiting a moment for them; return False when it was stopped and none is left."""
         stopping = self._stopping.is_set()
         passed = self._tap.take(0 if stopping else self.wait_ms / 1000)
         if passed is None:

@@ -1,7 +1,7 @@
-"""What passed the relay, on its way to those who look at it: a queue that never makes the relay wait.
+"""`Tap`: a queue of events from the relay to the dissection, which never makes the relay wait.
 
-When it is full because nobody takes what is in it fast enough, octets are left out and counted: they become a hole, as when a
-capture loses packets. The relay goes on as if nothing had happened.
+When it is full because events are taken too slowly, octets are left out and counted. They become a gap, as if a capture had
+lost packets. The relay is not affected.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, Protocol
 
 from dissect.tcp.stream import Endpoint
 
-#: What can happen to a connection.
+#: Kinds of events of a connection.
 OPENED: Final = "opened"
 REFUSED: Final = "refused"
 UNANSWERED: Final = "unanswered"
@@ -20,19 +20,19 @@ CLOSED: Final = "closed"
 RESET: Final = "reset"
 GONE: Final = "gone"
 
-#: Octets that wait at most, each thing that happened counted as so many more; how much further beginnings may go. The ends of
-#: what began always get through, three for each beginning at most.
+#: At most so many octets wait, where each event counts as `OVERHEAD` more; beginnings of connections may exceed that by
+#: `_RESERVE`. Ends of connections whose beginning got through are never left out; there are at most three for each.
 MAX_OCTETS: Final = 64 * 1024 * 1024
 OVERHEAD: Final = 400
 _RESERVE: Final = 8 * 1024 * 1024
 
 
 class Passed(NamedTuple):
-    """Something happened on connection ``link``, numbered from 1.
+    """An event on connection ``link``, numbered from 1.
 
-    ``side`` did it (0 the client, 1 the server), at ``time_ns`` since 1970. ``octets`` are those of ``SENT``; ``skipped``
-    octets of that side before it were left out. ``ends`` are client and server, where the connection begins; ``GONE`` is the
-    last that is told of one.
+    ``side`` caused it (0 the client, 1 the server), at ``time_ns`` since 1970. ``octets`` are those of ``SENT``; ``skipped`` is
+    how many octets of that side were left out before. ``ends`` are client and server, for the beginning of a connection;
+    ``GONE`` is the last event of a connection.
     """
 
     kind: str
@@ -45,7 +45,7 @@ class Passed(NamedTuple):
 
 
 def take_from(waiting: queue.SimpleQueue[Passed], wait_s: float) -> tuple[Passed | None, int]:
-    """Return what happened next and what it counts for, waiting for it up to ``wait_s``; (None, 0) when nothing did."""
+    """Return the next event and its size; wait up to ``wait_s`` seconds for it. (None, 0) if there is none."""
     try:
         passed = waiting.get(timeout=wait_s) if wait_s > 0 else waiting.get_nowait()
     except queue.Empty:
@@ -54,11 +54,11 @@ def take_from(waiting: queue.SimpleQueue[Passed], wait_s: float) -> tuple[Passed
 
 
 class Tapped(Protocol):
-    """Where what passed is taken from: a `Tap`, or the end of one in another process. ``lost`` counts what was left out."""
+    """A source of relay events: a `Tap`, or the reading end of one in another process."""
 
     @property
     def lost(self) -> int:
-        """What was left out."""
+        """How many events were left out."""
 
     def take(self, wait_s: float) -> Passed | None:
         """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
@@ -68,9 +68,9 @@ class Tapped(Protocol):
 
 
 class Tap:
-    """The queue: one thread gives, another one takes.
+    """The queue: one thread puts events in, another one takes them.
 
-    ``lost`` counts what was left out, ``lost_octets`` its octets.
+    ``lost`` counts events that were left out, ``lost_octets`` their octets.
     """
 
     def __init__(self, max_octets: int = MAX_OCTETS) -> None:
@@ -78,20 +78,20 @@ class Tap:
         self.lost_octets = 0
         self._max_octets = max_octets
         self._queue: queue.SimpleQueue[Passed] = queue.SimpleQueue()
-        # Each is changed by one thread only, so neither takes a lock.
+        # Each of these is changed by only one thread, so no lock is needed.
         self._given = 0
         self._taken = 0
         self._shut = False
-        self._followed: set[int] = set()  # connections whose beginning got through, and all their events since
+        self._followed: set[int] = set()  # connections whose beginning was not left out
         self._skipped: dict[tuple[int, int], int] = {}
 
     @property
     def held(self) -> int:
-        """Octets that wait."""
+        """The number of octets that wait."""
         return self._given - self._taken
 
     def shut(self) -> None:
-        """Nobody takes any more: what is given from now on is dropped at once. May be called by any thread."""
+        """Drop all further events at once: nothing takes them any more. May be called by any thread."""
         self._shut = True
 
     # ---- the relay's side -------------------------------------------------------------------------------------------
@@ -106,7 +106,7 @@ class Tap:
         self._put(Passed(kind, link, time_ns, ends=ends), _RESERVE)
 
     def sent(self, link: int, side: int, octets: bytes, time_ns: int) -> None:
-        """Octets passed."""
+        """``side`` sent octets."""
         skipped = self._skipped.get((link, side), 0)
         if link not in self._followed:
             self._count_lost(len(octets))
@@ -117,15 +117,15 @@ class Tap:
             self._skipped[link, side] = skipped + len(octets)
 
     def closed(self, link: int, side: int, time_ns: int) -> None:
-        """A side sends no more."""
+        """A side closed its direction (FIN)."""
         self._end(Passed(CLOSED, link, time_ns, side, skipped=self._skipped.pop((link, side), 0)))
 
     def reset(self, link: int, side: int, time_ns: int) -> None:
-        """A side broke the connection off."""
+        """A side reset the connection."""
         self._end(Passed(RESET, link, time_ns, side, skipped=self._skipped.pop((link, side), 0)))
 
     def forget(self, link: int, time_ns: int) -> None:
-        """Nothing more will come of a connection."""
+        """A connection is over: no more events come."""
         self._end(Passed(GONE, link, time_ns))
         self._followed.discard(link)
         self._skipped.pop((link, 0), None)

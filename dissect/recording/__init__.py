@@ -1,4 +1,4 @@
-"""Packets kept as evidence: a ring of files, the packets around a finding, and a part of a capture, all of them pcapng.
+"""Packets kept as evidence: a ring of files, the packets around a finding, or a part of a capture, all of them as pcapng.
 
-Who runs a pipeline puts these beside it; see docs/evidence.md.
+They work beside a pipeline (docs/evidence.md).
 """

@@ -1,4 +1,4 @@
-"""A finding as the comment of a packet, the way Wireshark shows it."""
+"""A finding as a packet comment, which Wireshark shows."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Final
 from dissect.findings.reporter import Finding
 from dissect.wire.text import printable
 
-#: How every comment of ours begins, so that a display filter finds them: ``frame.comment contains "s7dissect:"``.
+#: The beginning of all our comments, by which a display filter finds them: ``frame.comment contains "s7dissect:"``.
 MARK: Final = "s7dissect:"
 
-#: Frames of a finding that a comment names.
+#: At most so many frames of a finding are named in a comment.
 _NAMED: Final = 8
 
 
 def finding_comment(finding: Finding) -> str:
-    """Return one line: mark, severity, slug, what was seen, and the connection it was seen on."""
+    """Return one line: mark, severity, slug, sentence and detail, and the connection."""
     said = finding.rule.sentence
     if finding.detail:
         said = f"{said} {finding.detail}"

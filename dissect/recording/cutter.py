@@ -1,4 +1,4 @@
-"""The second reading of a capture: packets that are wanted, with what stands around them, go to a pcapng file."""
+"""The second reading of a capture: writes the wanted packets, and some packets around them, to a pcapng file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dissect.recording.selection import Choice
 from dissect.source.packet import PacketSink, Reader
 from dissect.source.pcapng_writer import PcapngWriter
 
-#: Octets of packets held in case that one after them is wanted.
+#: At most so many octets of packets are held, in case a later packet is wanted.
 MAX_HELD: Final = 64 * 1024 * 1024
 
 _FOREVER_NS: Final = 2**62
@@ -19,7 +19,7 @@ _MAX_COMMENTS: Final = 64
 
 
 class Around:
-    """How much around each wanted packet goes along: ``packets`` of them, and those within ``ns`` nanoseconds."""
+    """How much is written around each wanted packet: so many ``packets``, and all within ``ns`` nanoseconds."""
 
     __slots__ = ("ns", "packets")
 
@@ -29,12 +29,12 @@ class Around:
 
 
 class Cutter(PacketSink):
-    """Writes the packets that ``choice`` takes out of a capture that `read_all` reads again, in their order.
+    """Writes the packets that ``choice`` wants, in their order, from a capture that `read_all` reads for the second time.
 
-    ``frames`` counts the packets read, ``chosen`` those wanted, ``beside`` those written for being near one, and ``commented``
-    those with a finding as comment; ``shortened`` counts packets near a wanted one that there was no memory to hold.
-    ``secrets_kept`` counts the Decryption Secrets Blocks that were copied. ``numbers`` says which number packets have in what
-    is written: those with a finding, packet ``mark`` (0: none), and as 0 the first one that was wanted.
+    ``frames`` counts the packets that were read, ``chosen`` the wanted ones, ``beside`` those written because they are near a
+    wanted one, and ``commented`` those with a finding as a comment; ``shortened`` counts packets near a wanted one that could
+    not be held for lack of memory. ``secrets_kept`` counts copied Decryption Secrets Blocks. ``numbers`` has the numbers in the
+    written file: those of packets with a finding, that of packet ``mark`` (0: none), and under 0 that of the first wanted one.
     """
 
     def __init__(self, choice: Choice, writer: PcapngWriter, around: Around | None = None, mark: int = 0) -> None:
@@ -52,37 +52,37 @@ class Cutter(PacketSink):
         self._recent: RecentPackets | None = None
         if around.packets or around.ns:
             self._recent = RecentPackets(MAX_HELD, around.ns or _FOREVER_NS, around.packets)
-        self._left = 0  # packets after the last wanted one that still go along
+        self._left = 0  # so many further packets are written after the last wanted one
         self._until_ns = -1
         self._reader: Reader | None = None
         self._comments: list[str] = []
 
     @property
     def shortened(self) -> int:
-        """Packets near a wanted one, or that might have been, which there was no memory to hold."""
+        """The number of packets that may have been near a wanted one, and could not be held for lack of memory."""
         return self._recent.shortened if self._recent is not None else 0
 
     def read_all(self, reader: Reader) -> None:
-        """Read one file to its end; the files of a run in the order in which they were read before."""
+        """Read one file to its end; call it for the files of a run in the same order as in the first reading."""
         self._reader = reader
         while reader.step(self):
             pass
 
     def comment(self, text: str) -> None:
-        """Take a comment that stands in the capture; it stays with its packet."""
+        """Take a comment in the capture on the next packet, which keeps it."""
         if len(self._comments) < _MAX_COMMENTS:
             self._comments.append(text)
 
     def secrets(self, text: bytes) -> None:
-        """Take the TLS keys that the capture holds; they go along, so that OUT can be decrypted as its source can."""
+        """Copy TLS keys in the capture, so that the written file can be decrypted, too."""
         self.secrets_kept += 1
         self._writer.secrets(text)
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
-        """Take a packet: write it, hold it, or let it go."""
+        """Take a packet: write it, hold it, or drop it."""
         self.frames += 1
         comments = self._comments
-        self._comments = []  # the packet keeps the other one
+        self._comments = []  # a new list: the packet keeps the old one
         wanted = self._choice.takes(self.frames, time_ns, buf, start, end, link_type)
         if not wanted and self._recent is None:
             return

@@ -1,9 +1,8 @@
-"""The packets around a finding, kept as a file of their own: those before it from memory, those after it as they come.
+"""`EventCapture`: writes the packets around a finding to a file of their own: those before it from memory, then those after it.
 
-Whoever runs the pipeline gives every packet to `EventCapture.frame` first and to the pipeline then, and every finding to
-`EventCapture.finding`; both count packets from 1, so that they mean the same by a number. A packet goes to the file when the
-next one comes, because what the pipeline finds in it is told in between; on a silent line `EventCapture.settle` writes it at
-once.
+The caller gives every packet first to `EventCapture.frame` and then to the pipeline, and every finding to
+`EventCapture.finding`. Both count packets from 1, so that their numbers agree. A packet is written when the next one comes,
+because the pipeline reports its findings in between; without a next packet, `EventCapture.settle` writes it.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.wire.text import Clock
 
-#: Octets after which a file gives way to the next, while triggers keep coming; and files that one keeper makes.
+#: After so many octets a new file begins, if triggers keep coming; and the greatest number of files.
 MAX_FILE_OCTETS: Final = 1_000_000_000
 MAX_FILES: Final = 1000
 
@@ -33,10 +32,10 @@ class EventCapture(PacketSink):
 
     Raises ValueError for a time below 0.
 
-    ``slugs`` are the findings that trigger; `trigger` may be called for other reasons too. A trigger while a file is open
-    keeps it open for longer. No more than ``max_octets`` of packets wait in memory: where that is less than ``before_ns``, the
-    file tells so. ``finished`` names the last files made; ``files`` counts all, ``triggers`` all triggers,
-    ``refused`` those after `MAX_FILES` files; ``untold`` comments that came too late to be written to a file.
+    ``slugs`` are the findings that trigger; `trigger` may also be called for other reasons. A trigger while a file is open
+    keeps it open for longer. At most ``max_octets`` of packets wait in memory; if that covers less than ``before_ns``, a
+    comment in the file says so. ``finished`` are the latest files; ``files`` counts all files, ``triggers`` all triggers,
+    ``refused`` triggers after `MAX_FILES` files, ``untold`` comments that came too late to be written.
 
     A file is called ``SLUG_20160208T145137.916123000Z.pcapng`` after its first trigger, and ends with ``.part`` while it grows.
     """
@@ -65,9 +64,9 @@ class EventCapture(PacketSink):
         self._slugs = frozenset(slugs)
         self._about = (os_name, application)
         self._recent = RecentPackets(max_octets, before_ns)
-        self._latest: KeptPacket | None = None  # not written yet, even when a file is open
+        self._latest: KeptPacket | None = None  # the latest packet, which is not written yet, even if a file is open
         self._comments: list[str] = []
-        self._late: list[str] = []  # about packets that were written before it was found
+        self._late: list[str] = []  # comments on packets that were already written
         self._writer: PcapngWriter | None = None
         self._path = Path()
         self._until_ns = 0
@@ -77,7 +76,7 @@ class EventCapture(PacketSink):
     # ---- packets ----------------------------------------------------------------------------------------------------
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
-        """Keep a packet; see the module for when it must be called."""
+        """Keep a packet; the module says when to call this."""
         self.add(int(time_ns), buf[start:end], int(wire_length), int(link_type))
 
     def comment(self, text: str) -> None:
@@ -96,7 +95,7 @@ class EventCapture(PacketSink):
         self._recent.add(packet)
 
     def settle(self) -> None:
-        """Write the latest packet, if a file is open: nothing more will be found in it."""
+        """Write the latest packet, if a file is open: there will be no more findings on it."""
         packet = self._latest
         self._latest = None
         writer = self._writer
@@ -110,26 +109,26 @@ class EventCapture(PacketSink):
             self._end()
 
     def tick(self, now_ns: int) -> None:
-        """Time has passed (capture clock): end the file when the time after its last trigger is over."""
+        """End the file when the time after its last trigger is over; ``now_ns`` is the time by the clock of the capture."""
         if self._writer is not None and (now_ns > self._until_ns or now_ns < self._until_ns - self._span_ns):
             self.settle()
             self._end()
 
     def close(self) -> None:
-        """Finish the file at hand, and forget all packets. May be called twice."""
+        """Finish the present file, and forget all packets. May be called twice."""
         self.settle()
         self._end()
         self._recent.clear()
 
     @property
     def _span_ns(self) -> int:
-        """How far before the end of a file its packets may be: further back, the clock was set."""
+        """How far before the end of a file the time may be; a time further back means that the clock was set back."""
         return self._before_ns + self._after_ns + 60_000_000_000
 
     # ---- findings ---------------------------------------------------------------------------------------------------
 
     def finding(self, finding: Finding) -> None:
-        """Take a finding about packets that passed: a comment of each of them, and a trigger when it is one of ``slugs``."""
+        """Add a finding as a comment to its packets; it is a trigger, too, if it is one of ``slugs``."""
         frames = [int(frame) for frame in finding.frames]
         comment = finding_comment(finding)
         if finding.slug in self._slugs:
@@ -138,7 +137,7 @@ class EventCapture(PacketSink):
             self._say(comment, frames)
 
     def trigger(self, name: str, time_ns: int, comment: str = "", frames: Collection[int] = ()) -> None:
-        """Keep what is around the packet at hand. ``name`` names the file; ``comment`` is about ``frames``."""
+        """Keep the packets around the latest one. ``name`` becomes part of the file name; ``comment`` is about ``frames``."""
         self.triggers += 1
         if comment:
             self._say(comment, list(frames))
@@ -150,13 +149,13 @@ class EventCapture(PacketSink):
         self._until_ns = now_ns + self._after_ns
 
     def _say(self, comment: str, frames: list[int]) -> None:
-        """Put a comment to packets that are still in memory; told later when all of them were written already."""
+        """Add a comment to packets that are still in memory; if all were written, add it to a later one."""
         latest = self._latest
         told = False
         for frame in frames:
             packet = self._recent.find(frame)
             if packet is None and latest is not None and latest.frame == frame:
-                packet = latest  # alone larger than the memory there is
+                packet = latest  # it is larger than all of the memory, so `_recent` does not have it
             if packet is not None:
                 packet.say(comment)
                 told = told or self._writer is None or packet is latest
@@ -164,7 +163,7 @@ class EventCapture(PacketSink):
             self._say_late(f"{comment} [about {frames_in_words(frames)}, before this one]")
 
     def _say_late(self, comment: str) -> None:
-        """Put a comment about packets that are gone to the first one that is still to be written."""
+        """Add a comment on packets that were written to the first packet that is not written yet."""
         last = self._latest
         if last is None and self._writer is None:
             last = self._recent.last
@@ -178,7 +177,7 @@ class EventCapture(PacketSink):
     # ---- the file ---------------------------------------------------------------------------------------------------
 
     def _begin(self, name: str, time_ns: int) -> bool:
-        """Begin a file with what is in memory, except the packet at hand; False when there are too many."""
+        """Begin a file with the packets in memory, except the latest; return False if there are too many files."""
         if self.files >= MAX_FILES:
             return False
         stem = f"{names.file_word(name)}_{names.time_word(time_ns, self._clock, fraction=True)}"
@@ -192,7 +191,7 @@ class EventCapture(PacketSink):
         return True
 
     def _told_before(self) -> str:
-        """Return what the file says of its beginning, when the memory did not reach back as far as it was asked to."""
+        """Return the comment for a file whose beginning is missing because there was not enough memory; else empty."""
         shortened = self._recent.shortened
         if not shortened:
             return ""

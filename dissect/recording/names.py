@@ -1,4 +1,4 @@
-"""Names of the files that evidence goes to: a time everybody can sort by, and nothing a file system could stumble over."""
+"""Names of evidence files: with a time by which they can be sorted, and only characters that any file system takes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Final
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.wire.text import Clock
 
-#: What a file that is not finished ends with.
+#: The ending of the name of an unfinished file.
 PART: Final = ".part"
 SUFFIX: Final = ".pcapng"
 
@@ -41,17 +41,17 @@ def unused(directory: Path, stem: str) -> Path:
 
 
 def part_of(path: Path) -> Path:
-    """Return the name that a file has while it is written."""
+    """Return the name of a file while it is written."""
     return path.with_name(path.name + PART)
 
 
 def begin(path: Path, about: tuple[str, str], comment: str = "", batch: int = 0) -> PcapngWriter:
-    """Create the unfinished file of ``path``, which has its section header from the first moment it is seen.
+    """Create the unfinished file of ``path``; when it becomes visible, it already has its section header.
 
-    ``about`` is (operating system, application). A kill in between leaves a hidden file without packets.
+    ``about`` is (operating system, application). If the process is killed in between, a hidden file without packets remains.
     """
     part = part_of(path)
-    if os.name == "nt":  # where an open file keeps its name
+    if os.name == "nt":  # Windows cannot rename an open file
         return PcapngWriter(str(part), "", *about, comment=comment, batch=batch)
     hidden = path.with_name(f".{path.name}.{os.getpid()}.begun")
     writer = PcapngWriter(str(hidden), "", *about, comment=comment, batch=batch, overwrite=True)
@@ -66,5 +66,5 @@ def begin(path: Path, about: tuple[str, str], comment: str = "", batch: int = 0)
 
 
 def finish(path: Path) -> None:
-    """Give a file that is written its own name. Readers see it whole under that name, or not at all."""
+    """Give a complete file its final name, under which readers only ever see complete files."""
     part_of(path).replace(path)

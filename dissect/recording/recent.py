@@ -1,4 +1,4 @@
-"""The packets that passed last, bounded in octets, in number and in time."""
+"""`RecentPackets`: the latest packets, bounded in octets, in number and in time."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final
 
-#: Octets of memory that a packet takes besides its content, counted with it.
+#: Estimated octets of memory of a packet besides its content.
 PACKET_COST: Final = 400
 
-#: Comments that one packet collects.
+#: Greatest number of comments on a packet.
 MAX_COMMENTS: Final = 64
 
 
 class KeptPacket:
-    """A packet with its number, kept until somebody wants it or its time is over. ``comments`` may still grow."""
+    """A packet with its number, kept until it is written or too old. ``comments`` may still be added."""
 
     __slots__ = ("comments", "frame", "interface", "link_type", "octets", "time_ns", "wire_length")
 
@@ -38,20 +38,20 @@ class KeptPacket:
 
     @property
     def size(self) -> int:
-        """Octets of memory it counts for; its comments are few and short beside what bounds them."""
+        """The octets of memory that it counts for; comments are left out, as they are few and short."""
         return len(self.octets) + PACKET_COST
 
     def say(self, comment: str) -> None:
-        """Add a comment, once, as long as there is room."""
+        """Add a comment, unless it is there already or there are too many."""
         if comment not in self.comments and len(self.comments) < MAX_COMMENTS:
             self.comments.append(comment)
 
 
 class RecentPackets:
-    """Packets of the last ``most_ns`` (nanoseconds of capture time) and no more than ``most`` of them (0: any number).
+    """The packets of the last ``most_ns`` (nanoseconds of capture time), at most ``most`` of them (0: any number).
 
-    Only the latest ones are kept that have room in ``max_octets``, which has to be above 0 (ValueError). ``shortened`` counts
-    packets that had to leave before their time, for want of room.
+    Of these, the latest are kept for which there is room in ``max_octets``, which has to be above 0 (ValueError). ``shortened``
+    counts packets that were dropped early for lack of room.
     """
 
     def __init__(self, max_octets: int, most_ns: int, most: int = 0) -> None:
@@ -71,7 +71,7 @@ class RecentPackets:
         return iter(self._kept)
 
     def add(self, packet: KeptPacket) -> None:
-        """Add the packet that passes now; those whose time is over leave."""
+        """Add the latest packet, and drop packets that are too old."""
         kept = self._kept
         kept.append(packet)
         self.octets += packet.size
@@ -83,27 +83,27 @@ class RecentPackets:
             self.shortened += 1
 
     def within(self, now_ns: int) -> list[KeptPacket]:
-        """Return the packets whose time is not over at ``now_ns``, in order."""
+        """Return the packets that are not too old at ``now_ns``, in their order."""
         return [packet for packet in self._kept if packet.time_ns >= now_ns - self._most_ns]
 
     @property
     def last(self) -> KeptPacket | None:
-        """The packet that passed last, None when there is none."""
+        """The latest packet, None if there is none."""
         return self._kept[-1] if self._kept else None
 
     def find(self, frame: int) -> KeptPacket | None:
-        """Return the packet with this number, None when it is not here. Numbers ascend."""
+        """Return the packet with number ``frame``, None if it is not kept. Numbers ascend."""
         kept = self._kept
         if not kept:
             return None
-        # Numbers follow one another without gaps wherever every packet is added.
+        # Numbers have no gaps if every packet is added: try the place where it then is first.
         index = frame - kept[0].frame
         if 0 <= index < len(kept) and kept[index].frame == frame:
             return kept[index]
         return None
 
     def clear(self) -> None:
-        """Forget all."""
+        """Forget all packets."""
         self._kept.clear()
         self.octets = 0
 

@@ -1,4 +1,4 @@
-"""A ring of capture files: packets are written as they pass, a new file begins when one is full or old, the oldest goes.
+"""`RingBuffer`: writes packets to a ring of files. A new file begins when one is full or old; the oldest is removed.
 
 A file is called ``NAME_00001_20160208T145137Z.pcapng.part`` (its number, and the time of its first packet, UTC) while it is
 written, and loses ``.part`` when it is finished: copying ``*.pcapng`` therefore copies only whole files. The ``.part`` that a
@@ -34,12 +34,12 @@ try:
 except ImportError:  # not on Windows, where an open file cannot be removed anyway
     fcntl = None  # type: ignore[assignment]
 
-#: Octets at the beginning of a file that are looked at: its section header and more.
+#: Octets read from the beginning of a file, enough for its section header.
 _HEAD: Final = 4096
 
 
 class EarlierFile(NamedTuple):
-    """A file of an earlier run: where, how many octets, its number in that run, and the time in its name."""
+    """A file of an earlier run: its path, size in octets, number in that run, and the time in its name."""
 
     path: Path
     octets: int
@@ -48,12 +48,12 @@ class EarlierFile(NamedTuple):
 
 
 def mark_of(name: str) -> str:
-    """Return the comment by which a ring of this name knows its files."""
+    """Return the comment by which a ring of this name recognises its files."""
     return f"s7dissect ring {name}"
 
 
 def earlier_files(directory: Path, name: str) -> list[EarlierFile]:
-    """Return the files that rings of this name made in ``directory`` and that nobody writes to, the oldest first."""
+    """Return the files that rings of this name made in ``directory`` and that are not being written, the oldest first."""
     pattern = re.compile(
         rf"{re.escape(name)}_([0-9]{{5,9}})_([0-9]{{8}}T[0-9]{{6}}Z)(?:-[0-9]{{1,6}})?{re.escape(SUFFIX)}(?:{re.escape(PART)})?"
     )
@@ -67,15 +67,15 @@ def earlier_files(directory: Path, name: str) -> list[EarlierFile]:
 
 
 def lock(descriptor: int) -> None:
-    """Hold a file that is being written, until it is closed. Where there are no locks nothing happens."""
+    """Lock a file that is being written until it is closed; does nothing on systems without locks."""
     if fcntl is not None:
-        # Without locks on this file system, files with .part there are judged by name and mark alone.
+        # If this file system has no locks, unfinished files are recognised only by their name and comment.
         with suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _size(path: Path, mark: str) -> int:
-    """Return the size of a file of ours that nobody writes to, -1 for any other."""
+    """Return the size of a file of the ring that is not being written; -1 for any other file."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
     try:
         descriptor = os.open(path, flags)
@@ -95,13 +95,13 @@ def _size(path: Path, mark: str) -> int:
         os.close(descriptor)
 
 
-#: Finished files that a ring without an end remembers.
+#: A ring without a limit of files remembers so many finished files.
 _REMEMBERED: Final = 1000
 
-#: Octets by which a file may be larger than its limit: its last packet, and what ends it.
+#: Octets by which a file may exceed its limit: its last packet, and its last blocks.
 _OVERSHOOT: Final = 512 * 1024
 
-#: Comments that wait for their packet.
+#: At most so many comments wait for their packet.
 _MAX_COMMENTS: Final = 64
 
 _KILO: Final = 1000
@@ -111,7 +111,7 @@ _MAX_FILES: Final = 100_000
 
 
 class RingLimits:
-    """When a file of a ring is full: ``octets`` of file, ``duration_ns`` of capture time; ``files`` are kept. 0: no limit.
+    """The limits of a ring: ``octets`` and ``duration_ns`` (capture time) of a file, and how many ``files`` are kept; 0: none.
 
     Raises ValueError for a number of files without one of the other limits.
     """
@@ -127,7 +127,7 @@ class RingLimits:
 
 
 def parse_limits(words: Iterable[str]) -> RingLimits:
-    """Return the limits that words such as ``filesize:1000``, ``duration:3600``, ``files:24`` give, as dumpcap has them.
+    """Parse limits in the form of dumpcap: words such as ``filesize:1000``, ``duration:3600``, ``files:24``.
 
     ``filesize`` is in units of 1000 octets, ``duration`` in seconds (also 0.5). ValueError, for a person, for anything else.
     """
@@ -187,7 +187,7 @@ class RingBuffer(PacketSink):
         self._clock = Clock()
         self._comments: list[str] = []
         self._directory.mkdir(parents=True, exist_ok=True)
-        self._kept: deque[tuple[Path, int]] = deque()  # files that may have to go, with their octets, the oldest first
+        self._kept: deque[tuple[Path, int]] = deque()  # files that may be removed, with their octets, the oldest first
         self._octets = 0
         if self._limits.files:
             for file in earlier_files(self._directory, self._name):
@@ -196,7 +196,7 @@ class RingBuffer(PacketSink):
             self._make_room(0)
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
-        """Write a packet, to a new file when the one at hand is full or old."""
+        """Write a packet, to a new file if the present one is full or old."""
         self.add(int(time_ns), buf[start:end], int(wire_length), int(link_type))
 
     def comment(self, text: str) -> None:
@@ -223,21 +223,21 @@ class RingBuffer(PacketSink):
             self._end()
 
     def tick(self, now_ns: int) -> None:
-        """Time has passed (capture clock): end the file at hand when it is old enough."""
+        """End the present file when it is old enough; ``now_ns`` is the time by the clock of the capture."""
         if self._writer is None or not self._limits.duration_ns:
             return
         if now_ns < self._since_ns:
-            self._since_ns = now_ns  # the clock was set back: the file must not wait until it has caught up
+            self._since_ns = now_ns  # the clock was set back: do not wait until it has caught up
         elif now_ns - self._since_ns >= self._limits.duration_ns:
             self._end()
 
     def flush(self) -> None:
-        """Write what is gathered (with ``batch``)."""
+        """Write buffered packets (with ``batch``)."""
         if self._writer is not None:
             self._writer.flush()
 
     def close(self) -> None:
-        """Finish the file at hand. May be called twice."""
+        """Finish the present file. May be called twice."""
         if self._writer is not None:
             self._end()
 
@@ -260,7 +260,7 @@ class RingBuffer(PacketSink):
         return writer
 
     def _end(self) -> None:
-        """Finish the file at hand."""
+        """Finish the present file."""
         writer, path = self._writer, self._path
         self._writer = None
         self._path = None
@@ -276,7 +276,7 @@ class RingBuffer(PacketSink):
         self._keep(path, writer.octets)
 
     def _give_up(self) -> None:
-        """Writing failed: leave the file at hand as it is, so that the next packet tries a new one."""
+        """Writing failed: leave the present file as it is; the next packet begins a new one."""
         if self._writer is not None:
             self._writer.abandon()
             if self._path is not None:
@@ -290,7 +290,7 @@ class RingBuffer(PacketSink):
             self._octets += octets
 
     def _make_room(self, more: int) -> None:
-        """Remove the oldest files until there is room for so many more."""
+        """Remove the oldest files until there is room for ``more`` files."""
         limits = self._limits
         most = limits.files * (limits.octets + _OVERSHOOT)
         while self._kept:

@@ -1,8 +1,8 @@
-"""Which packets of a capture are wanted: the first reading finds out, and remembers it in little memory.
+"""`Selection`: finds out in the first reading of a capture which packets are wanted, in little memory.
 
-`Selection` watches an analysis. Afterwards `Selection.choice` gives what recognises the packets when they are read again:
-addresses and ports of connections, ranges of sequence numbers of transactions, numbers of the packets that show a finding. It
-adds what a message needs to be understood on its own: how its connection began, what was negotiated, how it ended.
+It observes an analysis. Afterwards `Selection.choice` returns a `Choice`, which recognises the packets in the second reading:
+by addresses and ports of connections, sequence numbers of transactions, and numbers of packets with findings. It also takes
+what is needed to understand a message: the beginning of its connection, the negotiation, and the end.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from dissect.transactions.table import keys_of, reverse_key
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.octets import u16, u32
 
-#: Connections remembered, and packets of each that opened or closed it above TCP.
+#: Greatest number of connections that are remembered, and of packets of each that opened or closed it above TCP.
 MAX_CONNECTIONS: Final = 16_384
 MAX_FRAMES: Final = 16
 
 
 class Beginning:
-    """``frames`` of TPDUs or IBH-NetLink packets that open or close; of the latest Setup its ``setup`` frames and spans."""
+    """The ``frames`` of TPDUs or IBH-NetLink packets that open or close a connection; frames and spans of its latest Setup."""
 
     __slots__ = ("frames", "setup", "spans")
 
@@ -50,7 +50,7 @@ class Beginning:
 
 
 class ContextBook:
-    """Beginnings by the number of their connection; of too many, those seen least lately are forgotten."""
+    """Beginnings by the number of their connection; if there are too many, the least recently used are forgotten."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[int, Beginning] = OrderedDict()
@@ -62,13 +62,13 @@ class ContextBook:
             beginning.frames.append(frame)
 
     def negotiated(self, number: int, frames: list[int], spans: list[Span]) -> None:
-        """A Setup communication took place in these packets."""
+        """Note the packets of a Setup communication."""
         beginning = self.of(number)
         beginning.setup = frames
         beginning.spans = spans
 
     def of(self, number: int) -> Beginning:
-        """Return what is known of a connection."""
+        """Return the `Beginning` of a connection; make it if it is new."""
         beginning = self._known.get(number)
         if beginning is None:
             beginning = self._known[number] = Beginning()
@@ -82,10 +82,10 @@ class ContextBook:
 #: TPDUs that open and close a transport connection, and IBH-NetLink packets that do.
 _OPENING: Final = frozenset((CR, CC, DR, DC))
 _OPENING_IBH: Final = frozenset((KIND_CONNECT, KIND_CONFIRM, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE))
-#: Where TCP has its flags, and those that open and close.
+#: The octet of the TCP header with the flags, and the flags that open and close a connection.
 _FLAGS_AT: Final = 13
 _MARKS: Final = SYN | FIN | RST
-#: Octets of a transaction that were sent again are found this long before its request and after its answer.
+#: Retransmissions of a transaction's octets are searched for so long before its request and after its answer.
 AGAIN_NS: Final = 10_000_000_000
 
 
@@ -109,7 +109,7 @@ class Wanted:
 
     @property
     def everything(self) -> bool:
-        """True when nothing is asked for in particular."""
+        """Whether nothing in particular is wanted."""
         return not (self.connections or self.transactions or self.findings or self.slugs)
 
 
@@ -126,7 +126,7 @@ class Stretch:
 
 
 class TimedSpan:
-    """The range of a PDU, looked for from one time to another."""
+    """The range of a PDU, and the times between which its octets are searched for."""
 
     __slots__ = ("from_ns", "span", "to_ns")
 
@@ -137,15 +137,15 @@ class TimedSpan:
 
 
 class Selection(Observer):
-    """Watches the first reading. ``missing`` is empty, or names afterwards in words what was wanted and is not there.
+    """Observes the first reading. Afterwards ``missing`` says in words what was wanted but not found; empty if nothing.
 
-    With ``context`` the packets that begin and end the connection of a wanted transaction, and its Setup, are wanted too.
+    With ``context``, the packets that begin and end the connection of a wanted transaction, and its Setup, are wanted, too.
     """
 
     def __init__(self, wanted: Wanted, comments: bool = True, context: bool = False) -> None:
         super().__init__()
         self.wants_tpdus = self.wants_pdus = bool(wanted.transactions)
-        self.uncertain = 0  # PDUs of wanted transactions of which only the packet that completed them is known
+        self.uncertain = 0  # number of wanted PDUs for which only the packet that completed them is known
         self._wanted = wanted
         self._comments = comments
         self._book = SpanBook()
@@ -158,7 +158,7 @@ class Selection(Observer):
         self._asked: set[int] = set()  # numbers of transactions whose packets are wanted
         self._context = ContextBook() if context and wanted.transactions else None
         self._around: dict[int, Connection] = {}  # connections of wanted transactions
-        self._unanswered: list[tuple[Connection, int]] = []  # those of unanswered ones, and the packet of the request
+        self._unanswered: list[tuple[Connection, int]] = []  # connection and request packet of unanswered ones
         self._around_frames: set[int] = set()
         self._around_spans: list[TimedSpan] = []
         self._same = SameKeys()
@@ -171,17 +171,17 @@ class Selection(Observer):
             self._connections[int(connection.number)] = connection
 
     def connection_closed(self, connection: Connection) -> None:
-        """Remember in which VLANs packets of a connection are, where these are several."""
+        """Remember the VLANs of a connection's packets, if there are several."""
         self._same.note(connection.tcp)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Take note where a TPKT stands in its stream."""
+        """Note where in its stream a TPKT is."""
         self._book.tpkt(side, octets)
         if self._context is not None and octets[5] >> 4 in _OPENING:
             self._context.opened(int(side.connection.number), int(frame))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Take note where an IBH-NetLink packet stands in its stream."""
+        """Note where in its stream an IBH-NetLink packet is."""
         self._book.ibh_packet(side, octets)
         if self._context is not None and parse_packet(octets).kind in _OPENING_IBH:
             self._context.opened(int(side.connection.number), int(frame))
@@ -195,7 +195,7 @@ class Selection(Observer):
         self._book.pdu(side, int(frame), len(octets))
 
     def transaction(self, transaction: Transaction) -> None:
-        """Remember where the request and the answer of a wanted transaction stand."""
+        """Remember where in their streams request and answer of a wanted transaction are."""
         if not self.wants_pdus:
             return
         number = int(transaction.connection.number)
@@ -220,7 +220,7 @@ class Selection(Observer):
             self.uncertain += self._subscriptions.forgotten - forgotten
 
     def _want(self, asked: Asked) -> None:
-        """Take the packets of a request and its answer, sent again or not."""
+        """Want the packets of a request and its answer, including retransmissions."""
         if asked.number in self._asked:
             return
         self._asked.add(asked.number)
@@ -231,7 +231,7 @@ class Selection(Observer):
             self.uncertain += len(asked.frames) - len(known)
 
     def _surround(self, transaction: Transaction) -> None:
-        """Take the end of its connection along where it got no answer, and with ``context`` how that began and ended."""
+        """Want the end of the connection of an unanswered request; with ``context``, its beginning and end in any case."""
         connection = transaction.connection
         if connection.udp:
             return
@@ -248,13 +248,13 @@ class Selection(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Remember a finding."""
-        self._findings.append(finding)  # the judge bounds how many there are
+        self._findings.append(finding)  # needs no bound: the reporter passes on only so many
 
     # ---- what came of it --------------------------------------------------------------------------------------------
 
     @property
     def missing(self) -> str:
-        """What was wanted by number and is not in the capture, in words; empty when all is there."""
+        """What was wanted by number but is not in the capture, in words; empty if everything is there."""
         wanted = self._wanted
         parts = []
         for name, gone in (
@@ -268,7 +268,7 @@ class Selection(Observer):
         return "; ".join(parts)
 
     def choice(self, from_ns: int, to_ns: int) -> Choice:
-        """Return what recognises the wanted packets that passed within these times, both included."""
+        """Return the `Choice` of the wanted packets between two times, both included (nanoseconds since 1970)."""
         frames = set(self._frames)
         ordered = list(by_weight(self._findings))
         for number, finding in enumerate(ordered, 1):
@@ -302,13 +302,13 @@ def _stretch(connection: Connection, first: int = 0) -> Stretch:
 
 
 class SameKeys:
-    """Keys of packets in several VLANs that are of one connection: ``found`` gives one of them for each other one."""
+    """Keys of packets of one connection in several VLANs: ``found`` has the first key of a connection for each other key."""
 
     def __init__(self) -> None:
         self.found: dict[bytes, bytes] = {}
 
     def note(self, tcp: TcpConnection) -> None:
-        """Take a connection that is over."""
+        """Note the keys of a connection that is over."""
         if not tcp.also or len(self.found) >= MAX_CONNECTIONS:
             return
         first, *others = keys_of(tcp)
@@ -320,9 +320,9 @@ class SameKeys:
 
 
 class Choice:
-    """Recognises wanted packets. ``comments`` are the findings by the number of the packet they are about, heaviest first.
+    """Recognises wanted packets. ``comments`` are findings by the number of the packet that they are about, the worst first.
 
-    ``context`` counts those taken only because they begin or end the connection of a wanted transaction.
+    ``context`` counts packets that are wanted only because they begin or end the connection of a wanted transaction.
     """
 
     def __init__(
@@ -340,13 +340,13 @@ class Choice:
         self.context = 0
         self._narrow: Callable[[int, int, bytes, int, int, int], bool] | None = None
         self._around: Choice | None = None
-        self._marked: dict[bytes, list[Stretch]] = {}  # connections of which what opens and closes TCP is wanted
+        self._marked: dict[bytes, list[Stretch]] = {}  # connections whose SYN, FIN and RST packets are wanted
         self._everything = everything
         self._frames = frames
         self._from_ns, self._to_ns = times
         self._stretches: dict[bytes, list[Stretch]] = {}
         self._spans: dict[bytes, list[TimedSpan]] = {}
-        self._hosts: dict[bytes, list[Stretch]] = {}  # addresses alone, for IP fragments, which have no ports
+        self._hosts: dict[bytes, list[Stretch]] = {}  # by addresses only, for IP fragments, which have no ports
         for stretch in stretches:
             for key in self._keys(stretch):
                 self._stretches.setdefault(key, []).append(stretch)
@@ -361,16 +361,16 @@ class Choice:
             self._span_hosts.setdefault(_addresses(timed.span.key), []).append(timed)
 
     def narrow(self, test: Callable[[int, int, bytes, int, int, int], bool]) -> None:
-        """Want only packets that ``test`` takes as well, which is asked as `takes` is."""
+        """Want only packets for which ``test``, called with the arguments of `takes`, returns True, too."""
         self._narrow = test
 
     def surround(self, frames: frozenset[int], marked: Sequence[Stretch], spans: Sequence[TimedSpan]) -> None:
-        """Take these packets along, and those which open or close the TCP connections ``marked``."""
+        """Also want these packets, and those that open or close the TCP connections ``marked``."""
         self._around = Choice(False, frames, (), spans, (self._from_ns, self._to_ns), {}, self._same)
         self._around.mark(marked)
 
     def mark(self, stretches: Sequence[Stretch]) -> None:
-        """Want what opens and closes these TCP connections."""
+        """Want the packets that open and close these TCP connections."""
         for stretch in stretches:
             for key in self._keys(stretch):
                 self._marked.setdefault(key, []).append(stretch)
@@ -417,9 +417,9 @@ class Choice:
         return spans is not None and _carries(spans, time_ns, buf, packet)
 
     def _takes_fragment(self, frame: int, time_ns: int, packet: ip.IpPacket) -> bool:
-        """An IP fragment: wanted when it is between the hosts of something wanted, while that went on.
+        """Return whether an IP fragment is wanted: it is between the hosts of something wanted, at that time.
 
-        One of a tunnel does not show whose packet is in it, so that any will do.
+        A fragment of a tunnel does not show whose packet is in it, so any one at that time is wanted.
         """
         if packet.protocol in ip.CARRIERS and (
             self._first <= frame <= self._last or self._begin <= time_ns <= self._end
@@ -431,7 +431,7 @@ class Choice:
 
 
 def _parsed(buf: bytes, start: int, end: int, link_type: int) -> tuple[ip.IpPacket, bytes] | None:
-    """Return the IP packet in a frame and its key, empty for a fragment or where the ports are missing; None without one."""
+    """Return the IP packet in a frame, and its key (empty for a fragment or without ports); None if there is no IP packet."""
     at, vlan = link.find_ip(buf, start, end, link_type)
     if at >= 0:
         packet = ip.parse_ip(buf, at, end, True)
@@ -458,7 +458,7 @@ def _parsed(buf: bytes, start: int, end: int, link_type: int) -> tuple[ip.IpPack
 
 
 def packet_key(buf: bytes, start: int, end: int, link_type: int) -> tuple[bytes, bytes]:
-    """Return the key of a TCP or UDP packet and its two addresses; both are empty where there are none. Never raises."""
+    """Return the key of a TCP or UDP packet, and its two addresses; both are empty for other packets. Never raises."""
     found = _parsed(buf, start, end, link_type)
     if found is None:
         return b"", b""

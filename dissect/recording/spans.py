@@ -1,7 +1,7 @@
-"""Which octets of a stream a PDU travelled in: the pipeline tells only the packet that completed it.
+"""`SpanBook`: finds the octets of a stream that carried a PDU; the pipeline reports only the packet that completed it.
 
-What is remembered is a range of TCP sequence numbers, so that packets that are out of order, sent again or in IP fragments are
-found all the same. Where octets that belong to no TPKT stand beside one, the range is too long rather than too short.
+It remembers ranges of TCP sequence numbers, by which packets are found even if they are out of order, retransmitted or in IP
+fragments. Next to octets that belong to no TPKT, a range may be too long, but never too short.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from typing import Final
 from dissect.tcp.stream import MASK, HalfStream
 from dissect.transactions.side import Side
 
-#: PDUs whose range is remembered until their transaction is told, and directions that are followed.
+#: Greatest number of PDUs whose ranges are remembered until their transactions come, and of directions.
 MAX_SPANS: Final = 65_536
 MAX_DIRECTIONS: Final = 16_384
 
-#: COTP: DT, and the octet and bit that say that it is the last one of its message.
+#: COTP: the code of a DT, and the octet and bit (EOT) that mark the last DT of a message.
 _DT: Final = 0xF0
 _EOT_AT: Final = 6
 _EOT: Final = 0x80
 
 
 class Span:
-    """Octets of one direction of a TCP connection: ``size`` of them from sequence number ``seq`` on.
+    """A range of octets of one direction of a TCP connection: ``size`` octets from sequence number ``seq`` on.
 
-    ``key`` is that of the packets which carry them (`dissect.transactions.table`).
+    ``key`` is the key of the packets in this direction (`dissect.transactions.table`).
     """
 
     __slots__ = ("key", "seq", "size")
@@ -41,22 +41,22 @@ class Span:
 
 
 class _Direction:
-    """How far one direction was told: positions count octets from the start of its stream."""
+    """How far one direction was reported; positions count octets from the start of its stream."""
 
     __slots__ = ("area", "complete", "cursor", "first", "loose", "skipped", "stream", "total")
 
     def __init__(self, stream: HalfStream) -> None:
-        self.stream = stream  # to tell when another connection took the addresses
+        self.stream = stream  # to notice when another connection uses the same addresses
         self.total = 0  # everything before this is accounted for
-        self.area = 0  # where the octets that were accounted for last begin
-        self.cursor = 0  # after the last TPKT told
+        self.area = 0  # where the octets begin that were accounted for last
+        self.cursor = 0  # after the last TPKT that was reported
         self.skipped = 0
-        self.loose = False  # octets of no TPKT are among them
-        self.first = 0  # where the message at hand begins
+        self.loose = False  # whether there are octets among them that belong to no TPKT
+        self.first = 0  # where the present message begins
         self.complete = True
 
     def take(self, total: int, skipped: int, size: int) -> tuple[int, int]:
-        """A TPKT of ``size`` octets is told after ``total`` octets were accounted for; return (begin, end) of where it is."""
+        """Return (begin, end) of a TPKT of ``size`` octets that is reported after ``total`` octets were accounted for."""
         if total > self.total:
             self.area = self.cursor = self.total
             self.total = total
@@ -68,7 +68,7 @@ class _Direction:
 
 
 class SpanBook:
-    """Ranges of PDUs, from when they are told until somebody asks for them. ``forgotten`` counts those that had to go."""
+    """Remembers the ranges of PDUs until `pop`. ``forgotten`` counts those that were dropped because there were too many."""
 
     def __init__(self) -> None:
         self.forgotten = 0
@@ -77,12 +77,12 @@ class SpanBook:
         self._spans: OrderedDict[tuple[int, int, int, int], Span] = OrderedDict()
 
     def tpkt(self, side: Side, octets: bytes) -> None:
-        """A whole TPKT is told."""
+        """Take a whole TPKT that is reported."""
         last = len(octets) <= _EOT_AT or octets[_EOT_AT] & _EOT != 0
         self._take(side, len(octets), len(octets) > 5 and octets[5] & 0xF0 == _DT, last)
 
     def ibh_packet(self, side: Side, octets: bytes) -> None:
-        """A whole IBH-NetLink packet is told. One message after another goes by: its parts are not told apart here."""
+        """Take a whole IBH-NetLink packet that is reported; parts of a message are not distinguished."""
         self._take(side, len(octets), True, False)
 
     def _take(self, side: Side, size: int, carries: bool, last: bool) -> None:
@@ -97,7 +97,7 @@ class SpanBook:
             direction.complete = last
 
     def pdu(self, side: Side, frame: int, size: int) -> None:
-        """A PDU of ``size`` octets is told, with the packet that completed it."""
+        """Remember the range of a PDU of ``size`` octets that packet ``frame`` completed."""
         direction = self._directions.get(side.key)
         start = int(side.stream.start_seq)
         if direction is None or start < 0:
@@ -115,7 +115,7 @@ class SpanBook:
         spans[key] = Span(side.key, (start + direction.first) & MASK, end - direction.first)
 
     def pop(self, connection: int, side: int, frame: int, size: int) -> Span | None:
-        """Return, and forget, the range of a PDU; None when it is not known."""
+        """Return and forget the range of a PDU; None if it is not known."""
         return self._spans.pop((connection, side, frame, size), None)
 
     def _direction(self, side: Side) -> _Direction:

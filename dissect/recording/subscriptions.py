@@ -1,4 +1,4 @@
-"""Where pushes were asked for: with a push, `cut` takes the requests of its subscription along, and their answers."""
+"""The requests that began subscriptions: with a push, `cut` also writes the requests of its subscription, and their answers."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from dissect.transactions.operation import CYCLIC, MESSAGES, TEST_JOB, Operation
 from dissect.transactions.operations import subscription_of
 from dissect.transactions.transaction import PUSH, Transaction
 
-#: Requests that are remembered before those are dropped that belong to nothing that runs, and then at most.
+#: From so many requests on, those of no running operation are dropped; and the greatest number after that.
 _MANY: Final = 2048
 MAX_KEPT: Final = 65_536
 
 
 class Asked:
-    """A request with its answer: their packets, the ranges of their octets, first and last time."""
+    """A request with its answer: their packets, the ranges of their octets, and their first and last time."""
 
     __slots__ = ("connection", "frames", "from_ns", "number", "spans", "to_ns")
 
@@ -32,7 +32,7 @@ class Asked:
 
 
 class SubscriptionBook:
-    """Requests that may have begun or changed a subscription, for as long as it runs. ``forgotten`` were looked for in vain."""
+    """Requests that may have begun or changed a subscription, while it runs. ``forgotten`` counts those that `of` missed."""
 
     def __init__(self) -> None:
         self.forgotten = 0
@@ -40,7 +40,7 @@ class SubscriptionBook:
         self._look_at = min(_MANY, MAX_KEPT)
 
     def note(self, transaction: Transaction, frames: list[int], spans: list[Span | None]) -> None:
-        """Take a transaction that is over; reads, writes and pushes begin nothing."""
+        """Take a transaction that is over; reads, writes and pushes are ignored, as they begin no subscription."""
         if transaction.outcome == PUSH or (transaction.parameters.userdata is None and not transaction.is_plus):
             return
         if len(self._asked) >= self._look_at:
@@ -48,7 +48,7 @@ class SubscriptionBook:
         self._asked[int(transaction.number)] = Asked(transaction, frames, spans)
 
     def of(self, push: Transaction) -> list[Asked]:
-        """Return the requests of the subscription that a push belongs to, as far as they were captured."""
+        """Return the requests of the subscription of a push, as far as they were captured."""
         running = _notified(push) if push.is_plus else subscription_of(push)
         if running is None:
             return []
@@ -56,7 +56,7 @@ class SubscriptionBook:
         return [self._asked[number] for number in running.transactions if number in self._asked]
 
     def _drop(self) -> None:
-        """Forget what belongs to no operation that runs."""
+        """Forget requests that belong to no running operation."""
         going: dict[int, Operation] = {}
         for one in self._asked.values():
             going.update({id(operation): operation for operation in one.connection.operations.these})
@@ -68,7 +68,7 @@ class SubscriptionBook:
 
 
 def _notified(push: Transaction) -> Operation | None:
-    """Return the operation that a notification of S7comm-plus belongs to."""
+    """Return the operation of an S7comm-plus notification, None for none."""
     key = str(number_of(push.response_octets))
     going = push.connection.operations
     found = [going.find(kind, key) for kind in (CYCLIC, MESSAGES, TEST_JOB)]

@@ -1,4 +1,4 @@
-"""A stretch of time as a person gives it: ``12:00:01..12:00:05``, ``2016-02-08T14:51:37.5..``, ``..90`` (seconds)."""
+"""Parses ranges of time: ``12:00:01..12:00:05``, ``2016-02-08T14:51:37.5..``, ``..90`` (seconds)."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ _DAY_NS: Final = 86_400 * _NS
 _EPOCH: Final = date(1970, 1, 1).toordinal()
 _LAST_NS: Final = 2**63 - 1
 
-# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+# Patterns are plain texts, which `re` compiles when they are first used: most runs need none.
 _SECONDS: Final = r"([0-9]{1,9})(?:\.([0-9]{1,9}))?s?"
 _TIME: Final = (
     r"(?:([0-9]{4})-([0-9]{2})-([0-9]{2})[T ])?([0-9]{2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,9}))?(?:Z| ?UTC)?"
 )
 
-# What a moment is counted from.
+# The bases from which a moment is counted.
 _START: Final = "start"
 _MIDNIGHT: Final = "midnight"
 _EPOCH_BASE: Final = "epoch"
 
 
 class Moment:
-    """One end of a window: ``ns`` after ``base``: the start of the capture, the midnight before it, or 1970."""
+    """One end of a window, ``ns`` nanoseconds after ``base``: the start of the capture, the midnight before it, or 1970."""
 
     __slots__ = ("base", "ns")
 
@@ -40,7 +40,7 @@ class Moment:
     def resolve(self, first_ns: int, last_ns: int) -> int:
         """Return nanoseconds since 1970, for a capture from ``first_ns`` to ``last_ns``.
 
-        A time of day is that of the first packet's day, or of the next one where only that is in the capture.
+        A time of day is on the day of the first packet, or on the next day if only that one is in the capture.
         """
         if self.base == _EPOCH_BASE:
             return self.ns
@@ -51,7 +51,7 @@ class Moment:
 
 
 class Window:
-    """From one moment to another, both included; None is the beginning, or the end, of the capture."""
+    """A range from one moment to another, both included; None is the beginning, or the end, of the capture."""
 
     __slots__ = ("begin", "end")
 
@@ -60,7 +60,7 @@ class Window:
         self.end = end
 
     def resolve(self, first_ns: int, last_ns: int) -> tuple[int, int]:
-        """Return (first, last) nanosecond since 1970 that are in it, for a capture from ``first_ns`` to ``last_ns``."""
+        """Return its (first, last) nanosecond since 1970, for a capture from ``first_ns`` to ``last_ns``."""
         begin = self.begin.resolve(first_ns, last_ns) if self.begin is not None else 0
         end = self.end.resolve(first_ns, last_ns) if self.end is not None else _LAST_NS
         if end < begin and self.end is not None and self.end.base == _MIDNIGHT:
@@ -68,9 +68,9 @@ class Window:
         return begin, end
 
     def resolve_ahead(self, first_ns: int) -> tuple[int, int]:
-        """Return what `resolve` does for a capture of which only the beginning is known.
+        """Return the same as `resolve`, for a capture whose end is not known yet.
 
-        Times of day are those of its first day, or of the next one where the window would be over before it begins.
+        Times of day are on its first day, or on the next day if the window would end before the capture begins.
         """
         begin, end = self.resolve(first_ns, first_ns)
         if end < first_ns and (self.begin or self.end or _NOTHING).base == _MIDNIGHT:
@@ -82,9 +82,9 @@ _NOTHING: Final = Moment(_START, 0)
 
 
 def parse_window(text: str) -> Window:
-    """Return the window that ``BEGIN..END`` means; either may be left out. ValueError, for a person, when it means none.
+    """Parse ``BEGIN..END``; one of them may be left out. Raises ValueError with a message for users.
 
-    An end is a time of day, a date and a time of day (UTC, both), or seconds from the start of the capture.
+    Each is a time of day or a date with a time of day (both UTC), or seconds from the start of the capture.
     """
     begin, dots, end = text.partition("..")
     if not dots or not (begin or end):
@@ -97,7 +97,7 @@ def parse_window(text: str) -> Window:
 
 
 def parse_moment(text: str) -> Moment:
-    """Return the moment that an end of a window means. ValueError, for a person, when it means none."""
+    """Parse one end of a window. Raises ValueError with a message for users."""
     found = re.fullmatch(_SECONDS, text)
     if found:
         return Moment(_START, int(found[1]) * _NS + _fraction(found[2]))
