@@ -1,4 +1,4 @@
-"""Alerts: rules from a TOML file over what passes on a line, told to people and programs, not more often than wanted."""
+"""Alerts: rules from a TOML file are applied to live traffic; alerts go to people and programs, at a limited rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be done with an alert. `dissect.alerts.loading` makes an action from each [[action]] table; this is what all are."""
+"""`Action`: the base of everything that delivers alerts. `dissect.alerts.loading` makes an action of each [[action]] table."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from dissect.wire.text import reason
 
 
 class DeliveryError(Exception):
-    """An alert did not get where it should; the text says why."""
+    """An alert could not be delivered; the message says why."""
 
 
 class RefusedError(DeliveryError):
-    """An alert was refused for good: to try again would not help."""
+    """The receiver refused an alert for good: a retry would not help."""
 
 
 class Action(ABC):
-    """Delivers alerts, one at a time in each of ``parallel`` threads. ``name`` is what rules call it."""
+    """Delivers alerts, one at a time in each of ``parallel`` threads. ``name`` is its name in rules."""
 
     def __init__(self, name: str, parallel: int = 1) -> None:
         self.name = name
@@ -31,11 +31,11 @@ class Action(ABC):
         """Deliver an alert, within a bounded time. Raises `DeliveryError`."""
 
     def close(self) -> None:  # noqa: B027 - most actions hold nothing
-        """Break off what is being delivered, and give back what is held."""
+        """Break off deliveries, and release resources."""
 
 
 class Posting(Action):
-    """Sends octets to a receiver that may be down for a while: they wait in the folder ``spool``, None for the usual one."""
+    """Sends alerts to a receiver that may be down for a while: they wait in the folder ``spool``, None for the default one."""
 
     def __init__(self, name: str, parallel: int = 1, spool: Path | None = None) -> None:
         super().__init__(name, parallel)
@@ -72,7 +72,7 @@ def to_stderr(line: str) -> None:
 
 
 def is_there(path: str) -> bool:
-    """Return whether a file is there."""
+    """Return whether a file exists."""
     try:
         return Path(path).exists()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""An alert: a rule spoke. As JSON it is what programs get, as a line what people read."""
+"""`Alert`: what a rule reports, as JSON for programs and as a line for people."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from dissect.report import words
 from dissect.wire.text import Clock, encodable, printable, shortened
 
 SCHEMA: Final = "s7dissect.alert/1"
-#: Characters of a text on one line.
+#: At most so many characters of the text are on a line.
 _MAX_TEXT: Final = 1000
 
 
 class Alert:
-    """What a rule has to say once.
+    """One alert of a rule.
 
-    ``text`` is a sentence, ``pair`` and ``connection`` (0: none) who it is about, ``detail`` what was seen, JSON-ready:
-    ``finding``, ``new`` or ``measured``. ``repeated`` counts the times it was not told since it was told last; ``since_ns`` is
-    when a state began that lasts (0: an event). Texts may hold text from the wire, not escaped.
+    ``text`` is a sentence. ``pair`` and ``connection`` (0: none) say who it is about; ``detail`` is what was seen, as values
+    for JSON: ``finding``, ``new`` or ``measured``. ``repeated`` counts how often the alert was suppressed since it was last
+    given. ``since_ns`` is when a lasting state began (0: an event). Texts may contain text from the wire, not escaped.
     """
 
     __slots__ = ("connection", "detail", "pair", "repeated", "rule", "severity", "since_ns", "text", "time_ns")
@@ -50,7 +50,7 @@ class Alert:
 
     @property
     def kind(self) -> str:
-        """What kind of thing it is about, besides its rule: the slug of a finding, what is new, or nothing."""
+        """The kind of the alert within its rule: the slug of a finding, what is new, or empty."""
         found, new = self.detail.get("finding"), self.detail.get("new")
         if isinstance(found, dict):
             return str(found.get("slug", ""))

@@ -1,4 +1,4 @@
-"""The action that runs a program: no shell, the alert as JSON on stdin, a time limit, next to nothing in the environment."""
+"""The action that runs a program: without a shell, with the alert as JSON on stdin, a time limit and a minimal environment."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from dissect.scd.reading import Table
 from dissect.wire.text import Clock, printable, reason
 
 _PLACEHOLDER: Final = re.compile(r"\{([A-Za-z_]+)\}")
-#: What may stand in arguments: what the user wrote, numbers, and addresses, which are made from octets. Never a text from the
-#: wire: that is in the JSON alone.
+#: Placeholders in arguments: the user's own texts, numbers, and addresses, which are made from octets. Text from the wire is
+#: never put into arguments, only into the JSON.
 PLACEHOLDERS: Final = ("rule", "when", "severity", "time", "client", "server", "connection", "repeated")
 _MAX_ARGUMENTS: Final = 64
-#: The environment of a program.
+#: The environment variables that a program gets.
 _KEPT: Final = ("PATH", "LANG", "LC_ALL", "TZ")
 
 
@@ -72,7 +72,7 @@ class Command(Action):
             raise DeliveryError(f"{program}: exit code {process.returncode}")
 
     def close(self) -> None:
-        """Kill what still runs."""
+        """Kill the programs that still run."""
         with self._lock:
             self._closed = True
             for process in self._running:
@@ -88,7 +88,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill a program and what it started: it leads a session of its own. One that is over has no group of its number."""
+    """Kill a program and what it started (its process group), unless it has ended: its group may then be another's."""
     if process.poll() is not None:
         return
     if not hasattr(os, "killpg"):

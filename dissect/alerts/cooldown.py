@@ -1,7 +1,7 @@
-"""How often a rule speaks: at once, then at most every cooldown, saying how often it would have spoken in between.
+"""`Cooldown` limits how often a rule gives alerts: the first at once, then one per cooldown with the number of suppressed ones.
 
-Many different things at once are bounded too: of one kind and severity a rule gives so many alerts a minute (`Rule.burst`), and
-then one that sums up the rest. So a flood of warnings cannot bury the error behind it.
+The number of different alerts is limited, too: a rule gives `Rule.burst` alerts of one kind and severity a minute, then one
+that sums up the rest. So a flood of warnings cannot hide an error.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ from dissect.alerts.rules import Rule
 from dissect.report import words
 from dissect.wire.text import Clock
 
-#: Different things that are remembered; the oldest gives way to a new one.
+#: Greatest number of different things that are remembered; a new one replaces the oldest.
 MAX_REMEMBERED: Final = 16384
-#: How often (capture time) what is remembered is gone through, and by how many entries that becomes rarer.
+#: How often (capture time) all entries are checked, and with each so many entries it is done more rarely.
 _FLUSH_NS: Final = 1_000_000_000
 _MANY: Final = 1024
-#: The time in which a rule gives so many alerts (`Rule.burst`).
+#: The period for the limit `Rule.burst`.
 BURST_NS: Final = 60_000_000_000
 
-#: Makes the alert once it is known that it will be told; gets the time.
+#: Makes an alert; called with the time, only when the alert is given.
 Make = Callable[[int], Alert]
 
 
 class _Told:
-    """What is remembered of one thing that a rule may tell."""
+    """What is remembered of one thing that a rule may report."""
 
     __slots__ = ("counted", "looked_ns", "make", "repeated", "since_ns", "spoken", "told_ns")
 
     def __init__(self, make: Make) -> None:
         self.make = make
         self.told_ns = 0
-        self.spoken = False  # told at least once
+        self.spoken = False  # an alert was given at least once
         self.repeated = 0
-        self.since_ns = -1  # of a state: when it began, -1 while it does not hold
+        self.since_ns = -1  # for a state: when it began, -1 while it does not hold
         self.looked_ns = 0  # when it was last found to hold
-        self.counted = False  # this time it holds was told, or counted
+        self.counted = False  # an alert was given for this duration of the state, or counted
 
 
 class _Burst:
-    """What a rule gave of one kind and severity since ``since_ns``, and what it held back."""
+    """The alerts of one kind and severity that a rule gave since ``since_ns``, and those held back."""
 
     __slots__ = ("given", "held", "last", "since_ns")
 
@@ -54,7 +54,7 @@ class _Burst:
 
 
 class Cooldown:
-    """Passes alerts on to ``tell``. ``crowded`` counts what was forgotten because too many different things are remembered."""
+    """Passes alerts on to ``tell``. ``crowded`` counts things that were forgotten because there were too many."""
 
     def __init__(self, tell: Callable[[Alert], None]) -> None:
         self.crowded = 0
@@ -64,13 +64,13 @@ class Cooldown:
         self._bursts: dict[tuple[Rule, str, str], _Burst] = {}
 
     def event(self, rule: Rule, about: Hashable, now_ns: int, make: Make) -> None:
-        """Something happened that ``rule`` looks for; ``about`` tells alike things from others."""
+        """Take an event that ``rule`` looks for; events with the same ``about`` are alike."""
         told = self._entry(rule, about, make)
         told.make = make
         self._speak(rule, told, now_ns)
 
     def state(self, rule: Rule, about: Hashable, now_ns: int, make: Make | None) -> None:
-        """A state that ``rule`` looks for holds, or not (``make`` is None)."""
+        """Note that a state that ``rule`` looks for holds, or (``make`` is None) does not."""
         if make is None:
             known = self._told.get((rule, about))
             if known is not None:
@@ -91,9 +91,9 @@ class Cooldown:
             self._say(told, now_ns)  # it goes on
 
     def flush(self, now_ns: int, over: bool = False) -> None:
-        """Tell what was held back and whose time has come; all of it when everything is ``over``.
+        """Give alerts that were held back when their time has come; all of them when the run is ``over``.
 
-        A state that was not found to hold now holds no more: its connection is gone.
+        A state that was not reported at ``now_ns`` is taken as over, because its connection is gone.
         """
         if now_ns < self._flush_ns and not over:
             return
@@ -113,7 +113,7 @@ class Cooldown:
                 self._sum_up(burst, now_ns)
 
     def rewind(self, now_ns: int) -> None:
-        """The clock went back: nothing was told later than now, and no state has held since then."""
+        """The clock was set back to ``now_ns``: limit all remembered times to it."""
         self._flush_ns = now_ns
         for told in self._told.values():
             told.looked_ns = 0
@@ -149,7 +149,7 @@ class Cooldown:
         self._give(alert, now_ns)
 
     def _give(self, alert: Alert, now_ns: int) -> None:
-        """Tell an alert, or hold it back where its rule has given enough of its kind."""
+        """Give an alert, or hold it back if its rule has given enough of its kind."""
         rule = alert.rule
         if not rule.burst:
             self._tell(alert)
@@ -168,7 +168,7 @@ class Cooldown:
             burst.last = alert
 
     def _sum_up(self, burst: _Burst, now_ns: int) -> None:
-        """Tell what was held back, in one alert."""
+        """Give one alert that sums up those that were held back."""
         last = burst.last
         if last is None:
             return

@@ -1,6 +1,6 @@
-"""Delivers alerts in threads of their own, so that a slow receiver delays nothing but itself. Every queue is bounded.
+"""`Dispatcher`: delivers alerts in separate threads, so that a slow receiver delays nothing else. Every queue is bounded.
 
-Actions with a spool keep what cannot be delivered now, and this run or the next one tries it again, most severe first.
+Actions with a spool keep alerts that cannot be delivered; this run or the next one tries again, the most severe first.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from dissect.alerts.spool import Spool, default_folder
 from dissect.alerts.waiting import RANKS, Complaints, Waiting
 from dissect.report import words
 
-#: Seconds until a receiver that is down is tried again: the first time, and at most.
+#: Seconds until a receiver that is down is tried again: at first, and at most.
 FIRST_S: Final = 1.0
 LONGEST_S: Final = 60.0
 
 
 class SpoolLane:
-    """What `Lane` is, for an action whose alerts wait on disk.
+    """A lane (see `Lane`) for an action whose alerts wait on disk.
 
-    One thread writes alerts to ``spool``, others deliver them from there; while the receiver does not answer, one attempt is
-    made after 1, 2, 4 … 60 s, with the heaviest that waits. An alert that the receiver refuses for good is given up.
+    One thread writes alerts to ``spool``, others deliver them from there. While the receiver does not answer, the most severe
+    alert is tried after 1, 2, 4 … 60 s. An alert that the receiver refuses for good is dropped.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class SpoolLane:
             left = len(self.spool)
             trouble = self.spool.trouble
             workers = [self._write, *[self._deliver] * self.action.parallel]
-            # No thread of ours may keep the process: what must be waited for, `close` waits for.
+            # Daemon threads: they must not keep the process alive; `close` waits for what is important.
             self._threads = [
                 threading.Thread(target=work, name=f"alerts {self.action.name}", daemon=True) for work in workers
             ]
@@ -74,7 +74,7 @@ class SpoolLane:
             self._complaints.say(f"{words.count(left, 'alert')} of an earlier run will be delivered")
 
     def put(self, alert: Alert) -> None:
-        """Queue an alert. Where there is no room the oldest of the lightest is dropped, counted and reported."""
+        """Queue an alert. If the queue is full, the oldest of the least severe is dropped, counted and reported."""
         self.start()
         with self._changed:
             gone = alert if self._closed else self._fresh.put(RANKS[alert.severity], alert)
@@ -85,7 +85,7 @@ class SpoolLane:
             self._complaints.about("room", f"no room, dropped: {gone.severity} {gone.message()}")
 
     def close(self, deadline: float) -> None:
-        """Write to disk what waits in memory, deliver until ``deadline`` (of the clock), and leave the rest to the next run."""
+        """Write alerts in memory to disk, deliver until ``deadline`` (by the clock), and leave the rest to the next run."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -99,7 +99,7 @@ class SpoolLane:
         for thread in self._threads:
             thread.join(1.0)
         with self._changed:
-            # What a disk still takes is no longer waited for: nobody can say whether it will be there.
+            # An alert that is still being written counts as lost: it is not known whether it will be on disk.
             self.counts.dropped += self._fresh.clear() + self._writing + self.spool.lost_at_end
             left = len(self.spool) - self.spool.lost_at_end
             self.spool.close()
@@ -113,7 +113,7 @@ class SpoolLane:
     # ---- threads ----------------------------------------------------------------------------------------------------
 
     def _write(self) -> None:
-        """Bring alerts from memory to disk."""
+        """Write alerts from memory to disk; runs in a thread."""
         while True:
             with self._changed:
                 while not len(self._fresh):
@@ -124,7 +124,7 @@ class SpoolLane:
                 if alert is None:
                     continue
                 self._writing += 1
-            # Without the lock, for which whoever captures would have to wait: a disk may take seconds.
+            # Without the lock: a disk may take seconds, and the capturing thread would have to wait for the lock.
             written = self.spool.write(RANKS[alert.severity], alert.as_json().encode("ascii"))
             with self._changed:
                 dropped = self.spool.keep(written)
@@ -140,7 +140,7 @@ class SpoolLane:
                 self._complaints.about("spool", f"{trouble}: alerts wait in memory only")
 
     def _deliver(self) -> None:
-        """Deliver what waits on disk."""
+        """Deliver alerts from disk; runs in a thread."""
         while True:
             with self._changed:
                 taken = None
@@ -187,16 +187,16 @@ class SpoolLane:
                 self._complaints.about("refused", refused)
 
 
-#: Alerts that wait for one action.
+#: At most so many alerts wait for one action.
 MAX_QUEUED: Final = 256
 
 
 class Dispatcher:
-    """Takes alerts from any thread with `submit` and hands each to the actions of its rule.
+    """Takes alerts from any thread with `submit`, and passes each on to the actions of its rule.
 
-    ``write`` gets the lines of the action ``stderr``, ``tell`` what there is to say about deliveries; both write to stderr
-    unless told otherwise, and are called from threads of the dispatcher. Alerts for a webhook wait on disk until they are
-    delivered (`dissect.alerts.spool`). Use it as a context manager, or call `close`.
+    ``write`` gets the lines of the action ``stderr``, ``tell`` messages on deliveries. By default both write to stderr; they
+    are called from threads of the dispatcher. Alerts for a webhook wait on disk until they are delivered
+    (`dissect.alerts.spool`). Use it as a context manager, or call `close`.
     """
 
     def __init__(
@@ -221,9 +221,9 @@ class Dispatcher:
         self._closed = False
 
     def prepare(self) -> list[Path]:
-        """Make the folders in which alerts wait; return those that were not there, the outermost first.
+        """Make the folders in which alerts wait; return those that did not exist, the outermost first.
 
-        To be called before this process gives up rights that making them takes.
+        Call it before this process gives up the privileges that are needed to make them.
         """
         made: list[Path] = []
         for lane in self._lanes.values():
@@ -232,7 +232,7 @@ class Dispatcher:
         return made
 
     def start(self) -> None:
-        """Begin to deliver what an earlier run left. Makes threads; may be called twice."""
+        """Begin to deliver alerts that an earlier run left. Starts threads; may be called twice."""
         for lane in self._lanes.values():
             lane.start()
 
@@ -249,11 +249,11 @@ class Dispatcher:
 
     @property
     def counts(self) -> dict[str, Counts]:
-        """What became of the alerts, by action."""
+        """How many alerts were delivered, failed and dropped, by action."""
         return {name: lane.counts for name, lane in self._lanes.items()}
 
     def close(self, timeout: float = 5.0) -> None:
-        """Deliver what waits, ``timeout`` seconds at most, then break off and report lost alerts. May be called twice."""
+        """Deliver waiting alerts for at most ``timeout`` seconds, then break off and report lost ones. May be called twice."""
         if self._closed:
             return
         self._closed = True

@@ -1,4 +1,4 @@
-"""The engine: is told what passes, asks its rules, and tells alerts. Its only clock is that of the capture."""
+"""`AlertEngine`: an observer that applies rules to the traffic and gives alerts. Its only clock is that of the capture."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from dissect.report.words import Places
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 
-#: How often (capture time) states are looked at, and by how many connections and measures that becomes rarer.
+#: How often (capture time) states are checked, and with each so many connections and measures it is done more rarely.
 LOOK_NS: Final = 200_000_000
 _MANY: Final = 512
-#: A connection that carried no transaction so long is judged by what is known of it.
+#: After so long, a connection without a transaction is judged by what is known of it.
 _JUDGE_NS: Final = 1_000_000_000
-#: A tick this much before the one before it: the clock was set back.
+#: A tick that is earlier than the one before by more than this means that the clock was set back.
 _SET_BACK_NS: Final = 1_000_000_000
 
 
 class AlertEngine(Observer):
-    """Asks ``rules`` about everything it is told, and gives alerts to ``tell``: `Dispatcher.submit`, a list's ``append``.
+    """Applies ``rules`` to all events, and calls ``tell`` with each alert: `Dispatcher.submit`, or a list's ``append``.
 
-    `tick` must be called while the line is silent, and may be called as often as one likes. ``count`` are alerts that were
-    told. Raises `RuleError` when a rule needs a baseline and there is none.
+    `tick` must be called while there is no traffic, and may be called at any rate. ``count`` is the number of alerts given.
+    Raises `RuleError` when a rule needs a baseline and there is none.
     """
 
     def __init__(
@@ -65,12 +65,12 @@ class AlertEngine(Observer):
 
     @property
     def crowded(self) -> int:
-        """Alerts that are no longer remembered because there were too many different ones: they may be told again."""
+        """The number of alerts that were forgotten because there were too many different ones; they may be given again."""
         return self._cooldown.crowded
 
     @property
     def forgotten(self) -> int:
-        """Pairs and connections that are measured no more because there were too many."""
+        """The number of pairs and connections that are no longer measured because there were too many."""
         return sum(watch.forgotten for watch in self._states)
 
     # ---- observer ---------------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ class AlertEngine(Observer):
             self._unjudged[number] = connection
 
     def connection_closed(self, connection: Connection) -> None:
-        """Judge a connection that carried nothing; watch it no more."""
+        """Judge a connection without transactions; stop watching it."""
         number = int(connection.number)
         if self._unjudged.pop(number, None) is not None:
             self._judge(connection)
@@ -93,7 +93,7 @@ class AlertEngine(Observer):
             watch.closed(connection)
 
     def transaction(self, transaction: Transaction) -> None:
-        """Ask the rules about a transaction."""
+        """Apply the rules to a transaction."""
         time_ns = moment(transaction)
         if time_ns > self.now_ns:
             self._advance(time_ns)
@@ -113,7 +113,7 @@ class AlertEngine(Observer):
                 watch.take(pair, transaction, self.now_ns)
 
     def finding(self, finding: Finding) -> None:
-        """Ask the rules about a finding."""
+        """Apply the rules to a finding."""
         if finding.time_ns > self.now_ns:
             self._advance(int(finding.time_ns))
         pair = self._pairs.numbered(int(finding.connection))
@@ -125,7 +125,7 @@ class AlertEngine(Observer):
     # ---- time -------------------------------------------------------------------------------------------------------
 
     def tick(self, now_ns: i64) -> None:
-        """It is ``now_ns`` by the clock of the capture, whether anything passed or not."""
+        """Advance the time to ``now_ns`` by the clock of the capture, with or without traffic."""
         now = int(now_ns)
         if now < self.now_ns - _SET_BACK_NS:
             self.restart(now)
@@ -133,7 +133,7 @@ class AlertEngine(Observer):
             self._advance(now)
 
     def restart(self, now_ns: int) -> None:
-        """The clock went back, or another capture begins: start measuring again."""
+        """The clock was set back, or another capture begins: begin to measure anew."""
         self.now_ns = now_ns
         self._look_ns = now_ns
         self._cooldown.rewind(now_ns)
@@ -141,7 +141,7 @@ class AlertEngine(Observer):
             watch.restart(now_ns)
 
     def finish(self) -> None:
-        """Everything has passed: tell what was held back."""
+        """The run is over: judge the remaining connections, and give the alerts that were held back."""
         for connection in list(self._unjudged.values()):
             self._judge(connection)
         self._unjudged.clear()
@@ -150,7 +150,7 @@ class AlertEngine(Observer):
         self._cooldown.flush(self.now_ns, over=True)
 
     def _advance(self, now_ns: int) -> None:
-        """Time passes. States are looked at before what happens now counts, so that a silence is seen before it ends."""
+        """Advance the time. States are checked before the present event counts, so that a silence is noticed before it ends."""
         if not self.now_ns:
             self._look_ns = now_ns
         self.now_ns = now_ns
@@ -173,7 +173,7 @@ class AlertEngine(Observer):
         self._cooldown.flush(now_ns)
 
     def _adopt(self, watch: StateWatch) -> None:
-        """Let a rule know connections that carried no transaction yet."""
+        """Give the watch of a rule the connections without a transaction so far."""
         for number, connection in self._open.items():
             if number not in watch.connections:
                 pair = self._pairs.of(connection)

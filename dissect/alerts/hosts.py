@@ -1,4 +1,4 @@
-"""Whom alerts may be sent to: this machine, and hosts that the user has named."""
+"""The hosts to which alerts may be sent: this machine, and those that the user has allowed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LOCAL: Final = "localhost"
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a name or address is this machine's own."""
+    """Return whether a name or address means this machine."""
     if host.lower() == _LOCAL:
         return True
     try:

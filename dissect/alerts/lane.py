@@ -1,4 +1,4 @@
-"""The queue and the threads of one action that is done at once: by a program, a line, a datagram."""
+"""`Lane`: the queue and the threads of an action without a spool: a program, a line, a datagram."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.report import words
 
 
 class Counts:
-    """What became of the alerts for one action: delivered, failed, dropped because too many waited."""
+    """The alerts of one action: how many were delivered, failed, or dropped because too many waited."""
 
     __slots__ = ("delivered", "dropped", "failed")
 
@@ -22,7 +22,7 @@ class Counts:
         self.dropped = 0
 
     def as_dict(self) -> dict[str, int]:
-        """Return the counts, JSON-ready."""
+        """Return the counts for JSON."""
         return {"delivered": self.delivered, "failed": self.failed, "dropped": self.dropped}
 
 
@@ -41,10 +41,10 @@ class Lane:
         self._busy = 0
 
     def start(self) -> None:
-        """Nothing waits from an earlier run: threads begin with the first alert."""
+        """Do nothing: no alerts wait from an earlier run, and threads start with the first alert."""
 
     def put(self, alert: Alert) -> None:
-        """Queue an alert. Where there is no room the oldest of the lightest is dropped, counted and reported."""
+        """Queue an alert. If the queue is full, the oldest of the least severe is dropped, counted and reported."""
         with self._ready:
             gone = alert if self._closed else self._waiting.put(RANKS[alert.severity], alert)
             if gone is not None:
@@ -58,7 +58,7 @@ class Lane:
             self._complaints.about("room", f"{waiting} are already waiting, dropped: {gone.severity} {gone.message()}")
 
     def close(self, deadline: float) -> None:
-        """Deliver what waits until ``deadline`` (of the lane's clock), then give it up."""
+        """Deliver waiting alerts until ``deadline`` (by the lane's clock), then drop the rest."""
         with self._ready:
             self._closed = True
             self._ready.notify_all()
@@ -74,7 +74,7 @@ class Lane:
             self._complaints.say(f"{counts.failed} failed, {counts.dropped} dropped, {counts.delivered} delivered")
 
     def _start(self) -> None:
-        # No thread of ours may keep the process: what must be waited for, `close` waits for.
+        # A daemon thread: it must not keep the process alive; `close` waits for what is important.
         thread = threading.Thread(target=self._work, name=f"alerts {self.action.name}", daemon=True)
         self._threads.append(thread)
         thread.start()

@@ -35,7 +35,7 @@ from dissect.scd.user_file import MAX_NAME, FileError, UserFile, names_of, netwo
 
 MAX_RULES: Final = 256
 MAX_ACTIONS: Final = 32
-#: Alerts of one kind that a rule gives a minute unless it says otherwise, and at most.
+#: The default and the greatest value of `Rule.burst`.
 BURST: Final = 20
 MAX_BURST: Final = 10_000
 
@@ -44,7 +44,7 @@ _UNITS: Final = {"ms": 1_000_000, "s": _S, "min": 60 * _S, "h": 3600 * _S, "d": 
 _DURATION: Final = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?) *(ms|s|min|h|d)")
 #: No duration is longer than a year.
 _LONGEST: Final = 366 * _UNITS["d"]
-#: A window moves in tenths of itself, which are milliseconds at least.
+#: The shortest window: it moves in tenths of itself, which must be at least a millisecond.
 _SHORTEST_WINDOW: Final = 10_000_000
 _LEARNED_WINDOWS: Final = (_S, 10 * _S)
 
@@ -52,13 +52,13 @@ _LEARNED_WINDOWS: Final = (_S, 10 * _S)
 _KINDS: Final = ("command", "syslog", "webhook")
 
 
-#: Programs or requests of one action at a time.
+#: Greatest number of programs or requests of one action at a time.
 MAX_PARALLEL: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
 class AlertRules:
-    """A file of rules: the rules in their order, and the actions they name. ``path`` is for errors."""
+    """A file of rules: the rules in their order, and the actions that they name. ``path`` is for error messages."""
 
     rules: tuple[Rule, ...]
     actions: dict[str, Action] = field(default_factory=dict)
@@ -66,13 +66,13 @@ class AlertRules:
 
 
 class RuleError(FileError):
-    """A file of rules that cannot be used."""
+    """A file of rules cannot be used."""
 
 
 def load_rules(path: str | os.PathLike[str], trial: bool = False) -> AlertRules:
     """Return the rules of a file. Raises `RuleError`, OSError if the file cannot be read.
 
-    A ``trial`` delivers nothing: the programs and sockets of its actions need not be there.
+    A ``trial`` delivers nothing: the programs and sockets of its actions need not exist.
     """
     return read_file(path, lambda text: parse_rules(text, os.fspath(path), trial), RuleError)
 
@@ -80,14 +80,14 @@ def load_rules(path: str | os.PathLike[str], trial: bool = False) -> AlertRules:
 def parse_rules(text: str, path: str = "", trial: bool = False) -> AlertRules:
     """Return the rules of a text; ``trial`` as for `load_rules`.
 
-    Raises `DictionaryError` with table, key and line, which holds all that is wrong.
+    Raises `DictionaryError`, which has all errors with table, key and line.
     """
     file = UserFile(text, ("rule", "action"), ("defaults",))
     hosts: frozenset[str] = frozenset()
     with file.troubles:
         hosts = names_of(file.top, "allow_hosts") or hosts
     actions: dict[str, Action] = {}
-    named: set[str] = set()  # also by actions that are wrong: who names those is not
+    named: set[str] = set()  # also the names of invalid actions: a rule that names one is not wrong itself
     for table in file.tables("action", MAX_ACTIONS):
         with file.troubles:
             name = _name(table)
@@ -165,7 +165,7 @@ def _positive(table: Table, key: str) -> float | None:
 
 
 def _usual(table: Table, actions: AbstractSet[str]) -> Rule:
-    """Return what rules do that do not say otherwise."""
+    """Return a rule with the defaults of the file."""
     usual = Rule("", FINDING)
     return Rule("", FINDING, cooldown_ns=_duration(table, "cooldown", usual.cooldown_ns),
                 burst=_burst(table, BURST), actions=_actions(table, actions, usual.actions))  # fmt: skip
@@ -256,7 +256,7 @@ def _window(table: Table, default: int) -> int:
 
 
 def _learned(table: Table, key: str, per: str) -> float:
-    """Return the factor over what the baseline holds, 0 for none."""
+    """Return the factor for the values of the baseline, 0 for none."""
     factor = _positive(table, key) or 0.0
     if factor and per != PER_PAIR:
         raise table.fail(key, 'a baseline is kept per pair: use per = "pair"')
@@ -320,9 +320,9 @@ _READERS: Final = {
 
 
 def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float, trial: bool = False) -> Action:
-    """Return the action of a table; raises `DictionaryError`. ``hosts`` are those that may be told besides this machine.
+    """Return the action of a table; raises `DictionaryError`. ``hosts`` may get alerts, besides this machine.
 
-    A ``trial`` sends nothing, so neither the program nor the socket has to be there.
+    A ``trial`` sends nothing, so neither the program nor the socket has to exist.
     """
     keys = [key for key in _KINDS if table.has(key)]
     if len(keys) != 1:

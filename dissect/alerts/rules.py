@@ -1,4 +1,4 @@
-"""A rule: what it looks for, with whom, how often it may speak, and to whom."""
+"""`Rule`: what it looks for, for which hosts, how often it may give alerts, and to which actions."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ SILENCE: Final = "silence"
 OUTCOME: Final = "outcome"
 
 WHENS: Final = (FINDING, NEW, RATE, LATENCY, SILENCE, OUTCOME)
-#: Those that look at single events; the others look at a state that lasts.
+#: Kinds of rules that look for single events; the others look for a lasting state.
 EVENTS: Final = frozenset((FINDING, NEW))
 
-# What state rules look at together (`Rule.per`).
+# For what state rules measure separately (`Rule.per`).
 PER_PAIR: Final = "pair"
 PER_CONNECTION: Final = "connection"
 PER_ALL: Final = "all"
 
-#: The action that is always there.
+#: The action that always exists.
 STDERR: Final = "stderr"
 
 _S: Final = 1_000_000_000
@@ -35,12 +35,12 @@ _S: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rule:
-    """One [[rule]]. Times are nanoseconds; which fields mean something depends on ``when``.
+    """One [[rule]]. Times are nanoseconds; ``when`` decides which fields are used.
 
-    ``slugs`` for findings; ``kinds`` for what is new; ``of`` names what is measured; ``above`` and ``below`` are a rate per
-    second, an answer time in nanoseconds, or outcomes per minute; ``longer_ns`` a silence; ``learned`` is a factor over what
-    the baseline holds (0: none). ``burst`` is how many different alerts of one kind and severity it gives a minute before the
-    rest is summed up (0: no limit).
+    ``slugs`` are findings; ``kinds`` are what can be new; ``of`` names what is measured. ``above`` and ``below`` are a rate per
+    second, an answer time in nanoseconds, or outcomes per minute; ``longer_ns`` is a silence. ``learned`` is a factor for the
+    values of the baseline (0: none). ``burst`` is how many different alerts of one kind and severity the rule gives a minute
+    before the rest is summed up (0: no limit).
     """
 
     name: str
@@ -65,16 +65,16 @@ class Rule:
 
     @property
     def needs_baseline(self) -> bool:
-        """True when the rule means nothing without a baseline."""
+        """Whether the rule cannot work without a baseline."""
         return self.when == NEW or self.learned > 0
 
     @property
     def anyone(self) -> bool:
-        """True when the rule looks at every client and server."""
+        """Whether the rule applies to every client and server."""
         return self.client is None and self.server is None
 
     def covers(self, pair: Pair | None) -> bool:
-        """Return whether the rule looks at what a pair does; None is a pair nobody knows."""
+        """Return whether the rule applies to a pair; None means that the pair is not known."""
         if self.anyone:
             return True
         if pair is None:

@@ -1,8 +1,8 @@
-"""Alerts on disk until they are delivered: a folder of small files, heavy ones first, never more than fit.
+"""`Spool`: keeps alerts on disk until they are delivered, in a bounded folder of small files.
 
-A file is called ``RANK-TIME-NUMBER.json`` (rank 0 is an error, time in nanoseconds since 1970) and holds the alert as posted.
-It appears whole, and goes when the alert was delivered; so whatever ends the program, each alert that was there is delivered
-after the next start, at worst twice.
+A file is called ``RANK-TIME-NUMBER.json`` (rank 0 is an error, time in nanoseconds since 1970) and contains the alert as it is
+posted. It appears only when it is complete, and is removed after delivery. So even if the program is killed, each alert on disk
+is delivered after the next start, at worst twice.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ try:
 except ImportError:  # not on Windows
     fcntl = None  # type: ignore[assignment]
 
-#: Alerts that are kept, and their octets.
+#: Greatest number of alerts that are kept, and of their octets.
 MAX_ALERTS: Final = 4096
 MAX_OCTETS: Final = 64 * 1024 * 1024
-#: Folders for processes that use the same spool at the same time.
+#: Greatest number of folders, one for each process that uses the same spool at the same time.
 _MAX_FOLDERS: Final = 16
 _NAME: Final = re.compile(rf"([0-{len(SEVERITIES) - 1}])-([0-9]{{19,20}})-([0-9]{{6}})\.json")
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 class Spooled(NamedTuple):
-    """An alert that waits: its rank, its octets, and its file; None where the disk would not take it."""
+    """A waiting alert: its rank, its size and its file; None, with the content in memory, if it could not be written."""
 
     rank: int
     size: int
@@ -41,9 +41,9 @@ class Spooled(NamedTuple):
 
 
 def default_folder() -> Path:
-    """Return where alerts wait unless the rules say otherwise.
+    """Return the default folder for waiting alerts.
 
-    That is below the folder that systemd gives a service, or that of the user's state, or /var/lib/s7dissect for root.
+    It is below the state folder of a systemd service, below that of the user, or /var/lib/s7dissect for root.
     """
     service = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
     state = os.environ.get("XDG_STATE_HOME", "")
@@ -59,9 +59,9 @@ def default_folder() -> Path:
 class Spool:
     """The alerts of the action ``name`` that wait in ``folder``.
 
-    `prepare` makes the folder, `open` takes over what an earlier run left. ``trouble`` is why alerts are not on disk, empty
-    while they are. Several threads need a lock around all but `write` (one thread only), `read` and `remove`: these wait for
-    the disk and touch nothing that is counted.
+    `prepare` makes the folder, `open` takes over alerts that an earlier run left. ``trouble`` is why alerts are not on disk,
+    empty while they are. Several threads need a lock around all methods except `write` (only one thread), `read` and `remove`,
+    which wait for the disk and do not change any state.
     """
 
     def __init__(self, folder: Path, name: str, most: int = MAX_ALERTS, most_octets: int = MAX_OCTETS) -> None:
@@ -78,7 +78,7 @@ class Spool:
         return len(self._waiting) + self._taken
 
     def prepare(self) -> list[Path]:
-        """Make the folder; return those that had to be made, the outermost first. Trouble is kept, not raised."""
+        """Make the folder; return the folders that were made, the outermost first. Errors go to ``trouble``."""
         made = [one for one in (*reversed(self.folder.parents), self.folder) if not os.path.lexists(one)]
         try:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -88,7 +88,7 @@ class Spool:
         return made
 
     def open(self) -> None:
-        """Take the folder, or one beside it where another process has it, and what waits there."""
+        """Lock the folder, or one beside it if another process uses it, and take over the alerts in it."""
         for number in range(1, _MAX_FOLDERS + 1):
             folder = self.folder if number == 1 else self.folder.with_name(f"{self.folder.name}-{number}")
             try:
@@ -109,7 +109,7 @@ class Spool:
         self.trouble = f"{self.folder}: {_MAX_FOLDERS} processes already use it"
 
     def write(self, rank: int, content: bytes) -> Spooled:
-        """Bring an alert to disk where that can be; `keep` follows."""
+        """Write an alert to disk, if possible; call `keep` next."""
         self._number = (self._number + 1) % 1_000_000
         path: Path | None = None
         if self._lock is not None:
@@ -123,7 +123,7 @@ class Spool:
         return Spooled(rank, len(content), path, b"" if path is not None else content)
 
     def keep(self, written: Spooled) -> list[Spooled]:
-        """Let an alert wait; return those that have to go for it, to be removed: the oldest of the lightest."""
+        """Let an alert wait. Return alerts that are dropped to make room, the oldest of the least severe; remove them next."""
         self._octets += written.size
         gone = [self._waiting.put(written.rank, written)]
         while self._octets - sum([one.size for one in gone if one is not None]) > self._most_octets and self._waiting:
@@ -133,14 +133,14 @@ class Spool:
         return dropped
 
     def take(self) -> Spooled | None:
-        """Take the oldest of the heaviest; None when nothing waits. `done` or `put_back` follows."""
+        """Take the oldest of the most severe alerts, None if none waits; call `done` or `put_back` next."""
         one = self._waiting.heaviest()
         if one is not None:
             self._taken += 1
         return one
 
     def read(self, one: Spooled) -> bytes | None:
-        """Return the content of an alert, None where its file was taken away by hand."""
+        """Return the content of an alert, None if someone has removed its file."""
         if one.path is None:
             return one.content
         try:
@@ -149,17 +149,17 @@ class Spool:
             return None
 
     def put_back(self, one: Spooled) -> None:
-        """It was not delivered: it waits again, before all others of its weight."""
+        """Put back an alert that was not delivered, before all others of its rank."""
         self._taken -= 1
         self._waiting.put_back(one.rank, one)
 
     def done(self, one: Spooled) -> None:
-        """It was delivered, or never can be; its file is to be removed."""
+        """Forget an alert that was delivered or never can be; call `remove` next."""
         self._taken -= 1
         self._octets -= one.size
 
     def remove(self, one: Spooled) -> None:
-        """Remove the file of an alert that waits no longer."""
+        """Remove the file of an alert that no longer waits."""
         if one.path is not None:
             try:
                 one.path.unlink(missing_ok=True)
@@ -168,7 +168,7 @@ class Spool:
 
     @property
     def lost_at_end(self) -> int:
-        """How many that wait are not on disk."""
+        """How many waiting alerts are not on disk."""
         count, kept = 0, []
         while (one := self._waiting.heaviest()) is not None:
             kept.append(one)
@@ -197,7 +197,7 @@ class Spool:
                         self._octets -= gone.size
                         self.remove(gone)
                 elif name.startswith(".") and ".json." in name and name.endswith(PART):
-                    path.unlink()  # a kill came before it was whole
+                    path.unlink()  # incomplete: the process was killed while it wrote
             except OSError as error:
                 self._note(error)
 

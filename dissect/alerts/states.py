@@ -1,4 +1,4 @@
-"""What lasts and is measured: rates, answer times, silence, errors. Each rule has one watch, which is asked now and then."""
+"""Measures lasting states: rates, answer times, silence, errors. Each state rule has one watch, which is checked regularly."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from dissect.transactions.transaction import (
     Transaction,
 )
 
-#: Pairs or connections that one rule measures; the one that was quiet longest gives way.
+#: Greatest number of pairs or connections that one rule measures; a new one replaces the one that was silent for longest.
 MAX_MEASURED: Final = 4096
-#: A learned rate below so many in a window is taken for as many: three instead of one is nothing to tell.
+#: A learned rate counts as at least so many in a window: three instead of one is not worth an alert.
 LEAST_RATE: Final = 10
-#: The same for a learned silence and learned answer times.
+#: The same minimum for a learned silence and for learned answer times.
 LEAST_SILENCE_NS: Final = 1_000_000_000
 LEAST_ANSWER_NS: Final = 10_000_000
 
@@ -45,10 +45,10 @@ FAILED: Final = "failed"
 
 _S: Final = 1_000_000_000
 _MINUTE: Final = 60 * _S
-#: Reasons that say that an answer did not come; the others say that the capture would not show it.
+#: Reasons that mean that no answer came; with the others, the capture may just not show it.
 _LOST: Final = frozenset((CONNECTION_CLOSED, REFERENCE_REUSED))
 
-#: What was found of one pair or connection: what it is about, and the alert where the rule's state holds.
+#: The result of a check for one pair or connection: which one, and what makes the alert if the rule's state holds.
 Found = tuple[Hashable, Make | None]
 #: What a rule measures is kept by pair, by number of the connection, or together.
 _About = Pair | int | None
@@ -56,7 +56,7 @@ _Kept = TypeVar("_Kept")
 
 
 class _Measured(Generic[_Kept]):
-    """Measures by what they are about. ``forgotten`` counts those that gave way."""
+    """Measures by pair or connection. ``forgotten`` counts those that were replaced."""
 
     def __init__(self, make: Callable[[], _Kept]) -> None:
         self.forgotten = 0
@@ -64,7 +64,7 @@ class _Measured(Generic[_Kept]):
         self._make = make
 
     def of(self, about: _About) -> _Kept:
-        """Return the measure of a pair or connection, which is now the one seen last."""
+        """Return the measure of a pair or connection, and mark it as the most recent one."""
         known = self.kept.get(about)
         if known is None:
             known = self.kept[about] = self._make()
@@ -77,7 +77,7 @@ class _Measured(Generic[_Kept]):
 
 
 class StateWatch:
-    """Measures for one rule. ``connections`` are those that are open, by number."""
+    """Measures for one rule. ``connections`` are the open ones, by number."""
 
     def __init__(self, rule: Rule, baseline: Baseline | None) -> None:
         self.rule = rule
@@ -86,39 +86,39 @@ class StateWatch:
 
     @property
     def forgotten(self) -> int:
-        """Pairs and connections that gave way because too many were measured."""
+        """The number of pairs and connections that were dropped because too many were measured."""
         return 0
 
     def opened(self, connection: Connection, pair: Pair, now_ns: int) -> None:
-        """A connection that the rule covers is there."""
+        """Take a new connection to which the rule applies."""
         self.connections[int(connection.number)] = (connection, pair)
 
     def closed(self, connection: Connection) -> None:
-        """A connection is over."""
+        """Forget a connection that is over."""
         self.connections.pop(int(connection.number), None)
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
-        """Take a transaction of a pair that the rule covers."""
+        """Take a transaction of a pair to which the rule applies."""
 
     def ends(self, pair: Pair, connection: Connection, now_ns: int) -> bool:
-        """Return whether a transaction that is about to be taken ends at once what the rule looks for."""
+        """Return whether the next transaction ends the state that the rule looks for, so that it must be checked before."""
         return False
 
     def look(self, now_ns: int) -> Iterator[Found]:
-        """Give what is measured now."""
+        """Yield the present results."""
         yield from ()
 
     def restart(self, now_ns: int) -> None:
         """Start over: the clock went back."""
 
     def about(self, pair: Pair, connection: Connection) -> _About:
-        """Return what a transaction of this pair and connection counts for."""
+        """Return for what a transaction of this pair and connection counts, by `Rule.per`."""
         if self.rule.per == PER_ALL:
             return None
         return int(connection.number) if self.rule.per == PER_CONNECTION else pair
 
     def told(self, about: _About, text: str, measured: dict[str, object]) -> Make:
-        """Return what makes the alert."""
+        """Return a function that makes the alert."""
         pair: Pair | None = None
         number = 0
         if isinstance(about, tuple):
@@ -138,7 +138,7 @@ def _alert(rule: Rule, pair: Pair | None, number: int, text: str, measured: dict
 
 
 class _Counter:
-    """Events in a window, with the most there were since somebody looked."""
+    """Events in a window, and the greatest number since the last look."""
 
     __slots__ = ("peak", "started_ns", "window")
 
@@ -153,14 +153,14 @@ class _Counter:
         self.peak = max(self.peak, self.window.add(time_ns, count))
 
     def look(self, now_ns: int) -> int:
-        """Return the most there were since the last look."""
+        """Return the greatest number in a window since the last look."""
         most = max(self.peak, self.window.total(now_ns))
         self.peak = 0
         return most
 
 
 class _Counting(StateWatch):
-    """What rates and outcomes share: a counter for each pair."""
+    """The base of the watches for rates and outcomes: a counter for each pair."""
 
     def __init__(self, rule: Rule, baseline: Baseline | None) -> None:
         super().__init__(rule, baseline)
@@ -187,7 +187,7 @@ class RateWatch(_Counting):
         self._counters.of(self.about(pair, transaction.connection)).add(moment(transaction), now_ns, count)
 
     def look(self, now_ns: int) -> Iterator[Found]:
-        """Give the rates."""
+        """Yield the results for all rates."""
         for about, counter in list(self._counters.kept.items()):
             yield about, self._judged(about, counter, now_ns)
 
@@ -210,7 +210,7 @@ class RateWatch(_Counting):
         return None
 
     def _highest(self, about: _About) -> float | None:
-        """Return how many the baseline allows in a window, None where it says nothing."""
+        """Return how many events the baseline allows in a window, None if it does not say."""
         norm = self.norms.get(about) if isinstance(about, tuple) else None
         if not self.rule.learned or norm is None:
             return None
@@ -230,12 +230,12 @@ class OutcomeWatch(_Counting):
         wrong = transaction.has_errors
         counts = {ERRORS: wrong, NO_ANSWER: lost, FAILED: wrong or lost}[self.rule.of]
         if counts:
-            # A missing answer becomes certain now, however long ago it was asked for.
+            # A missing answer is only certain now, however long ago the request was.
             time_ns = now_ns if lost else moment(transaction)
             self._counters.of(self.about(pair, transaction.connection)).add(time_ns, now_ns, 1)
 
     def look(self, now_ns: int) -> Iterator[Found]:
-        """Give the outcomes that are too many, or not."""
+        """Yield the results for all counts of outcomes."""
         rule = self.rule
         above = rule.above or 0.0
         for about, counter in list(self._counters.kept.items()):
@@ -271,7 +271,7 @@ class LatencyWatch(StateWatch):
             self._answers.of(self.about(pair, transaction.connection)).add(moment(transaction), latency_ns)
 
     def look(self, now_ns: int) -> Iterator[Found]:
-        """Give the answer times that are too long, or not."""
+        """Yield the results for all answer times."""
         rule = self.rule
         for about, recent in list(self._answers.kept.items()):
             answers = recent.all(now_ns)
@@ -293,7 +293,7 @@ class LatencyWatch(StateWatch):
 
 
 class SilenceWatch(StateWatch):
-    """Nothing from a pair or a connection for too long. Pairs that are known beforehand are waited for from the start."""
+    """No traffic of a pair or connection for too long. For pairs that are known beforehand, silence counts from the start."""
 
     def __init__(self, rule: Rule, baseline: Baseline | None) -> None:
         super().__init__(rule, baseline)
@@ -312,12 +312,12 @@ class SilenceWatch(StateWatch):
             self._last[about] = now_ns
 
     def opened(self, connection: Connection, pair: Pair, now_ns: int) -> None:
-        """Wait for what a connection carries."""
+        """Begin to wait for traffic on a connection."""
         super().opened(connection, pair, now_ns)
         self._heard(self.about(pair, connection), now_ns)
 
     def closed(self, connection: Connection) -> None:
-        """Remember the last packet of a connection, and wait for no more of it."""
+        """Remember the last packet of a connection, and stop waiting for its traffic."""
         known = self.connections.get(int(connection.number))
         if known is not None and self.rule.of == PACKETS:
             self._heard(self.about(known[1], connection), int(connection.tcp.last_ns))
@@ -326,7 +326,7 @@ class SilenceWatch(StateWatch):
             self._last.pop(int(connection.number), None)
 
     def ends(self, pair: Pair, connection: Connection, now_ns: int) -> bool:
-        """Return whether it was silent until now: the next look may come after so long that it is silent again."""
+        """Return whether there was silence until now: by the next regular check, it might not be visible any more."""
         about = self.about(pair, connection)
         last_ns = self._last.get(about)
         limit = self._limit(about)
@@ -337,7 +337,7 @@ class SilenceWatch(StateWatch):
         self._heard(self.about(pair, transaction.connection), now_ns)
 
     def look(self, now_ns: int) -> Iterator[Found]:
-        """Give who is silent, and who is not."""
+        """Yield the results for all pairs or connections: silent or not."""
         if self._waiting:
             self._waiting = False
             self._wait(now_ns)
@@ -353,7 +353,7 @@ class SilenceWatch(StateWatch):
             yield about, self.told(about, said, {"of": self.rule.of, "ns": now_ns - last_ns, "limit": limit})
 
     def _wait(self, now_ns: int) -> None:
-        """Wait for pairs that are known before they say anything."""
+        """Begin to wait for the pairs that are known beforehand."""
         rule = self.rule
         if rule.per == PER_ALL:
             self._heard(None, now_ns)

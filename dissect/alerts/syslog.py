@@ -18,25 +18,25 @@ from dissect.scd.reading import Table
 from dissect.wire.text import Clock, reason
 
 _APP: Final = "s7dissect"
-#: What a host name may not hold there.
+#: Characters that a host name in a message must not have.
 _UNPRINTED: Final = re.compile(r"[^!-~]")
 _FACILITIES: Final = ("user", "daemon", *[f"local{number}" for number in range(8)])
-#: Severities of RFC 5424 as the handler derives them from levels.
+#: Log levels, from which the handler derives the severities of RFC 5424.
 _LEVELS: Final = {ERROR: logging.ERROR, NOTE: logging.INFO}
 
 
 class _Sender(SysLogHandler):
-    """A handler that tells the caller what went wrong instead of stderr."""
+    """A handler that raises errors to the caller instead of writing them to stderr."""
 
     append_nul = False
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - the name of the library
-        """Pass the error on: it is being handled where this is called."""
+        """Raise the error again: the library calls this while it handles it."""
         raise  # noqa: PLE0704
 
 
 class Syslog(Action):
-    """Sends alerts to a syslog, by the path of its socket or (host, port) for UDP."""
+    """Sends alerts to a syslog: to the path of its socket, or to (host, port) by UDP."""
 
     def __init__(self, name: str, address: str | tuple[str, int], facility: str = "daemon") -> None:
         super().__init__(name)
@@ -64,7 +64,7 @@ class Syslog(Action):
             self._sender = None
 
     def _message(self, alert: Alert) -> str:
-        """Return what follows the priority: version, time, host, application, process, kind, no structured data, text."""
+        """Return the message after the priority: version, time, host, application, process, kind, no structured data, text."""
         time = Clock().iso(alert.time_ns)[:26] + "Z"  # six digits at most
         client, server = alert.pair if alert.pair is not None else ("-", "-")
         text = f"{alert.severity} {client} > {server} {alert.message()}"
@@ -72,7 +72,7 @@ class Syslog(Action):
 
 
 def syslog_of(table: Table, name: str, hosts: frozenset[str], trial: bool = False) -> Syslog:
-    """Return the action of a table; raises `DictionaryError`. For a ``trial`` the socket need not be there."""
+    """Return the action of a table; raises `DictionaryError`. For a ``trial``, the socket need not exist."""
     written = table.text("syslog")
     facility = table.choice("facility", _FACILITIES, "daemon")
     if written.startswith("/"):

@@ -1,4 +1,4 @@
-"""Alerts that wait, by weight: errors before warnings before notes, the oldest of a weight first, and never more than fit."""
+"""`Waiting`: a bounded queue by severity, in which the oldest of the most severe come first. `Complaints`: limited messages."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from dissect.alerts.actions import DeliveryError
 from dissect.findings.catalogue import SEVERITIES
 from dissect.wire.text import printable
 
-#: Seconds between two complaints of the same kind about the same action.
+#: Seconds between two messages of the same kind on the same action.
 COMPLAIN_S: Final = 60.0
 
-#: Severity -> rank, 0 the heaviest.
+#: The rank of each severity; 0 is the most severe.
 RANKS: Final = {severity: rank for rank, severity in enumerate(SEVERITIES)}
 
 Item = TypeVar("Item")
 
 
 class Waiting(Generic[Item]):
-    """A queue of ``most`` items in ranks from 0, the heaviest. Not for several threads at once."""
+    """A queue of at most ``most`` items with ranks from 0, the most severe. It is not thread-safe."""
 
     def __init__(self, most: int) -> None:
         self.most = most
@@ -32,7 +32,7 @@ class Waiting(Generic[Item]):
         return sum([len(items) for items in self._by_rank])
 
     def put(self, rank: int, item: Item) -> Item | None:
-        """Queue an item; return the one that has to go where there is no room: the oldest of the lightest, perhaps this one."""
+        """Queue an item. If there is no room, drop and return the oldest of the least severe, which may be this one."""
         self._by_rank[rank].append(item)
         return self.lightest() if len(self) > self.most else None
 
@@ -41,15 +41,15 @@ class Waiting(Generic[Item]):
         self._by_rank[rank].appendleft(item)
 
     def heaviest(self) -> Item | None:
-        """Take the oldest of the heaviest; None when nothing waits."""
+        """Take the oldest of the most severe items; None if the queue is empty."""
         return next((items.popleft() for items in self._by_rank if items), None)
 
     def lightest(self) -> Item | None:
-        """Take the oldest of the lightest; None when nothing waits."""
+        """Take the oldest of the least severe items; None if the queue is empty."""
         return next((items.popleft() for items in reversed(self._by_rank) if items), None)
 
     def clear(self) -> int:
-        """Drop all; return how many there were."""
+        """Drop all items; return how many there were."""
         count = len(self)
         for items in self._by_rank:
             items.clear()
@@ -57,7 +57,7 @@ class Waiting(Generic[Item]):
 
 
 class Complaints:
-    """What there is to say about the deliveries of one action: of each kind at once, and then once a minute with a count."""
+    """Messages on the deliveries of one action: the first of each kind at once, then one a minute with a count."""
 
     def __init__(self, action: str, tell: Callable[[str], None], clock: Callable[[], float]) -> None:
         self._action = printable(action)
@@ -68,7 +68,7 @@ class Complaints:
         self._untold: dict[str, int] = {}
 
     def about(self, kind: str, trouble: str) -> None:
-        """Say ``trouble``, or count it when something of its kind was said a moment ago."""
+        """Report ``trouble``, or only count it if something of its kind was reported less than `COMPLAIN_S` ago."""
         with self._lock:
             now = self._clock()
             before = self._told.get(kind)
@@ -80,6 +80,6 @@ class Complaints:
         self.say(f"{trouble} (and {count} more times since the last report)" if count else trouble)
 
     def say(self, text: str) -> None:
-        """Say something at once."""
-        with suppress(DeliveryError, OSError, ValueError):  # no one is there to hear that no one hears
+        """Report ``text`` at once."""
+        with suppress(DeliveryError, OSError, ValueError):  # an error in reporting cannot be reported either
             self._tell(f"alerts: action {self._action}: {printable(text)}")

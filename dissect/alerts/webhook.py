@@ -1,4 +1,4 @@
-"""The action that posts JSON by HTTP: to this machine or an allowed host, through no proxy, following no redirection."""
+"""The action that posts JSON by HTTP: to this machine or an allowed host, without proxies and redirections."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from dissect.scd.reading import Table
 from dissect.wire.text import printable, reason
 
 _SCHEMES: Final = ("http", "https")
-#: Answers that will not be another one later: the alert itself is refused (RFC 9110, 15.5).
+#: Status codes that refuse the alert itself, so that a retry would not help (RFC 9110, 15.5).
 _REFUSED: Final = frozenset((400, 413, 414, 415, 422, 431))
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):
-    """Takes a redirection for the failure it is: the other place was not allowed by anybody."""
+    """Treats a redirection as a failure: the user has not allowed its target."""
 
     def redirect_request(
         self, req: urllib.request.Request, fp: IO[bytes], code: int, msg: str, headers: Message, newurl: str
     ) -> urllib.request.Request | None:
-        """Follow nowhere."""
+        """Return None: do not follow."""
         return None
 
 
 class Webhook(Posting):
-    """Posts each alert to ``url``, and takes any 2xx for delivered; what it calls malformed or too large is given up."""
+    """Posts each alert to ``url``. Any 2xx means delivered; an alert that is refused as malformed or too large is dropped."""
 
     def __init__(
         self, name: str, url: str, timeout: float = 10.0, parallel: int = 1, spool: Path | None = None

@@ -1,4 +1,4 @@
-"""What is normal on a line: learned from captures, written as TOML a person edits, and compared with what passes now."""
+"""Baselines: normal traffic is learned from captures, written as TOML that users can edit, and compared with live traffic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learns what is normal from what passes. Memory is bounded; what did not fit is counted."""
+"""`Learner`: learns a baseline from traffic. Memory is bounded; what did not fit is counted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.text import Clock
 
 MAX_PAIRS: Final = 1024
-#: Entries of all sets of all pairs together, and of one set.
+#: Greatest number of entries in all sets of all pairs together, and in one set.
 MAX_ENTRIES: Final = 65536
 MAX_SET: Final = 4096
 
@@ -22,7 +22,7 @@ _MS: Final = 1_000_000
 
 
 class _Learned:
-    """One pair: what it did so far, and its current stretch of time."""
+    """What was learned of one pair so far, and the times in the present capture."""
 
     __slots__ = (
         "answers", "connections", "first_ns", "functions", "last_ns", "ports", "reads", "second", "seconds_ns",
@@ -45,14 +45,14 @@ class _Learned:
         self.restart()
 
     def restart(self) -> None:
-        """Another stretch of time begins: what lies between is no silence."""
+        """Another capture begins: the time in between does not count as silence."""
         self.first_ns = -1
         self.last_ns = -1
         self.second = RateWindow(_S)
         self.ten = RateWindow(10 * _S)
 
     def pass_by(self, now_ns: int) -> None:
-        """A transaction at ``now_ns``."""
+        """Count a transaction at ``now_ns``."""
         self.transactions += 1
         self.second.add(now_ns)
         self.ten.add(now_ns)
@@ -67,7 +67,7 @@ class _Learned:
 
 
 class Learner(Observer):
-    """Watches a run; `baseline` is what it learned. ``left_out`` counts pairs and entries that did not fit."""
+    """Observes a run; `baseline` returns what it learned. ``left_out`` counts pairs and entries that did not fit."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,25 +75,25 @@ class Learner(Observer):
         self._pairs: dict[Pair, _Learned] = {}
         self._names = Pairs()
         self._subjects = Subjects()
-        self._asked: set[int] = set()  # connections that are open and carried a transaction
+        self._asked: set[int] = set()  # open connections that had a transaction
         self._entries = 0
         self._begin_ns = -1
         self._end_ns = -1
 
     def restart(self) -> None:
-        """Say that what follows is another capture, at another time."""
+        """Another capture begins, at another time."""
         for learned in self._pairs.values():
             learned.restart()
 
     def transaction(self, transaction: Transaction) -> None:
-        """Learn from a transaction, whatever became of it."""
+        """Learn from a transaction with any outcome."""
         connection = transaction.connection
         learned = self._learned(connection)
         if learned is None:
             return
         if int(connection.number) not in self._asked:
             self._asked.add(int(connection.number))
-            self._learn_ends(learned, connection)  # as they are known when alerts judge them; they may become others
+            self._learn_ends(learned, connection)  # now, as alerts do; they may change later
         subject = self._subjects.of(transaction)
         self._keep(learned.functions, (subject.function,))
         self._keep(learned.reads, subject.reads)
@@ -173,6 +173,6 @@ def _norm(pair: Pair, learned: _Learned) -> PairNorm:
         norm.median_ms = (answers.quantile(0.5) or 0) / _MS
         norm.p99_ms = (answers.quantile(0.99) or 0) / _MS
         norm.longest_ms = answers.longest / _MS
-    # Rounded up to what the file holds: the same silence again is not a longer one.
+    # Rounded up to the precision of the file, so that the same silence does not count as longer.
     norm.longest_silence = -(-learned.silence_ns // 1000) / 1e6 if learned.silence_ns >= 0 else None
     return norm

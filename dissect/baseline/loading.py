@@ -1,4 +1,4 @@
-"""Reads a baseline that somebody may have edited: every key and value is what it should be, or the error says where."""
+"""Reads a baseline, which users may have edited: every key and value is checked, and errors name the place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dissect.scd.reading import Table
 from dissect.scd.user_file import FileError, UserFile, names_of, read_file
 from dissect.tcp.stream import address_text
 
-#: More pairs than a learner keeps: several baselines may have been put together.
+#: Greatest number of pairs, more than a learner keeps: several baselines may have been merged.
 MAX_PAIRS: Final = 16384
 _MAX_PORT: Final = 0xFFFF
 _RATE: Final = ("highest_1s", "highest_10s")
@@ -22,7 +22,7 @@ _ANSWER: Final = {"median": "median_ms", "p99": "p99_ms", "longest": "longest_ms
 
 
 class BaselineError(FileError):
-    """A baseline that cannot be used."""
+    """A baseline cannot be used."""
 
 
 def load_baseline(path: str | os.PathLike[str]) -> Baseline:
@@ -31,7 +31,7 @@ def load_baseline(path: str | os.PathLike[str]) -> Baseline:
 
 
 def parse_baseline(text: str) -> Baseline:
-    """Return the baseline of a text. Raises `DictionaryError` with table, key and line, which holds all that is wrong."""
+    """Return the baseline in a text. Raises `DictionaryError`, which has all errors with table, key and line."""
     file = UserFile(text, ("pair",), ("learned",))
     number = file.top.number("format")
     if number != FORMAT:
@@ -60,7 +60,7 @@ def parse_baseline(text: str) -> Baseline:
 
 
 def _address(table: Table, key: str) -> str:
-    """Return an address as traffic is told with it."""
+    """Return an address in the form that the analysis uses."""
     written = table.text(key)
     try:
         return address_text(ip_address(written).packed)
@@ -81,7 +81,7 @@ def _norm(table: Table) -> PairNorm:
     if rate is not None:
         for key in _RATE:
             setattr(norm, key, _count(rate, key))
-        _measure(rate, "mean")  # for people: it follows from transactions and seconds
+        _measure(rate, "mean")  # only for readers of the file: it follows from transactions and seconds
         rate.done()
     answers = _inline(table, "answer_ms")
     if answers is not None:

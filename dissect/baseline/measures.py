@@ -1,4 +1,4 @@
-"""Measures in bounded memory: how many events a moving window holds, and how long answers take."""
+"""Measures in bounded memory: the number of events in a moving window, and answer times."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _BITS: Final = 8
 
 
 class RateWindow:
-    """How many events the last ``window_ns`` nanoseconds hold, in steps of a tenth of that.
+    """The number of events in the last ``window_ns`` nanoseconds, in steps of a tenth of that.
 
-    Events may come out of order: one that is older than the window is not counted. ``highest`` is the most there ever were.
+    Events may come out of order; one that is older than the window is not counted. ``highest`` is the greatest number so far.
     """
 
     __slots__ = ("_counts", "_newest", "_step_ns", "_total", "highest", "window_ns")
@@ -28,7 +28,7 @@ class RateWindow:
         self._total = 0
 
     def add(self, time_ns: int, count: int = 1) -> int:
-        """Count events at ``time_ns``; return how many the window that ends there, or at a later event, holds now."""
+        """Count events at ``time_ns``; return the number in the window that ends there, or at a later event."""
         step = time_ns // self._step_ns
         self._advance(step)
         if step > self._newest - STEPS:
@@ -38,7 +38,7 @@ class RateWindow:
         return self._total
 
     def total(self, now_ns: int) -> int:
-        """Return how many events the window that ends now holds."""
+        """Return the number of events in the window that ends at ``now_ns``."""
         self._advance(now_ns // self._step_ns)
         return self._total
 
@@ -76,7 +76,7 @@ class AnswerTimes:
         self.longest = max(self.longest, latency_ns)
 
     def merge(self, others: Iterable[AnswerTimes]) -> None:
-        """Take all answer times of others, which keep them."""
+        """Add all answer times of others, which are not changed."""
         for other in others:
             self.count += other.count
             self.longest = max(self.longest, other.longest)
@@ -105,14 +105,14 @@ class RecentAnswers:
         self._newest = 0
 
     def add(self, time_ns: int, latency_ns: int) -> None:
-        """Take an answer at ``time_ns``; one older than the window is not counted."""
+        """Add an answer at ``time_ns``; one that is older than the window is not counted."""
         step = time_ns // self._step_ns
         self._advance(step)
         if step > self._newest - STEPS:
             self._steps.setdefault(step, AnswerTimes()).add(latency_ns)
 
     def all(self, now_ns: int) -> AnswerTimes:
-        """Return the answer times of the window that ends now, put together."""
+        """Return all answer times in the window that ends at ``now_ns``."""
         self._advance(now_ns // self._step_ns)
         together = AnswerTimes()
         together.merge(self._steps.values())

@@ -1,4 +1,4 @@
-"""What is normal: for each pair of client and server what they do, and how often."""
+"""`Baseline`: what is normal for each pair of client and server, and how often."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Final, TypeVar
 
 from dissect.baseline.subjects import Pair
 
-#: Sets of a pair that a baseline holds, by the key of the file.
+#: The sets of a pair, by their keys in the file.
 NAME_KEYS: Final = ("tsaps", "functions", "reads", "writes")
 #: Measures of a pair that a further capture can only raise.
 _HIGHEST: Final = ("highest_1s", "highest_10s", "median_ms", "p99_ms", "longest_ms", "longest_silence")
-#: Captures that a baseline names.
+#: Greatest number of captures that a baseline names.
 MAX_CAPTURES: Final = 64
 
 _Entry = TypeVar("_Entry", int, str)
@@ -19,7 +19,7 @@ _Entry = TypeVar("_Entry", int, str)
 
 @dataclass(slots=True)
 class PairNorm:
-    """What client and server do. A set that is None allows anything; a measure that is None is not known.
+    """What is normal for a client and a server. A set that is None allows anything; a measure that is None is not known.
 
     ``highest_1s`` and ``highest_10s`` are transactions within so many seconds; ``longest_silence`` and ``seconds`` (from the
     first transaction to the last, all captures together) are seconds; answer times are milliseconds.
@@ -58,7 +58,7 @@ class Baseline:
 
 
 def merged(one: Baseline, other: Baseline) -> Baseline:
-    """Return what is normal by either: sets joined, counts added, of each measure the higher one."""
+    """Return a baseline that allows what either allows: sets are joined, counts added, and the higher measures taken."""
     captures = tuple(dict.fromkeys([*one.captures, *other.captures]))[:MAX_CAPTURES]
     begins = [begin for begin in (one.begin, other.begin) if begin]
     both = Baseline(dict(one.pairs), captures, min(begins, default=""), max(one.end, other.end))
@@ -84,5 +84,5 @@ def _joined(one: PairNorm, other: PairNorm) -> PairNorm:
 
 
 def _either(one: frozenset[_Entry] | None, other: frozenset[_Entry] | None) -> frozenset[_Entry] | None:
-    """Return what either allows; None allows anything."""
+    """Return the union of two sets; None, which allows anything, if one is None."""
     return None if one is None or other is None else one | other

@@ -1,4 +1,4 @@
-"""What a transaction is about, in the words of a baseline: who asks whom, which function, which areas, which TSAPs."""
+"""The terms of a baseline for a transaction: pair of client and server, function, areas, TSAPs."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.plus_operations import addresses_in
 from dissect.transactions.transaction import PUSH, Transaction
 
-#: Addresses of client and server, without ports: those of a client change with each connection.
+#: Addresses of client and server, without ports: a client's port changes with each connection.
 Pair = tuple[str, str]
 
 _MAX_CACHED: Final = 4096
-#: Octets of the largest read of S7comm-plus whose addresses are remembered.
+#: The addresses of S7comm-plus reads up to so many octets are remembered.
 _LARGEST: Final = 2048
-#: Connections whose pair is remembered: findings may come after the connection they are about.
+#: The pairs of so many connections are remembered: findings may come after the end of their connection.
 _MAX_CONNECTIONS: Final = 16384
-#: Characters of a TSAP: real ones have a few octets, the wire allows 254.
+#: Greatest number of characters of a TSAP: real ones have a few octets, but the protocol allows 254.
 _MAX_TSAP: Final = 64
-#: How `tsaps` begins or ends when one of the two was not captured.
+#: Beginning or end of the result of `tsaps` if one of the two was not captured.
 NOT_CAPTURED_CALLING: Final = "? > "
 NOT_CAPTURED_CALLED: Final = " > ?"
 _DB: Final = re.compile(r"DB[0-9]+(?=\.)")
 
 
 class Subject:
-    """Name of the function, and the areas that are read and written (``DB12``, ``M``, ``I``), each once, in wire order.
+    """The name of the function, and the areas that are read and written (``DB12``, ``M``, ``I``), each once, in wire order.
 
-    ``is_push``: the server sends it by itself, so it is no request of the client.
+    ``is_push``: the server sends it unsolicited, so it is not a request of the client.
     """
 
     __slots__ = ("function", "is_push", "reads", "writes")
@@ -51,10 +51,10 @@ class Subject:
 
 
 class Subjects:
-    """Subjects by parameter block, which polling repeats for hours. Bounded: when it is full it starts over.
+    """A bounded cache of subjects by parameter block, as polling repeats the same blocks; when it is full, it is emptied.
 
-    Those of S7comm-plus, where what it is about stands in the contents, are known by what they say, and reads, of which there
-    are many, by the octets of their addresses.
+    The subject of an S7comm-plus transaction depends on its contents: it is cached by function and areas, and that of reads,
+    which are frequent, by the octets of their addresses.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class Subjects:
         self._said: dict[tuple[int, tuple[str, ...], bool], Subject] = {}
 
     def of(self, transaction: Transaction) -> Subject:
-        """Return what a transaction is about."""
+        """Return the subject of a transaction."""
         parameters = transaction.parameters
         if isinstance(parameters, PlusParameters):
             return self._plus(transaction, parameters)
@@ -112,7 +112,7 @@ def _subject(transaction: Transaction) -> Subject:
 
 
 def _plus_areas(transaction: Transaction) -> tuple[str, ...]:
-    """Return the blocks and areas of an S7comm-plus read, write or notification; attributes of objects are none."""
+    """Return the blocks and areas of an S7comm-plus read, write or notification; attributes of objects are left out."""
     return tuple(dict.fromkeys([
         AREAS.get(item.address.area) or block_name(item.address.area)
         for item in transaction.plus_items()
@@ -121,7 +121,7 @@ def _plus_areas(transaction: Transaction) -> tuple[str, ...]:
 
 
 def area_names(item: Item) -> list[str]:
-    """Return the areas an item names: the block for DBs, the letter for others, the syntax for what has no such area."""
+    """Return the areas of an item: the block for DBs, the letter of other areas, the syntax of items without an area."""
     area = int(item.area)
     if area >= 0:
         letters = AREA_LETTERS.get(area, f"area0x{area:02x}")
@@ -142,18 +142,18 @@ def tsaps(connection: Connection) -> str:
 
 
 def moment(transaction: Transaction) -> int:
-    """Return the time of a transaction: of its answer, or of its request where none came."""
+    """Return the time of a transaction: that of its answer or, without one, of its request."""
     return int(transaction.response_ns or transaction.request_ns)
 
 
 class Pairs:
-    """The pair of each connection, by its number: a bounded number of the latest ones."""
+    """The pairs of the latest connections, by number; bounded."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[int, tuple[Pair, bool]] = OrderedDict()
 
     def of(self, connection: Connection) -> Pair:
-        """Return who asks whom; what is known of that may change until a connection says who its client is."""
+        """Return the pair of a connection; it may change as long as it is not certain which end is the client."""
         number = int(connection.number)
         known = self._known.get(number)
         if known is not None and (known[1] or not connection.client_known):
@@ -165,6 +165,6 @@ class Pairs:
         return pair
 
     def numbered(self, number: int) -> Pair | None:
-        """Return the pair of the connection of this number, None when it is not remembered."""
+        """Return the pair of the connection with this number, None if it is not remembered."""
         known = self._known.get(number)
         return None if known is None else known[0]

@@ -1,4 +1,4 @@
-"""Compares what passes with what is normal: what was never seen before."""
+"""`BaselineWatch`: compares traffic with a baseline, and finds what was never seen before."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Deviation:
 
 
 class BaselineWatch:
-    """Holds transactions and connections against a baseline; every deviation is reported, each time."""
+    """Compares transactions and connections with a baseline; every deviation is returned, each time."""
 
     def __init__(self, baseline: Baseline) -> None:
         self._pairs = baseline.pairs
@@ -52,7 +52,7 @@ class BaselineWatch:
         self._judged: dict[tuple[Pair, Subject], tuple[Deviation, ...]] = {}
 
     def transaction(self, pair: Pair, transaction: Transaction) -> tuple[Deviation, ...]:
-        """Return what is new about the function and the areas of a transaction of ``pair``."""
+        """Return deviations in the function and the areas of a transaction of ``pair``."""
         subject = self._subjects.of(transaction)
         found = self._judged.get((pair, subject))
         if found is None:
@@ -63,7 +63,7 @@ class BaselineWatch:
         return found
 
     def connection(self, pair: Pair, connection: Connection) -> list[Deviation]:
-        """Return what is new about who talks to whom, port and TSAPs of a connection."""
+        """Return deviations in the pair, the port and the TSAPs of a connection."""
         client, server = pair
         norm = self._pairs.get(pair)
         found = []
@@ -87,7 +87,7 @@ class BaselineWatch:
         norm = self._pairs.get(pair, _NOTHING)
         found = []
         if norm.functions is not None and subject.function not in norm.functions:
-            if subject.is_push:  # nobody asked for it just now: the server sent it by itself
+            if subject.is_push:  # unsolicited: sent by the server without a request
                 text = f"first {subject.function} from {server} to {client}"
             else:
                 text = f"first {subject.function} request to {server} by {client}"
@@ -105,12 +105,12 @@ class BaselineWatch:
         return found
 
 
-#: What a pair that is not in the baseline may do.
+#: The norm of a pair that is not in the baseline: nothing is allowed.
 _NOTHING: Final = PairNorm("", "", functions=frozenset(), reads=frozenset(), writes=frozenset())
 
 
 def _is_known(named: str, known: Collection[str]) -> bool:
-    """Return whether TSAPs are among those that are known; one that was not captured (``?``) may be any."""
+    """Return whether TSAPs are among the known ones; one that was not captured (``?``) matches any."""
     if named in known:
         return True
     if named.endswith(NOT_CAPTURED_CALLED):

@@ -1,4 +1,4 @@
-"""A baseline as TOML: stable order, one entry a line where there are many, the same baseline the same octets."""
+"""Writes a baseline as TOML: in a stable order, long sets with an entry on each line; equal baselines make equal files."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _HEAD: Final = """\
 # A missing key is not checked: without `writes` a pair may write anything. An empty list allows nothing.
 # rate: transactions in any second and in any ten; answer_ms: milliseconds; longest_silence: seconds between transactions.
 """
-#: Columns of a line.
+#: Greatest width of a line.
 _WIDTH: Final = 110
 _PLAIN: Final = re.compile(r"[ !#-\[\]-~]*")
-#: Digits that are one number where names are sorted; a name from the wire may hold more than Python makes a number of.
+#: Digits that are sorted as one number; a name from the wire may have more digits than Python converts.
 _DIGITS: Final = re.compile(r"([0-9]{1,18})")
 
 
@@ -64,7 +64,7 @@ def _pair(norm: PairNorm) -> Iterator[str]:
     yield f"transactions = {norm.transactions}"
     seconds = _number(norm.seconds)
     yield f"seconds = {seconds}"
-    # By the seconds that are written, so that what is read back and written again is the same.
+    # Computed from the rounded seconds, so that a file that is read and written again stays the same.
     mean = norm.transactions / float(seconds) if float(seconds) > 0 else None
     yield from _table("rate", [("mean", mean), ("highest_1s", norm.highest_1s), ("highest_10s", norm.highest_10s)])
     yield from _table("answer_ms", [("median", norm.median_ms), ("p99", norm.p99_ms), ("longest", norm.longest_ms)])
@@ -73,7 +73,7 @@ def _pair(norm: PairNorm) -> Iterator[str]:
 
 
 def _table(key: str, values: Iterable[tuple[str, float | None]]) -> Iterator[str]:
-    """Give an inline table of the values that are known, nothing when none is."""
+    """Yield an inline table of the known values; nothing if none is known."""
     known = [f"{name} = {_number(value)}" for name, value in values if value is not None]
     if known:
         yield f"{key} = {{ {', '.join(known)} }}"
@@ -96,7 +96,7 @@ def _list(key: str, entries: list[str]) -> Iterator[str]:
 
 
 def _number(value: float) -> str:
-    """Return a number with six digits that count, never with an exponent."""
+    """Return a number with six significant digits, never with an exponent."""
     if isinstance(value, int):
         return str(value)
     text = f"{value:.9f}" if abs(value) < 1000 else f"{value:.3f}"
@@ -107,13 +107,13 @@ def _number(value: float) -> str:
 
 
 def _seconds(value: float) -> str:
-    """Return seconds to the microsecond: what is compared with them must not be longer by a rounding alone."""
+    """Return seconds with microseconds: a silence must not count as longer because of rounding."""
     whole, _, part = f"{value:.6f}".partition(".")
     return f"{whole}.{part.rstrip('0') or '0'}"
 
 
 def toml_text(text: str) -> str:
-    """Return a TOML string on one line: ASCII, everything else escaped; what UTF-8 cannot hold as `encodable` shows it."""
+    """Return a TOML string on one line, in ASCII, everything else escaped; text that UTF-8 cannot encode as by `encodable`."""
     if _PLAIN.fullmatch(text):
         return f'"{text}"'
     return '"' + "".join([_escaped(character) for character in encodable(text)]) + '"'
@@ -129,7 +129,7 @@ def _escaped(character: str) -> str:
 
 
 def _by_address(pair: Pair) -> tuple[tuple[int, int, bytes, str], ...]:
-    """Order pairs as people read them: by server, then by client, IPv4 before IPv6, numbers as numbers."""
+    """Return the sort key of a pair: by server, then by client, IPv4 before IPv6, addresses by number."""
     return tuple([_address_key(host) for host in reversed(pair)])
 
 
@@ -142,5 +142,5 @@ def _address_key(host: str) -> tuple[int, int, bytes, str]:
 
 
 def _naturally(name: str) -> list[tuple[int, str]]:
-    """Order DB2 before DB10."""
+    """Return the sort key of a name, by which DB2 comes before DB10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(name)]

@@ -1,1 +1,1 @@
-"""Tasks on the workers of a Dask cluster that already runs: who they are, what they have, and an executor that uses them."""
+"""Runs tasks on the workers of an existing Dask cluster: checks what the workers have, and provides an executor."""

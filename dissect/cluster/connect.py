@@ -1,4 +1,4 @@
-"""A connection to the scheduler of a Dask cluster, or one line that says why there is none."""
+"""Connects to the scheduler of a Dask cluster, or says in one line why it cannot."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from urllib.parse import urlsplit
 
 from dissect.wire.text import reason, shortened
 
-#: Seconds until a scheduler or workers that do not answer are given up, all together.
+#: Seconds in all for which answers from the scheduler and the workers are awaited.
 ANSWER_S: Final = 8
-#: Seconds that are left to say goodbye.
+#: Seconds for closing the connection.
 _CLOSE_S: Final = 1
 _ADDRESS: Final = re.compile(r"(tcp|tls)://(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+):(\d{1,5})/?")
 _LARGEST_PORT: Final = 65535
@@ -29,11 +29,11 @@ T = TypeVar("T")
 
 
 class ClusterError(Exception):
-    """A cluster that cannot be used, in words for a person."""
+    """A cluster cannot be used; the message is for users."""
 
 
 def checked_address(text: str) -> str:
-    """Return the address of a scheduler. ValueError, saying how one is written, for what is none."""
+    """Return the address of a scheduler. Raises ValueError, with the expected form, for anything else."""
     match = _ADDRESS.fullmatch(text)
     if match is None or not 0 < int(match[3]) <= _LARGEST_PORT:
         raise ValueError(f"expected tcp://HOST:PORT or tls://HOST:PORT of a Dask scheduler, got {text!r}.")
@@ -41,12 +41,12 @@ def checked_address(text: str) -> str:
 
 
 def brief(error: BaseException) -> str:
-    """Return what an error of a library says in one line, which may be part of a longer text."""
+    """Return the message of a library's error, shortened to one line."""
     return shortened(reason(error).partition("\\n")[0], _REASON)
 
 
 class Patience:
-    """The ``ANSWER_S`` seconds that are waited for answers; ``left`` says how many of them there still are."""
+    """The time of ``ANSWER_S`` seconds for answers; ``left`` is what remains of it."""
 
     def __init__(self) -> None:
         self.whole = ANSWER_S
@@ -54,12 +54,12 @@ class Patience:
 
     @property
     def left(self) -> float:
-        """Seconds, never less than 0."""
+        """The remaining seconds, at least 0."""
         return max(0.0, self._end - time.monotonic())
 
 
 def bounded(ask: Callable[[], T], seconds: float) -> T:
-    """Return what ``ask`` returns, or raise what it raises; TimeoutError when that takes longer, however it waits."""
+    """Return what ``ask`` returns, or raise what it raises. Raises TimeoutError after ``seconds``, even if ``ask`` blocks."""
     answer: Future[T] = Future()
 
     def work() -> None:
@@ -74,9 +74,9 @@ def bounded(ask: Callable[[], T], seconds: float) -> T:
 
 @contextmanager
 def connected(address: str) -> Iterator[tuple[Any, Patience]]:
-    """Give a `distributed.Client` of the scheduler at ``address``, and what is left of the time. Raises `ClusterError`.
+    """A context with a `distributed.Client` of the scheduler at ``address``, and the remaining time. Raises `ClusterError`.
 
-    Meanwhile no library writes log lines to stderr; what matters of them is said by whoever has the client.
+    In the context, libraries write no log lines to stderr; the caller reports what is important.
     """
     if importlib.util.find_spec("distributed") is None:
         raise ClusterError("a cluster needs Dask: pip install 's7dissect[cluster]'")
@@ -101,7 +101,7 @@ def _client(address: str, patience: Patience) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # versions of Dask that differ; `cluster-check` says them
-            # Its own limit ends where somebody accepts a connection: it waits for a greeting for ever.
+            # The library's own time limit ends with the TCP connection; for a greeting it would wait for ever.
             return bounded(lambda: Client(address, timeout=seconds, set_as_default=False), seconds)
     except TimeoutError:
         raise ClusterError(
@@ -112,7 +112,7 @@ def _client(address: str, patience: Patience) -> Any:
 
 
 def _knock(address: str, patience: Patience) -> None:
-    """Find out at once what Dask would try for seconds: a name that is not known, a port where nobody listens."""
+    """Fail at once for an unknown name or a closed port, for which Dask would retry for seconds."""
     parts = urlsplit(address)
     try:
         socket.create_connection((parts.hostname or "", parts.port or 0), patience.left).close()

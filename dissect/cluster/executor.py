@@ -1,8 +1,8 @@
-"""Tasks on the workers of a Dask cluster as an executor: each goes to one worker, so that everybody knows who has which file.
+"""`Cluster`: an executor for tasks on the workers of a Dask cluster. It assigns each task to one worker itself.
 
-What dies with a worker is that worker's tasks, and no others: their futures raise `WorkerLost`, and whoever gave the task
-decides whether it is done again. A file that one worker cannot read is given to another before it is given up; a worker that
-cannot read what others can gets no more.
+When a worker dies, only its own tasks fail: their futures raise `WorkerLost`, and the caller decides whether to retry. A file
+that one worker cannot read is given to another one before the task fails. A worker that cannot read files that others can read
+gets no more tasks.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
 from dissect.jobs.tasks import FileError
 from dissect.source.remote import is_remote, shown
 
-#: Files in a row that a worker cannot read, and others can, after which it gets no more.
+#: After so many files in a row that a worker cannot read, but others can, it gets no more tasks.
 _BLIND: Final = 3
-#: Seconds between two questions whether the scheduler is still there.
+#: Every so many seconds the scheduler is asked whether it is still there.
 _ASK_S: Final = 5
-#: Seconds without an answer after which it is given up. Longer than when a run begins: other people's work may keep it busy.
+#: After so many seconds without an answer, the scheduler counts as gone. That is longer than at the start: it may be busy.
 SILENCE_S: Final = 30
 
 
 class WorkerLost(BrokenExecutor):
-    """A worker, or its process, ended in the middle of a task; ``where`` says who."""
+    """A worker, or its process, ended during a task; ``where`` says which one."""
 
     def __init__(self, where: str) -> None:
         super().__init__(where)
@@ -40,7 +40,7 @@ class WorkerLost(BrokenExecutor):
 
 
 def _received(sent: bytes) -> Any:
-    """Return what a process on a worker sent: in the way of Dask, which takes all results so."""
+    """Return the result that a process on a worker sent, unpickled in the same way as Dask does with all results."""
     from distributed.protocol.pickle import loads
 
     return loads(sent)
@@ -52,10 +52,10 @@ class _Task:
         self.order = order
         self.file = file
         self.begun: Any = None  # the future of Dask
-        self.refused: dict[str, FileError] = {}  # by whom (the address), and why
+        self.refused: dict[str, FileError] = {}  # by address of the worker that could not read the file
 
     def settle(self, result: Any, error: BaseException | None = None) -> None:
-        """Say what became of it, if anybody still wants to know."""
+        """Set the result or the error of the future, unless it was cancelled."""
         self.begun = None
         if self.future.cancelled() or not (self.future.running() or self.future.set_running_or_notify_cancel()):
             return
@@ -66,22 +66,22 @@ class _Task:
 
 
 class _Hand:
-    """A worker that can be used, and what it is doing."""
+    """A usable worker, and its present tasks."""
 
     def __init__(self, worker: Worker) -> None:
         self.worker = worker
         self.tasks: list[_Task] = []
         self.failures = 0
-        #: No more tasks for it.
+        #: Whether the worker gets no more tasks.
         self.retired = False
 
 
 class Cluster(Executor):
     """The usable ``workers`` of the cluster that ``client`` (a `distributed.Client`) is connected to.
 
-    The last argument of a task is its file. A task is done in the folder of this process, if the worker has it; ``files`` are
-    those that it reads besides, by name, with their digests. ``say`` takes sentences about workers, with the file they are
-    about, None for none.
+    The last argument of a task is its file. A task runs in the folder of this process, if the worker has that; ``files`` are
+    further files that tasks read, with their digests, by name. ``say`` is called with messages on workers, each with the file
+    that it is about, None for none.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Cluster(Executor):
 
     @property
     def slots(self) -> int:
-        """How many tasks the workers do at the same time, 1 where there are none: so one waits for who may come."""
+        """How many tasks the workers can do at once; 1 without workers, so that one task waits for workers to come."""
         with self._lock:
             return max(1, sum([hand.worker.threads for hand in self._able()]))
 
@@ -134,12 +134,12 @@ class Cluster(Executor):
         return task.future
 
     def look(self) -> None:
-        """Look after the cluster, and give up where nothing is to be hoped for: a scheduler that is silent, no worker left.
+        """Check the cluster: fail all tasks if the scheduler is silent or no worker is left; use workers that joined.
 
-        Workers that joined are taken in. To be called now and then, by who waits for results.
+        Call it regularly while waiting for results.
         """
         if time.monotonic() > self._ask_at:
-            self._ask_at = float("inf")  # until it has answered
+            self._ask_at = float("inf")  # do not ask again before the answer
             threading.Thread(target=self._ask, daemon=True).start()
         with self._lock:
             joining, self._joining = self._joining, set()
@@ -156,7 +156,7 @@ class Cluster(Executor):
                     task.settle(None, self._nobody())
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Want nothing more of the workers; one that reads a file finishes it, and nobody takes what it finds."""
+        """Begin no more tasks; workers finish the files that they are reading, but the results are dropped."""
         with self._lock:
             self._closed = True
             self._waiting.clear()
@@ -262,7 +262,7 @@ class Cluster(Executor):
             self._say(None, f"{hand.worker.label}: gets no more files, because others can read what it cannot")
 
     def _give_all_up(self, why: str, *besides: _Task) -> None:
-        """End every task that is not done, and ``besides``; none begins any more."""
+        """Fail every unfinished task, and those in ``besides``; no more tasks begin."""
         self._gone = why
         left = [*besides, *self._take_waiting()]
         for hand in self._hands.values():
@@ -275,7 +275,7 @@ class Cluster(Executor):
         return shown(str(self._client.scheduler.address)) if self._client.scheduler is not None else "of the cluster"
 
     def _ask(self) -> None:
-        """Find out whether the scheduler still answers; that a connection ended is noticed without asking."""
+        """Ask the scheduler whether it still answers. A closed connection is noticed without this."""
         try:
             bounded(lambda: self._client.sync(self._client.scheduler.identity), SILENCE_S)
             heard = True
@@ -292,7 +292,7 @@ class Cluster(Executor):
     # ---- who comes and goes --------------------------------------------------------------------------------------------
 
     def _event(self, event: tuple[float, Any]) -> None:
-        """Take what the scheduler says of all its workers. Called by the loop of the client: it must not wait for answers."""
+        """Take a message of the scheduler on its workers. Called in the client's event loop, so it must not block."""
         message = event[1] if isinstance(event[1], dict) else {}
         address = str(message.get("worker", ""))
         with self._lock:

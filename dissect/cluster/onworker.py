@@ -1,8 +1,7 @@
-"""What a Dask worker does with a task: it has a process of its own do it (`dissect.cluster.reader`).
+"""Runs on a Dask worker: passes each task on to a separate process (`dissect.cluster.reader`).
 
-Tasks of a worker are threads of one process, where two would share the working folder, standard output and the memory limit of
-the worker; and a task that dies of its file would take the worker and all results it holds along. A process stays for the next
-task of its kind.
+A Dask worker runs its tasks as threads of one process. These would share the working folder, standard output and the worker's
+memory limit, and a task that crashes would end the worker and lose all results in it. A process is used again for later tasks.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import Final
 
 from dissect.cluster.reader import Order
 
-#: Whether the process answered or ended instead.
+#: Kinds of results: the process answered, or it ended instead.
 ANSWERED: Final = "answered"
 DIED: Final = "died"
 
@@ -36,7 +35,7 @@ class _Process:
         self._orders = Connection(ours_out, readable=False)
 
     def answer(self, order: Order) -> bytes | None:
-        """Return the answer to a task as it was sent; None when the process ended instead."""
+        """Return the octets of the answer to a task; None if the process ended instead."""
         try:
             self._orders.send(order)
             return self._answers.recv_bytes()
@@ -44,7 +43,7 @@ class _Process:
             return None
 
     def end(self) -> int:
-        """Close the connections, which ends the process if nothing else did; return its exit code."""
+        """Close the connections, on which the process ends if it still runs; return its exit code."""
         self._orders.close()
         self._answers.close()
         return self._process.wait()
@@ -55,7 +54,7 @@ _idle: Final[list[_Process]] = []
 
 
 def answer(order: Order) -> tuple[str, bytes]:
-    """Have a task done; return ``(ANSWERED, what the process sent)``, or ``(DIED, how it ended)``."""
+    """Run a task; return ``(ANSWERED, octets that the process sent)``, or ``(DIED, exit code)``."""
     while True:
         with _lock:
             process = _idle.pop() if _idle else None
@@ -67,5 +66,5 @@ def answer(order: Order) -> tuple[str, bytes]:
                 _idle.append(process)
             return ANSWERED, sent
         code = process.end()
-        if fresh or code:  # one that waited too long for a task ends with 0
+        if fresh or code:  # an old process that was idle for too long has ended with 0: try a fresh one
             return DIED, str(code).encode()

@@ -1,6 +1,6 @@
-"""What a machine has to read captures with. The text of this module is sent to workers, and runs there as it stands.
+"""Finds out what a machine has for reading captures. The source of this module is sent to workers and runs there.
 
-So it may use the standard library only, and must not count on this package being there.
+So it may only use the standard library; this package may not be installed there.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any
 
 
 def facts(extras: Mapping[str, Sequence[str]]) -> dict[str, Any]:
-    """Return what is here, and which of the ``extras`` are whole: of each, the distributions that it consists of.
+    """Return facts on this machine, and which ``extras`` are complete; ``extras`` has the distributions of each.
 
-    ``version`` is that of this package, "" where it cannot be used; ``problem`` says why.
+    ``version`` is that of this package, "" if it cannot be used; ``problem`` says why.
     """
     found: dict[str, Any] = {
         "host": platform.node(),

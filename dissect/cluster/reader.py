@@ -1,8 +1,8 @@
-"""A process on a worker that does one task after another, and ends when whoever started it is gone.
+"""A process on a worker that runs one task after another, and ends when the process that started it is gone.
 
-A task is a function of this package and its arguments, the folder it is done in, and files that have to be as they are where
-the task comes from. It arrives on standard input, as processes of `multiprocessing` send it; ``(kind, result)`` leaves on what
-was standard output.
+A task has a function of this package and its arguments, a working folder, and files whose contents must be the same as on the
+sending machine. Tasks arrive on standard input in the form of `multiprocessing` connections; ``(kind, result)`` is sent on the
+original standard output.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from typing import Any, Final, NamedTuple
 
 from dissect.jobs.tasks import FileError
 
-#: Seconds without a task after which the process gives its memory back.
+#: After so many seconds without a task the process ends, to free its memory.
 IDLE_S: Final = 30
-#: Kinds of answers: a result, what stands in the way of one, or a defect.
+#: Kinds of answers: a result, a reason why there is none, or a bug.
 FOUND: Final = "found"
 REFUSED: Final = "refused"
 DEFECT: Final = "defect"
 
 
 class Order(NamedTuple):
-    """A task: ``work(*arguments)`` in ``folder``, which has to be there if it ``needs_folder``.
+    """A task: ``work(*arguments)`` in ``folder``, which has to exist if ``needs_folder``.
 
-    ``files`` are those it reads besides, by name, with their digests.
+    ``files`` are further files that it reads, with their digests, by name.
     """
 
     folder: str
@@ -42,13 +42,13 @@ class Order(NamedTuple):
 
 
 def digest(name: str | Path) -> str:
-    """Return what tells two contents of a file apart. Raises OSError."""
+    """Return the SHA-256 of a file. Raises OSError."""
     with Path(name).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def carried_out(order: Order) -> tuple[str, Any]:
-    """Do a task; return the kind of the answer, and the result or the reason why there is none."""
+    """Run a task; return the kind of the answer, and the result or the reason why there is none."""
     try:
         _prepare(order)
         return FOUND, order.work(*order.arguments)
@@ -78,12 +78,12 @@ def _prepare(order: Order) -> None:
 
 
 def main() -> None:
-    """Do tasks until there are none for a while, or nobody is there who sends any."""
+    """Run tasks until none came for `IDLE_S`, or the sender is gone."""
     source = Connection(os.dup(0), writable=False)
     target = Connection(os.dup(1), readable=False)
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
-    os.dup2(nothing, 1)  # no output of a task can get between the answers
+    os.dup2(nothing, 1)  # so that output of a task cannot get between the answers
     orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(source, orders), daemon=True).start()
     while True:
@@ -99,7 +99,7 @@ def _receive(source: Connection, orders: queue.SimpleQueue[Order]) -> None:
         try:
             order = source.recv()
         except EOFError:
-            os._exit(0)  # whoever sent them is gone, however that ended
+            os._exit(0)  # the sender is gone
         orders.put(order)
 
 

@@ -1,4 +1,4 @@
-"""The workers of a cluster: who they are, what they have, and what of it stands in the way."""
+"""The workers of a cluster: their addresses, what is installed there, and why a worker cannot be used."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 from dissect.cluster import probe
 from dissect.cluster.connect import ClusterError, Patience, bounded, brief
 
-#: The distributions that the extras of this package install, where reading captures or writing results takes them.
+#: The distributions of those extras of this package that reading captures or writing results may need.
 EXTRAS: Final[Mapping[str, Sequence[str]]] = {
     "data": ("duckdb", "pyarrow"),
     "eds": ("canopen", "defusedxml"),
@@ -22,15 +22,15 @@ EXTRAS: Final[Mapping[str, Sequence[str]]] = {
     "tls": ("cryptography",),
     "zstd": ("zstandard",),
 }
-#: Those without which captures read differently, and nothing says so: a worker has to have them where we have them.
+#: Extras without which results differ silently: if they are installed here, workers must have them, too.
 _SILENT: Final = ("tls",)
 
-#: Evaluated on a worker, whatever Python runs there: the text of a module, then what its function returns.
+#: The expression that workers evaluate: it runs the source of `dissect.cluster.probe`, then calls its function.
 _EXPRESSION: Final = "(exec(source, globals()), facts(extras))[1]"
 
 
 class Machine(NamedTuple):
-    """What `dissect.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), Python and extras."""
+    """The result of `dissect.cluster.probe.facts`: this package (``version`` is "" if it cannot be used), Python and extras."""
 
     host: str
     process: int
@@ -42,9 +42,9 @@ class Machine(NamedTuple):
 
 
 class Worker(NamedTuple):
-    """A worker: what the scheduler knows of it, and what it says of itself, None with ``silence`` where it says nothing.
+    """A worker: what the scheduler knows of it, and its ``machine``: None, with the reason in ``silence``, without an answer.
 
-    ``memory`` is its limit in bytes, 0 for none. ``running`` tasks are those that it is doing.
+    ``memory`` is its limit in bytes, 0 for none. ``running`` is the number of its present tasks.
     """
 
     address: str
@@ -57,21 +57,21 @@ class Worker(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What a person knows the worker by."""
+        """The name of the worker for users."""
         host = f" on {self.machine.host}" if self.machine is not None and self.machine.host else ""
         return f"worker {self.address}{host}" if self.name in {"", self.address} else f"worker {self.name}{host}"
 
 
 @cache
 def here() -> Machine:
-    """Return what this machine has."""
+    """Return the facts on this machine."""
     return Machine(**probe.facts(EXTRAS))
 
 
 def workers_of(client: Any, patience: Patience, addresses: Sequence[str] | None = None) -> list[Worker]:
-    """Return the workers of a cluster, or those at ``addresses``, by name; all were asked at once, and had the time to answer.
+    """Return the workers of a cluster, or those at ``addresses``, sorted by name. All are asked at once, within ``patience``.
 
-    Raises `ClusterError` when the scheduler does not answer meanwhile.
+    Raises `ClusterError` if the scheduler does not answer in that time.
     """
     try:
         info = bounded(lambda: client.scheduler_info(n_workers=-1), patience.left)
@@ -117,7 +117,7 @@ def _worker(address: str, info: Mapping[str, Any], answer: object, silence: str)
 
 
 def obstacle(worker: Worker, ours: Machine) -> str:
-    """Return why a worker cannot do the work of ``ours``, "" when it can: its results would differ, or there would be none."""
+    """Return why a worker cannot be used by ``ours`` (no results, or different ones); "" if it can."""
     theirs = worker.machine
     if theirs is None:
         return worker.silence
@@ -132,5 +132,5 @@ def obstacle(worker: Worker, ours: Machine) -> str:
 
 
 def lacks(worker: Worker, ours: Machine) -> list[str]:
-    """Return the extras that are here and not on a worker; what needs one of them says so there."""
+    """Return the extras that are installed here but not on a worker; tasks that need one fail there with a message."""
     return [name for name in ours.extras if worker.machine is not None and name not in worker.machine.extras]

@@ -1,1 +1,1 @@
-"""Captures that stand alone, a task each: processes that read them, what these send, and the sum of it."""
+"""Reads independent captures in parallel, one task for each: processes, the transfer of results, and their sum."""

@@ -1,7 +1,7 @@
-"""Analyses of captures that stand for themselves, added up to the one that a run over all of them would make.
+"""Adds up analyses of single captures; the sum is the analysis that one run over all of them would make.
 
-Parts may be made anywhere and in any order; they are added in the order of the files, which gives connections, transactions and
-packets the numbers they have in one run, and lets every bound keep what comes first.
+Parts may be made anywhere and in any order, but are added in the order of the files. So connections, transactions and packets
+get the numbers that they have in one run, and every bounded list keeps what comes first.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dissect.transactions.naming import Naming
 
 
 class Analyses:
-    """Adds parts up. ``found`` is the analysis of all parts so far; ``options`` are those of the run that they are parts of."""
+    """Adds up parts. ``found`` is the analysis of all parts so far; ``options`` are those of the whole run."""
 
     def __init__(self, options: Options) -> None:
         self.found = Analysis()
@@ -25,7 +25,7 @@ class Analyses:
         self.found.take(self._sum.pipeline, self._sum.files)
 
     def add(self, part: FilePart) -> None:
-        """Add the part of the file that comes next."""
+        """Add the part of the next file."""
         later: Analysis = self._sum.take(part)
         if self._naming is not None:
             for connection in {
@@ -42,7 +42,7 @@ class Analyses:
                 self.found.finding(finding)
 
     def _keeps(self, slug: str, connection: int) -> bool:
-        """Return whether a finding is one of those that a run keeps in detail (`dissect.findings.reporter`)."""
+        """Return whether one run would keep this finding in detail (bounds in `dissect.findings.reporter`)."""
         in_all, here = self._detailed.get(slug, 0), self._detailed_of.get((slug, connection), 0)
         if in_all >= MAX_DETAILED_ALL or here >= MAX_DETAILED:
             return False

@@ -1,6 +1,6 @@
-"""Inventories of captures that stand for themselves, added up to the one that a run over all of them would make.
+"""Adds up inventories of single captures; the sum is the inventory that one run over all of them would make.
 
-As analyses are (`dissect.jobs.analyses`): in the order of the files, so that every bound keeps what comes first.
+Parts are added in the order of the files, as in `dissect.jobs.analyses`.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dissect.jobs.sums import FilePart, Sum
 
 
 class Inventories:
-    """Adds parts up. ``found`` is complete after `finish`; ``options`` are those of the run that they are parts of."""
+    """Adds up parts. ``found`` is complete after `finish`; ``options`` are those of the whole run."""
 
     def __init__(self, options: Options) -> None:
         self.found = Inventory()
         self._sum = Sum(options)
 
     def add(self, part: FilePart) -> None:
-        """Add the part of the file that comes next."""
+        """Add the part of the next file."""
         self.found.merge(self._sum.take(part))
 
     def finish(self) -> None:
-        """All parts were added: put the devices in order."""
+        """Sort the devices, after all parts were added."""
         self.found.take(self._sum.pipeline, self._sum.files)

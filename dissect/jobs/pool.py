@@ -1,9 +1,9 @@
-"""Processes of this machine as an executor: what one of them dies of is the failure of its own task, and of no other.
+"""`Pool`: an executor with processes on this machine. If a process dies, only its own task fails.
 
-Each process has a pipe and a thread of its own. In an executor whose processes share a queue (`concurrent.futures`), one that
-dies breaks all of them, and nobody can say at which file.
+Each process has its own pipe and thread. In `concurrent.futures`, processes share a queue: one that dies breaks all of them,
+and it is not known which file was the cause.
 
-They are spawned: a fork copies locks and buffers in whatever state they are, and the ends of the other processes' pipes.
+Processes are spawned, not forked: a fork would copy locks and buffers in any state, and the ends of the other processes' pipes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Process:
         theirs.close()
 
     def call(self, fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Return what a function returns there, or raise what it raises there. BrokenExecutor when the process dies of it."""
+        """Call a function in the process; return its result or raise its exception. BrokenExecutor if the process dies."""
         try:
             self._pipe.send((fn, arguments))
             well, found = self._pipe.recv()
@@ -50,24 +50,24 @@ class _Process:
         raise found
 
     def end(self) -> None:
-        """End the process, whatever it is doing. To be called once no thread is in `call`, or for that to return."""
+        """Kill the process. A thread that is in `call` returns then."""
         self._process.kill()
         self._process.join()
 
     def close(self) -> None:
-        """Forget the pipe."""
+        """Close the pipe."""
         self._pipe.close()
 
 
 class Pool(Executor):
-    """``count`` processes; each does a task at a time, what is more waits.
+    """``count`` processes, each with one task at a time; further tasks wait.
 
-    The future of a task whose process died raises `concurrent.futures.BrokenExecutor`; another process takes its place.
-    Where none can be started the others go on, and without any left each task raises `dissect.jobs.tasks.FileError`; ``tell``
-    hears of it, in a thread of the pool.
+    The future of a task whose process died raises `concurrent.futures.BrokenExecutor`; a new process is started. If that fails,
+    the others go on; if none is left, each task raises `dissect.jobs.tasks.FileError`. ``tell`` is called with a message, in a
+    thread of the pool.
 
-    ``folder`` is one that the processes remove when whoever started them was killed and cannot. ``collects`` are the
-    thresholds of their collector (`gc.set_threshold`), empty for Python's own.
+    The processes remove ``folder`` if the process that started them was killed. ``collects`` are thresholds for their garbage
+    collector (`gc.set_threshold`), empty for Python's defaults.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Pool(Executor):
             thread.start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Have a task done by the next process that is free."""
+        """Give a task to the next free process."""
         if kwargs:
             raise TypeError("tasks take no keyword arguments")
         future: Future[T] = Future()
@@ -105,7 +105,7 @@ class Pool(Executor):
         return future
 
     def _work(self, at: int) -> None:
-        """Be the thread of a process."""
+        """Run the tasks of a process; the main function of its thread."""
         while (task := self._tasks.get()) is not None:
             future, fn, arguments = task
             if not future.set_running_or_notify_cancel():
@@ -113,7 +113,7 @@ class Pool(Executor):
             try:
                 found = self._processes[at].call(fn, arguments)
             except BrokenExecutor as error:
-                future.set_exception(error)  # first: whoever waits for it waits for no other process
+                future.set_exception(error)  # first, so that the caller need not wait for a new process
                 if not self._replace(at):
                     return
             except Exception as error:  # noqa: BLE001 - as every executor hands it on
@@ -123,7 +123,7 @@ class Pool(Executor):
         self._processes[at].close()
 
     def _replace(self, at: int) -> bool:
-        """Put a process in the place of one that died; return whether that was possible."""
+        """Replace a process that died; return whether that was possible."""
         with self._change:
             if self._over:
                 return True
@@ -145,7 +145,7 @@ class Pool(Executor):
         return False
 
     def _give_up(self) -> None:
-        """Fail the tasks that wait: there is no process left. ``_change`` is held."""
+        """Fail the waiting tasks, as no process is left; the caller holds ``_change``."""
         try:
             while (task := self._tasks.get_nowait()) is not None:
                 if task[0].set_running_or_notify_cancel():
@@ -154,7 +154,7 @@ class Pool(Executor):
             pass
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes; what they were doing is lost, and what waits for them is not done."""
+        """Kill all processes; their present tasks are lost, and waiting tasks are not run."""
         with self._change:
             self._over = True
         try:
@@ -172,9 +172,9 @@ class Pool(Executor):
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Have what is started meanwhile begin without Ctrl-C, which reaches every process of a terminal."""
+    """A context in which new processes start with SIGINT ignored: Ctrl-C reaches every process of a terminal."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may say so; the process itself does a moment later
+        yield  # only the main thread may set signal handlers; the new process does it itself a moment later
         return
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -187,8 +187,8 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _serve(pipe: Any, folder: str, collects: tuple[int, ...]) -> None:
-    """Be a process of a pool: do one task after another, as long as there is somebody who gives them."""
-    # These may reach all processes, and whoever started them knows what to do.
+    """Run one task after another; the main function of a process of a pool."""
+    # These signals may reach all processes; the process that started them handles them.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     if collects:
@@ -213,7 +213,7 @@ def _serve(pipe: Any, folder: str, collects: tuple[int, ...]) -> None:
 
 
 def _watch(parent: Any, folder: str) -> None:
-    """End when whoever started this process is gone, however that ended."""
+    """End this process when the one that started it is gone."""
     parent.join()
     if folder:
         shutil.rmtree(folder, ignore_errors=True)

@@ -1,12 +1,11 @@
-"""Results as plain values, and back: what one process found, for another one that puts it together with what others found.
+"""Converts results to plain values and back, to send them from one process to another that adds them up.
 
-Objects of compiled classes cannot be handed to another process: they have no ``__dict__``, and cannot be made without what
-their constructor takes. So an object of ours is sent as its class, the arguments of its constructor, and all its attributes by
-name. What belongs to a run that goes on, and what nobody may know (session keys), is not sent. Only classes of this package are
-made of what comes.
+Objects of compiled classes cannot be pickled: they have no ``__dict__``, and their constructors need arguments. So an object is
+sent as its class, the arguments of its constructor, and all its attributes by name. State that is only needed while a run goes
+on, and secrets (session keys), are not sent. Only classes of this package are made from received values.
 
-Numbers count from 1 in each process. `receive` makes them those of the whole: an attribute whose name ends in ``frame`` is a
-packet, ``frames`` are several, ``number`` counts connections or transactions.
+Numbers count from 1 in each process. `receive` converts them to those of the whole run: attributes whose names end in ``frame``
+are packets, ``frames`` are several packets, ``number`` counts connections or transactions.
 """
 
 from __future__ import annotations
@@ -41,28 +40,28 @@ _OURS: Final = "dissect."
 
 
 def _writer(octets: bytes) -> BytesWriter:
-    """Return what was written before, to be written on."""
+    """Return a `BytesWriter` with these octets, to which more can be written."""
     writer = BytesWriter()
     writer.write(octets)
     return writer
 
 
-#: What is sent as it is, and what as the list of what it holds.
+#: Types of values that are sent as they are, and types that are sent as a list of their elements.
 _PLAIN: Final = frozenset((type(None), bool, int, float, str, bytes))
 _KINDS: Final[tuple[type, ...]] = (list, tuple, set, frozenset, deque, dict, OrderedDict, vec[i64])
 _HOLDERS: Final[dict[str, Callable[[Any], Any]]] = {
     **{kind.__name__: kind for kind in _KINDS},
     BytesWriter.__name__: _writer,
 }
-#: Marks of an object by its place in `Sent.objects`, of a class of ours that is a tuple, and of a rule by its slug.
+#: Marks for an object (by its index in `Sent.objects`), for a named tuple of ours, and for a rule (by its slug).
 _OBJECT: Final = "object"
 _TUPLE: Final = "named"
 _RULE: Final = "rule"
 
-#: Of a connection in the words of a finding (`dissect.findings.plus_sessions`).
+#: The number of a connection in the detail of a finding (`dissect.findings.plus_sessions`).
 _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 
-#: Attributes that are not sent, by class: they are what a new object has.
+#: Attributes that are not sent, by class; they keep the values of a new object.
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
     "Analysis": frozenset(("_findings", "_first_findings", "_shared", "pipeline")),
@@ -77,10 +76,10 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
 
 
 class Sent(NamedTuple):
-    """Objects as plain values: ``found``, and for each object of ours in it its class and what that takes.
+    """Objects as plain values: ``found``, and for each object of ours in it its class and the arguments of its constructor.
 
-    ``classes`` are those of the objects, by module and name; an object has the place of its class there. A column is an
-    attribute of objects of one class: their places in ``objects``, its name, and a value for each.
+    ``classes`` are the (module, name) of the classes; an object has the index of its class there. A column has the values of
+    one attribute of objects of one class: their indexes in ``objects``, the name of the attribute, and the values.
     """
 
     found: Any
@@ -90,7 +89,7 @@ class Sent(NamedTuple):
 
 
 def send(found: object) -> Sent:
-    """Return objects as plain values. TypeError for one that cannot be sent."""
+    """Return objects as plain values. Raises TypeError for an object that cannot be sent."""
     sender = _Sender()
     plain = sender.plain(found)
     sender.finish()
@@ -103,11 +102,11 @@ class _Sender:
         self.objects: list[tuple[int, list[Any] | None]] = []
         self.columns: list[tuple[list[int], str, list[Any]]] = []
         self._places: dict[int, int] = {}
-        self._kept: list[Any] = []  # an id is that of another object once its own is gone
-        self._new: dict[Any, list[Any]] = {}  # objects whose attributes are not sent yet, by class
+        self._kept: list[Any] = []  # keeps objects alive, so that their ids are not used again
+        self._new: dict[Any, list[Any]] = {}  # by class: objects whose attributes are not converted yet
 
     def plain(self, value: Any) -> Any:
-        """Return a value as it is sent."""
+        """Return a value in the form in which it is sent."""
         kind: Any = type(value)
         if kind in _PLAIN:
             return value
@@ -130,7 +129,7 @@ class _Sender:
         return _OBJECT, self._object(value)
 
     def finish(self) -> None:
-        """Add the attributes of all objects, and of those in them."""
+        """Add the attributes of all objects, and of the objects in those attributes."""
         while self._new:
             new, self._new = self._new, {}
             for objects in new.values():
@@ -160,7 +159,7 @@ class _Sender:
         for name in _sent(kind):
             try:
                 values = list(map(attrgetter(name), objects))
-            except AttributeError:  # not all have it
+            except AttributeError:  # not all objects have this attribute
                 self._add_some(name, objects)
             else:
                 self.columns.append((places, name, self._all_plain(values)))
@@ -177,7 +176,7 @@ class _Sender:
 
 
 def receive(sent: Sent, offsets: Offsets) -> Any:
-    """Return the objects of `send`, with their numbers in the whole. ValueError for what is none of ours."""
+    """Return the objects that `send` converted, with their numbers in the whole run. ValueError for classes of others."""
     objects: list[Any] = []
     kinds = [_ours(module, name) for module, name in sent.classes]
     for kind, arguments in sent.objects:
@@ -225,7 +224,7 @@ def _moves(name: str) -> bool:
 
 
 def _moved(kind: type, name: str, values: list[Any], offsets: Offsets) -> list[Any]:
-    """Return an attribute of objects of a class with the numbers of the whole in it."""
+    """Return the values of an attribute with their numbers converted to those of the whole run."""
     packets, connections = offsets.packets, offsets.connections
     if name.endswith("frame"):
         return [value + packets if value > 0 else value for value in values]
@@ -244,8 +243,8 @@ def _moved(kind: type, name: str, values: list[Any], offsets: Offsets) -> list[A
 
 _NOWHERE: Final = Endpoint(b"", 0)
 _SOME_RULE: Final = next(iter(CATALOGUE.values()))
-#: Constructors with something that they take, for what there is many of: all that they set is set again. An `Ending` looks at
-#: a connection that may not be there yet.
+#: Fast constructor calls for frequent classes; all attributes are set again afterwards. `Ending` is here because its
+#: constructor reads a connection, which may not be complete yet.
 _BLANK: Final[dict[type, Callable[[], Any]]] = {
     Endpoint: lambda: Endpoint(b"", 0),
     TcpConnection: lambda: TcpConnection(_NOWHERE, _NOWHERE, 0, 0, 0),
@@ -260,7 +259,7 @@ def _nobody() -> Connection:
 
 
 def _made(kind: Any, arguments: list[Any] | None) -> Any:
-    """Return a new object that still needs its attributes."""
+    """Return a new object whose attributes are not set yet."""
     blank = _BLANK.get(kind)
     if blank is not None:
         return blank()
@@ -298,16 +297,16 @@ def _parameters(kind: Any) -> tuple[str, ...]:
     )
 
 
-#: What constructors take that is no attribute of their object.
+#: The arguments of constructors that are not simply attributes of the object.
 _TAKEN: Final[dict[type, Callable[[Any], tuple[Any, ...]]]] = {
     UserdataHead: lambda head: (head.type, head.group, head.subfunction, head.sequence),
 }
 
 
 def _arguments(obj: Any) -> tuple[Any, ...] | None:
-    """Return what the constructor of a class takes, None where nothing is needed (`_BLANK`) or known.
+    """Return the arguments for the constructor of an object; None if none are needed (`_BLANK`) or known.
 
-    A compiled class cannot do without.
+    Compiled classes cannot be made without these arguments.
     """
     kind: Any = type(obj)
     if kind in _BLANK:
@@ -323,7 +322,7 @@ def _arguments(obj: Any) -> tuple[Any, ...] | None:
 
 @cache
 def _taken_names(kind: Any, own: tuple[str, ...]) -> tuple[str, ...] | None:
-    """Return the attributes that a class's constructor takes, None where one is not there; ``own`` are in ``__dict__``."""
+    """Return the names of the attributes that a constructor takes, None if one is missing; ``own`` are in ``__dict__``."""
     there = {*_sent(kind), *own} - _left_out(kind)
     names = [next((name for name in (each, f"_{each}") if name in there), "") for each in _parameters(kind)]
     return tuple(names) if all(names) else None

@@ -1,1 +1,1 @@
-"""What a run counts, for Prometheus to fetch: `counters` count, `exposition` names and writes, `server` hands out."""
+"""Metrics of a run for Prometheus: `counters` counts, `exposition` defines and writes the metrics, `server` serves them."""

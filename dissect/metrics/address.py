@@ -1,4 +1,4 @@
-"""Where metrics may be fetched: on this machine, unless more was asked for."""
+"""The addresses from which metrics can be fetched: only this machine, unless the user allows more."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import re
 import socket
 from typing import Final, NamedTuple
 
-#: Where people expect it; the port is the one after that of Prometheus' own node exporter and its kin.
+#: The default address; the port is near that of Prometheus' node exporter.
 DEFAULT: Final = "127.0.0.1:9102"
-#: What only this machine can reach.
+#: An address that only this machine can reach.
 THIS_MACHINE: Final = "127.0.0.1"
 
 _ADDRESS: Final = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%\w]+)\]|(?P<host>[^\[\]:\s]+)):(?P<port>[0-9]{1,5})", re.ASCII)
 
 
 class AddressError(ValueError):
-    """An address that cannot be used: one line that says why and what to do."""
+    """An address cannot be used; the message is one line that says why and what to do."""
 
 
 class Address(NamedTuple):
@@ -30,7 +30,7 @@ class Address(NamedTuple):
 
 
 class Target(NamedTuple):
-    """An address as a socket takes it."""
+    """An address in the form that a socket takes."""
 
     family: int
     address: tuple[str, int] | tuple[str, int, int, int]
@@ -48,7 +48,7 @@ def parse_address(text: str) -> Address:
 
 
 def resolve(address: Address, allow_remote: bool) -> Target:
-    """Find what to listen on; what others can reach only with ``allow_remote``. Raises `AddressError`."""
+    """Return the address to listen on. Raises `AddressError` if others can reach it, unless ``allow_remote``."""
     try:
         found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as why:

@@ -1,8 +1,8 @@
-"""Counting while the traffic passes: a companion of a live run that only adds one here and there.
+"""`Metrics`: a companion of a live run that counts what an observer gets.
 
-`Metrics` counts what an observer is told. What the pipeline counts anyhow (packets, TPDUs, PDUs, findings, holes) is not
-counted again: `exposition` reads it there when a scraper asks, in another thread. Everything that thread reads is a number, or
-a list or dict that is copied in one step, so that each metric is consistent in itself; two metrics may be a packet apart.
+What the pipeline counts itself (packets, TPDUs, PDUs, findings, gaps) is not counted again: `exposition` reads those counters
+when a scraper asks, in another thread. That thread only reads numbers, and lists or dicts that it copies in one step. So each
+metric is consistent in itself, but two metrics may differ by a packet.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.results import ALARM, ITEM, MESSAGE, RETURN_VALUE, TransactionError
 from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 
-#: Stands between the labels of one count where they are one key.
+#: Separates several labels in one key.
 SEPARATOR: Final = "\0"
 
 
 class Metrics(Companion):
-    """Counts transactions, errors, operations and connections; knows what a live source tells about itself.
+    """Counts transactions, errors, operations and connections; keeps drops and lag of a live source.
 
-    Without a live run `begin` gives it the pipeline whose counters belong to what it is told. What nobody told it is not
-    exported: an unknown number of drops is not the same as none. ``clock`` is the time of this machine, nanoseconds since 1970.
+    Without a live run, call `begin` with the pipeline whose events it gets. Unknown values are not exported: an unknown number
+    of drops is not 0. ``clock`` returns the time of this machine in nanoseconds since 1970.
     """
 
     name = "metrics"
@@ -42,8 +42,8 @@ class Metrics(Companion):
         super().__init__()
         self.functions: Functions = Functions()
         self.unanswered: dict[str, int] = {}  # by reason
-        self.errors: dict[str, int] = {}  # by where and class, with SEPARATOR between them
-        self.operations: dict[str, int] = {}  # by kind and result, the same
+        self.errors: dict[str, int] = {}  # by part and class, joined by SEPARATOR
+        self.operations: dict[str, int] = {}  # by kind and result, joined by SEPARATOR
         self.opened: int = 0
         self.ended: dict[str, int] = {}  # by how
         self.pipeline: Pipeline | None = None
@@ -56,21 +56,21 @@ class Metrics(Companion):
     # ---- the run ------------------------------------------------------------------------------------------------------
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Take the pipeline that feeds this observer; its counters are read when they are asked for."""
+        """Take the pipeline that feeds this observer; its counters are read when metrics are fetched."""
         self.pipeline = pipeline
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Take what was lost so far, and how far the clock of the capture is behind that of this machine."""
+        """Note the packets lost so far, and how far the clock of the capture is behind that of this machine."""
         self.drops = drops
         self.lag_ns = self._clock() - now_ns
 
     def watch_queue(self, queue: Callable[[], tuple[int, int]]) -> None:
-        """Ask ``queue``, from another thread, for the events that wait now and those given up so far."""
+        """Set ``queue``, which returns (events that wait now, events lost so far); it is called from another thread."""
         self._queue = queue
 
     @property
     def queue(self) -> tuple[int, int] | None:
-        """Events that wait, and events given up; None when there is no queue."""
+        """Return (events that wait, events lost); None without a queue."""
         return self._queue() if self._queue is not None else None
 
     # ---- observer -----------------------------------------------------------------------------------------------------
@@ -108,12 +108,12 @@ class Metrics(Companion):
         for error in errors:
             key = f"{error.part}{SEPARATOR}{self._class(error)}"
             self.errors[key] = self.errors.get(key, 0) + 1
-        if not errors:  # the answer says no in a way that has no code
+        if not errors:  # the answer is a refusal without a code
             key = f"{OTHER}{SEPARATOR}{OTHER}"
             self.errors[key] = self.errors.get(key, 0) + 1
 
     def _class(self, error: TransactionError) -> str:
-        """Return the class of a code: of one octet the code itself, of two the high octet; what has no name is ``other``."""
+        """Return the class of an error: a code of one octet itself, the high octet of a longer one; else ``other``."""
         if error.part in {ITEM, ALARM}:
             return error.name if error.code in RETURN_CODES else OTHER
         if error.part == RETURN_VALUE:

@@ -1,4 +1,4 @@
-"""Every metric, once: name, type, labels, sentence and the number behind it; and the text that Prometheus fetches.
+"""The table of all metrics, with name, type, labels and help sentence, and the text that Prometheus fetches.
 
 The exposition, the documentation and the dashboard are checked against this table. Names follow Prometheus: seconds and bytes
 in base units, counters end in ``_total``, no label ever holds an address or text from the wire. The text (exposition format
@@ -37,7 +37,7 @@ COUNTER: Final = "counter"
 GAUGE: Final = "gauge"
 HISTOGRAM: Final = "histogram"
 
-#: Every name begins with it.
+#: The beginning of every name.
 PREFIX: Final = "s7dissect_"
 
 _ENDINGS: Final = (
@@ -54,7 +54,7 @@ _OPERATIONS: Final = [f"{kind}{SEPARATOR}{result}" for kind in OPERATIONS for re
 
 
 class Family(NamedTuple):
-    """A metric: its name (of a counter without ``_total``), type, labels, and one sentence."""
+    """A metric: its name (a counter's without ``_total``), type, labels, and help sentence."""
 
     name: str
     type: str
@@ -63,14 +63,14 @@ class Family(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """One series of a counter or gauge: the values of its labels, and the number."""
+    """One series of a counter or gauge: the values of its labels, and its value."""
 
     labels: tuple[str, ...]
     value: float
 
 
 class Histogram(NamedTuple):
-    """One series of a histogram: the values of its labels, the counts of the buckets (each for itself), and the sum."""
+    """One series of a histogram: the values of its labels, the counts of its buckets (not cumulative), and the sum."""
 
     labels: tuple[str, ...]
     buckets: list[int]
@@ -110,7 +110,7 @@ FAMILIES: Final[tuple[Family, ...]] = (
 
 
 class Reading(NamedTuple):
-    """A metric and its series at one moment; of the two lists the one that fits its type is filled."""
+    """A metric and its series at one moment, in one of the two lists, according to its type."""
 
     family: Family
     samples: list[Sample]
@@ -118,7 +118,7 @@ class Reading(NamedTuple):
 
 
 def readings(metrics: Metrics, version: str, build: str) -> Iterator[Reading]:
-    """Yield every metric of the table, in its order, with what it is now; a series that is not known is left out."""
+    """Yield every metric of the table, in its order, with its present values; unknown series are left out."""
     now: dict[str, list[Sample]] = {
         **_told(metrics),
         **_transactions(metrics),
@@ -134,12 +134,12 @@ def readings(metrics: Metrics, version: str, build: str) -> Iterator[Reading]:
 
 
 def _one(value: float | None, scale: float = 1) -> list[Sample]:
-    """Return the series of a metric without labels, none when the number is not known."""
+    """Return the series of a metric without labels; empty if the value is not known."""
     return [] if value is None else [Sample((), value / scale if scale != 1 else value)]
 
 
 def _told(metrics: Metrics) -> dict[str, list[Sample]]:
-    """What the live source told."""
+    """Return the metrics of the live source."""
     drops = metrics.drops._asdict()
     waiting, lost = metrics.queue or (None, None)
     return {
@@ -167,7 +167,7 @@ def _transactions(metrics: Metrics) -> dict[str, list[Sample]]:
 
 
 def _from_zero(expected: Iterable[str], counts: dict[str, int]) -> list[Sample]:
-    """Return a series for each key; those ``expected`` begin with 0, so that an alert sees the first one come."""
+    """Return a series for each key. The ``expected`` keys begin with 0, so that alerts notice the first increase."""
     now = dict.fromkeys(expected, 0)
     now.update(counts.copy())
     return [Sample(tuple(key.split(SEPARATOR)), count) for key, count in now.items()]
@@ -184,7 +184,7 @@ def _latencies(metrics: Metrics) -> list[Histogram]:
 
 def _connections(metrics: Metrics) -> dict[str, list[Sample]]:
     ended = metrics.ended.copy()
-    opened = metrics.opened  # after the ends: one that opens in between makes one too many open, never one too few
+    opened = metrics.opened  # after ``ended``, so that never too few seem to be open
     return {
         "connections_opened": [Sample((), opened)],
         "connections_ended": _from_zero(_ENDINGS, ended),
@@ -209,7 +209,7 @@ def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
 
 
 def _named(counts: list[int], names: dict[int, str]) -> list[Sample]:
-    """Return a series for each name, and one for all that has none."""
+    """Return a series for each name, and one for all numbers without a name."""
     now = counts.copy()
     named = [Sample((name,), now[number]) for number, name in names.items()]
     return [*named, Sample((OTHER,), sum(now) - sum([now[number] for number in names]))]
@@ -217,7 +217,7 @@ def _named(counts: list[int], names: dict[int, str]) -> list[Sample]:
 
 def _loss(pipeline: Pipeline) -> dict[str, list[Sample]]:
     counts = pipeline.counters.packet_counts()
-    # What waits is counted a second time when its fate is known, so it is no counter.
+    # Waiting fragments are counted again when they are used or dropped, so their number is not a counter.
     waiting = counts.pop(CATEGORIES[FRAGMENT_WAITING])
     evicted = {
         "connections": pipeline.table.evicted,
@@ -239,19 +239,19 @@ def _loss(pipeline: Pipeline) -> dict[str, list[Sample]]:
 
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
-#: Upper bounds of the buckets as they are written.
+#: Upper bounds of the buckets as texts, in seconds.
 BOUNDS: Final[list[str]] = [*[str(bound / 1e9) for bound in BOUNDS_NS], "+Inf"]
 
 
 class Exposition(Collector):
-    """Reads a `Metrics` whenever it is asked, and what the system says of this process: memory, CPU time, open files."""
+    """Collects the values of a `Metrics`, and of this process: memory, CPU time, open files."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
         self._process = ProcessCollector(registry=None)
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every metric with what it is now."""
+        """Yield every metric with its present values."""
         build = "compiled" if COMPILED else "interpreted"
         for reading in readings(self._metrics, __version__, build):
             yield _as_metric(reading)
@@ -259,7 +259,7 @@ class Exposition(Collector):
         yield from process
 
     def text(self) -> bytes:
-        """Return all of it as text."""
+        """Return all metrics as text."""
         octets: bytes = generate_latest(self)
         return octets
 

@@ -1,6 +1,6 @@
-"""The functions that are counted one by one: those with a name.
+"""`Functions`: counts transactions by function, for functions that have a name.
 
-Each value of a label is a series that somebody has to keep, so whatever else the wire says is counted together as ``other``.
+Each value of a label makes a series that has to be stored, so unknown functions are counted together as ``other``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dissect.transactions.payloads import SCD, ScdParameters
 from dissect.transactions.transaction import OUTCOMES
 from dissect.wire.text import encodable
 
-#: Upper bounds of the answer times that are counted together, in nanoseconds; one more bucket has no bound.
+#: Upper bounds of the buckets of answer times, in nanoseconds; a last bucket has no bound.
 BOUNDS_NS: Final[list[int]] = [
     1_000_000,
     2_500_000,
@@ -41,10 +41,10 @@ S7COMM_PLUS: Final = "s7comm_plus"
 SCD_PROTOCOL: Final = "scd"
 OTHER: Final = "other"
 
-#: Functions of SCD counted one by one: their names are those of the user's dictionary, which may have any number.
+#: At most so many SCD functions are counted separately: the user's dictionary may have any number of names.
 MAX_SCD: Final = 64
 
-#: Key of a USEND, which has no subfunction; no function is negative but -1.
+#: Key of a USEND, which has no subfunction; the only negative function code is -1.
 _USEND_KEY: Final = -2
 
 
@@ -62,7 +62,7 @@ class FunctionCounts:
         self.sum_ns: i64 = 0
 
     def add_latency(self, latency_ns: i64) -> None:
-        """Count an answer time; a negative one (packets captured out of order) as none."""
+        """Count an answer time; a negative one (packets captured out of order) counts as 0."""
         latency: int = max(0, latency_ns)
         bucket = bisect_left(BOUNDS_NS, latency)
         self.buckets[bucket] = self.buckets[bucket] + 1
@@ -70,14 +70,14 @@ class FunctionCounts:
 
 
 class Functions:
-    """The counts of every function seen, found by its parameter block; bounded by the tables of names."""
+    """The counts of all functions, found by parameter block; the tables of names bound how many there are."""
 
     def __init__(self) -> None:
         self.rows: dict[str, FunctionCounts] = {}  # by protocol and name
         self._by_key: dict[int, FunctionCounts] = {}
 
     def of(self, parameters: Parameters) -> FunctionCounts:
-        """Return the counts of the function that ``parameters`` are of."""
+        """Return the counts of the function in ``parameters``."""
         userdata = parameters.userdata
         key: i64 = parameters.function
         if userdata is not None:
@@ -106,7 +106,7 @@ class Functions:
 
 
 def _name(parameters: Parameters, userdata: UserdataHead | None) -> tuple[str, bool]:
-    """Return the label of a function, and whether its code is one of those that have a name of their own."""
+    """Return the label of a function, and whether its code has a name of its own."""
     if isinstance(parameters, PlusParameters):
         if parameters.code < 0:
             return OPCODES.name(NOTIFICATION).lower(), True

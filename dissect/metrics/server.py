@@ -1,8 +1,8 @@
-"""Hands the metrics out over HTTP: ``GET /metrics``, nothing else, in a thread of its own.
+"""Serves the metrics over HTTP: only ``GET /metrics``, in a thread of its own.
 
-Whoever asks cannot hold up the analysis. Counting takes no lock; the text is made at most `PER_SECOND` times a second however
-often it is asked for; at most `MAX_CLIENTS` are served at once, and one more closes the one that has been there longest, so
-that slow clients cannot keep Prometheus out; a client that is silent for `PATIENCE_S` is dropped.
+Clients cannot delay the analysis: counting takes no lock, and the text is made at most `PER_SECOND` times a second, however
+many requests come. At most `MAX_CLIENTS` are served at once; a further one replaces the oldest, so that slow clients cannot
+keep Prometheus out. A client that is silent for `PATIENCE_S` is dropped.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MAX_CLIENTS: Final = 8
 PATIENCE_S: Final = 5.0
 PER_SECOND: Final = 5
-#: How often the thread looks whether it shall end.
+#: The thread checks every so many seconds whether it should end.
 _POLL_S: Final = 0.2
 
 _PATH: Final = "/metrics"
@@ -45,7 +45,7 @@ class MissingLibraryError(RuntimeError):
 
 
 def _names_this_machine(host: str) -> bool:
-    """Return whether a Host field is missing (HTTP/1.0), localhost, or an address in numbers."""
+    """Return whether a Host field is missing (HTTP/1.0), is localhost, or a numeric address."""
     name = host.rpartition(":")[0] if _PORT.search(host) else host
     if name.lower() in {"", "localhost"}:
         return True
@@ -57,7 +57,7 @@ def _names_this_machine(host: str) -> bool:
 
 
 class Text:
-    """The text of the metrics, made anew when the one at hand is older than a share of a second by ``clock``."""
+    """Caches the text of the metrics for ``1 / PER_SECOND`` seconds by ``clock``."""
 
     def __init__(self, exposition: Exposition, clock: Callable[[], float] = time.monotonic) -> None:
         self._exposition = exposition
@@ -106,11 +106,11 @@ class _Handler(BaseHTTPRequestHandler):
         return "s7dissect"
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - as the library has it
-        """Say nothing: a screen may be running."""
+        """Write no log: the screens of the monitor may be on the terminal."""
 
 
 class _Listener(ThreadingMixIn, TCPServer):
-    """The listening socket, and the clients being served, the one that came first before the others."""
+    """The listening socket, and the clients that are being served, the oldest first."""
 
     allow_reuse_address = True
     daemon_threads = True
@@ -119,7 +119,8 @@ class _Listener(ThreadingMixIn, TCPServer):
 
     def __init__(self, target: Target, text: Text) -> None:
         self.address_family = target.family
-        #: Only this machine may ask: then not by another name either, as a web page can whose name leads here (DNS rebinding).
+        #: Whether only this machine may connect. Then other host names are refused, too: a web page could use one (DNS
+        #: rebinding).
         self.local = is_loopback(str(target.address[0]))
         self.text = text
         self._clients: dict[socket.socket, None] = {}
@@ -133,7 +134,7 @@ class _Listener(ThreadingMixIn, TCPServer):
             raise
 
     def server_bind_to(self, target: Target) -> None:
-        """Bind to the whole address: that of IPv6 may have a scope."""
+        """Bind to the full address: that of IPv6 may have a scope."""
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if target.family == socket.AF_INET6:
             self.socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
@@ -145,7 +146,7 @@ class _Listener(ThreadingMixIn, TCPServer):
             crowded = next(iter(self._clients)) if len(self._clients) >= MAX_CLIENTS else None
             if crowded is not None:
                 del self._clients[crowded]
-                _end(crowded)  # its thread wakes up, finds nobody there, and closes it
+                _end(crowded)  # its thread wakes up at the end of the stream, and closes the socket
             self._clients[request] = None
         super().process_request(request, client_address)
 
@@ -155,7 +156,7 @@ class _Listener(ThreadingMixIn, TCPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that is gone is no fault; anything else is one of ours, and the client gets an error."""
+        """Ignore clients that are gone; any other exception is a bug of ours, and the client gets an error."""
         if not isinstance(sys.exc_info()[1], OSError):
             with suppress(OSError):
                 request.sendall(_FAILED)
@@ -167,14 +168,14 @@ class _Listener(ThreadingMixIn, TCPServer):
 
 
 def _end(client: socket.socket) -> None:
-    with suppress(OSError):  # it went by itself
+    with suppress(OSError):  # the client is gone already
         client.shutdown(socket.SHUT_RDWR)
 
 
 class Server:
     """Listens from the moment it is made until `close`, and answers from `start` on.
 
-    ``address`` is where; a port of 0 has become a real one.
+    ``address`` is the address on which it listens, with the port that the system chose for port 0.
     """
 
     def __init__(self, listener: _Listener, host: str) -> None:
@@ -185,17 +186,17 @@ class Server:
         )
 
     def start(self) -> None:
-        """Answer, in a thread; may be called twice. Whoever came before that has waited."""
+        """Begin to answer, in a thread; clients that connected before are answered, too. May be called twice."""
         if self._thread.ident is None:
             self._thread.start()
 
     @property
     def url(self) -> str:
-        """Where the metrics are."""
+        """The URL of the metrics."""
         return f"http://{self.address}{_PATH}"
 
     def close(self) -> None:
-        """Stop listening, and drop whoever is being served. May be called twice."""
+        """Stop listening, and disconnect clients. May be called twice."""
         if self._thread.is_alive():
             self._listener.shutdown()
             self._thread.join()
@@ -206,7 +207,7 @@ class Server:
 def serve(
     metrics: Metrics, address: Address | str = "127.0.0.1:9102", allow_remote: bool = False, *, start: bool = True
 ) -> Server:
-    """Listen on ``address`` (``HOST:PORT``, ``[IPv6]:PORT``) and hand ``metrics`` out there.
+    """Listen on ``address`` (``HOST:PORT``, ``[IPv6]:PORT``) and serve ``metrics`` there.
 
     Call it before the capture begins, so that a wrong address is reported at once. Raises `AddressError` for an address that
     cannot be used, or that others can reach when ``allow_remote`` does not say so, and `MissingLibraryError`. Without ``start``
