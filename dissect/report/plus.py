@@ -31,6 +31,8 @@ PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
 _MESSAGE: Final = 100
 #: Characters of what a PDU is about, and items that a line names.
 _SUMMARY: Final = 200
+#: Characters of the value of an item: six members of a structure and more.
+_VALUE: Final = 160
 _ITEMS: Final = 20
 #: Areas as S7comm numbers them, by those of S7comm-plus.
 S7_AREAS: Final = {80: 0x81, 81: 0x82, 82: 0x83, 83: 0x1C, 84: 0x1D}
@@ -156,7 +158,7 @@ def item_text(item: PlusItem) -> str:
         return f"{label}: {item.codes.name(item.return_code)}"
     text = item.text
     note = f" ({shortened(item.note, _MESSAGE)})" if item.note else ""
-    return f"{label} = {shortened(text, _MESSAGE)}{note}" if text else f"{label}{note}"
+    return f"{label} = {shortened(text, _VALUE)}{note}" if text else f"{label}{note}"
 
 
 def in_short(items: list[PlusItem]) -> list[str]:

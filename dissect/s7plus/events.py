@@ -12,6 +12,7 @@ from mypy_extensions import i64
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
+from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import HEADER_SIZE, INTEGRITY_SIZE, PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
@@ -26,7 +27,6 @@ from dissect.s7plus.session import (
     CPU_PROXY,
     CYCLE,
     DIAGNOSIS,
-    IDENTIFICATION,
     IN_VARIABLE,
     LANGUAGE,
     NAME,

@@ -12,6 +12,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED
+from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
 from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.objects import numbers_at
@@ -21,7 +22,6 @@ from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
     DIAGNOSIS,
-    IDENTIFICATION,
     OPERATING_STATE,
     REFERENCE_LIST,
     SESSION_KEY,

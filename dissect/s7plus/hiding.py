@@ -14,11 +14,11 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS, is_secret
 from dissect.s7plus.items import Half
-from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, VALUE
+from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, PIECE, VALUE
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.session import NAME, REFERENCE_LIST
 from dissect.s7plus.skipping import table
-from dissect.s7plus.tables import REQUEST
+from dissect.s7plus.tables import GET_VAR_SUBSTREAMED, REQUEST, SET_VAR_SUBSTREAMED
 from dissect.s7plus.value_tables import BLOB, STRUCT, VARIANT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
 from dissect.s7plus.walk import MAX_PARTS, Wanted
@@ -28,6 +28,9 @@ from dissect.wire.part import Part
 #: What a line says of a PDU: all its items, but of the attributes of objects only names, what is subscribed to, and alarms.
 #: Those that may be compressed are read as well, as that finds what is wrong with them.
 _SAID: Final = Wanted(table(ATTRIBUTES | COMPRESSED | {NAME, REFERENCE_LIST}), written=True)
+
+#: Requests that name an attribute by a value, which comes before that of the attribute.
+_LISTS: Final = frozenset((GET_VAR_SUBSTREAMED, SET_VAR_SUBSTREAMED))
 
 #: Contents without secrets, and (offset, end) of each secret within the octets of their PDU.
 Shown = tuple[Contents, list[tuple[int, int]]]
@@ -41,6 +44,7 @@ def shown_contents(pdu: PlusPdu, shown: bool = True, wanted: Wanted | None = Non
     found = parse_contents(pdu, shown, wanted=wanted)
     secret = _secret_items(found) if pdu.opcode == REQUEST and (shown or found.items) else set()
     named = pdu.opcode == REQUEST and bool(found.ids) and found.ids[-1] in SECRETS
+    lists = pdu.function in _LISTS  # the first value says what is read or written
     spans: list[tuple[int, int]] = []
     above = -1  # depth of the secret that the parts at hand stand in
     for part in found.parts:
@@ -48,9 +52,11 @@ def shown_contents(pdu: PlusPdu, shown: bool = True, wanted: Wanted | None = Non
             _hide(part, part.offset, part.end, pdu, spans)
             continue
         above = -1
-        if _is_secret(part, secret, named):
+        if lists and part.layout is VALUE:
+            lists = False
+        elif _is_secret(part, secret, named):
             above = part.depth
-            content = part.holding(HOLDS_VALUE)
+            content = part.find("octets") if part.layout is PIECE else part.holding(HOLDS_VALUE)
             if content is not None:
                 _hide(part, int(content.offset), int(content.end), pdu, spans)
     if pdu.opcode == REQUEST and len(found.parts) > MAX_PARTS:
@@ -127,7 +133,7 @@ def _is_secret(part: Part, items: set[int], named: bool) -> bool:
         return part.number("id") in SECRETS
     if layout is ITEM_VALUE:
         return part.number("number") in items
-    return named and layout is VALUE
+    return named and (layout is VALUE or layout is PIECE)
 
 
 def _hide(part: Part, begin: int, end: int, pdu: PlusPdu, spans: list[tuple[int, int]]) -> None:

@@ -25,10 +25,11 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_showing import as_json, meant, octets_text, value_said
+from dissect.s7plus.value_showing import as_json, in_line, meant, octets_text
 from dissect.s7plus.value_tables import WSTRING
 from dissect.s7plus.values import Packed, Value
 from dissect.wire.codes import CodeTable
+from dissect.wire.text import count
 
 READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
 WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
@@ -82,7 +83,7 @@ class PlusItem:
         if not self.fits:
             return octets_text(self.data) if self.data is not None else ""
         if self.is_plain:
-            return value_said(self.value, self._last_id)
+            return self._references() or in_line(self.value, self._last_id)
         text = self._program_value()
         if text is not None:
             variable = self.found.variable if self.found is not None else None
@@ -95,7 +96,7 @@ class PlusItem:
             shown = [str(one) for one in elements[:_SHOWN]]
             more = " …" if len(elements) > _SHOWN else ""
             return f"{self.found.variable.datatype_name}[{len(elements)}] {', '.join(shown)}{more}"
-        return value_said(self.value, self._last_id)
+        return in_line(self.value, self._last_id)
 
     @property
     def meaning(self) -> str:
@@ -125,6 +126,21 @@ class PlusItem:
     def is_plain(self) -> bool:
         """True where the program says nothing of the value."""
         return self.found is None and self.value is not None and not isinstance(self.value.content, Packed)
+
+    def _references(self) -> str:
+        """Return what a subscription gets or loses by its new reference list; empty for any other value."""
+        content = self.value.content if self.value is not None and self._last_id == REFERENCE_LIST else None
+        if not isinstance(content, list):
+            return ""
+        new, gone, added = parse_reference_list([number for number in content if isinstance(number, int)])
+        labels = [self._called(address) for _, address in added[:_SHOWN]]
+        more = f" and {len(added) - _SHOWN} more" if len(added) > _SHOWN else ""
+        said = [f"{'new list: ' if new else 'added: '}{', '.join(labels)}{more}"] if added else []
+        return "; ".join(said + ([f"removed: {count(len(gone), 'reference')}"] if gone else []))
+
+    def _called(self, address: Address) -> str:
+        found = self.program.find(address) if self.program is not None else None
+        return symbol(address, found) if found is not None else address.label
 
     @property
     def _last_id(self) -> int:

@@ -10,6 +10,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.contents import Address, Made
+from dissect.s7plus.identification import is_record, read_record
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, Program, symbol
 from dissect.s7plus.program_tables import ROLES
@@ -30,8 +31,7 @@ _VERSION_TEXT: Final = 319
 _CHALLENGE: Final = 303
 #: Attribute by which a client authenticates itself: the key of its session, encrypted for the CPU.
 SESSION_KEY: Final = 1830
-#: Attribute with the identification record of a module (I&M0), and the object that stands for the CPU.
-IDENTIFICATION: Final = 3753
+#: The object that stands for the CPU, its identification record included.
 CPU_PROXY: Final = 49
 CPU_EXEC_UNIT: Final = 52
 STATE_REQUEST: Final = 2167  # written to the execution unit: STOP, RUN …
@@ -53,10 +53,6 @@ _NEW_LIST: Final = 0x80000000
 #: Subscriptions of a connection that are remembered, and items of one.
 MAX_SUBSCRIPTIONS: Final = 256
 MAX_ITEMS: Final = 4096
-#: The identification record: head, vendor, order number, serial number, hardware revision, software revision.
-IM0_HEAD: Final = bytes.fromhex("002000380100")
-IM0_SIZE: Final = 60
-
 
 #: What a CPU says of itself (`Identity.told`), and where.
 ORDER_NUMBER: Final = "order_number"
@@ -95,14 +91,8 @@ class Identity:
     def take(self, octets: bytes) -> None:
         """Take an identification record; tools ask for the same one again and again."""
         if octets != self._record:
-            prefix, major, minor, patch = octets[46:50]
             self._record = octets
-            self._read = (
-                octets[8:28].decode("latin-1").strip(" \0"),
-                octets[28:44].decode("latin-1").strip(" \0"),
-                str(int.from_bytes(octets[44:46], "big") or ""),
-                f"{chr(prefix)}{major}.{minor}.{patch}",
-            )
+            self._read = read_record(octets)
         self.order_number, self.serial_number, hardware, self.firmware = self._read
         self.tell(ORDER_NUMBER, self.order_number, IN_RECORD)
         self.tell(SERIAL_NUMBER, self.serial_number, IN_RECORD)
@@ -263,8 +253,8 @@ class PlusSession:
             self.identity.tell(FIRMWARE, self.identity.firmware, IN_SESSION)
 
     def identified(self, octets: bytes) -> None:
-        """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
-        if len(octets) == IM0_SIZE and octets.startswith(IM0_HEAD):
+        """Take the identification record of the CPU."""
+        if is_record(octets):
             self.identity.take(octets)
 
     # ---- subscriptions ----------------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     refuses,
 )
-from dissect.s7plus.value_showing import value_said, value_text
+from dissect.s7plus.value_showing import in_line
 
 #: Things that are named; of more of them the number is told.
 _NAMED: Final = 8
@@ -45,7 +45,7 @@ def summary(pdu: PlusPdu, found: Contents) -> list[str]:
     said += [f"{number}: {return_note(value)}" for number, value in found.refusals[:_NAMED]]
     count = found.item_count + len(found.refusals)
     if found.value is not None:
-        said.append(value_text(found.value))
+        said.append(in_line(found.value, 0))
         count += 1
     # A refusal names what would have been made.
     if pdu.function in {CREATE_OBJECT, GET_LINK} and not refuses(pdu.return_code):
@@ -56,7 +56,7 @@ def summary(pdu: PlusPdu, found: Contents) -> list[str]:
 
 
 def _items(found: Contents) -> list[str]:
-    return [f"{number}: {value_text(value)}" for number, value in found.items[:_NAMED]]
+    return [f"{number}: {in_line(value, 0)}" for number, value in found.items[:_NAMED]]
 
 
 def _objects(objects: list[PlusObject]) -> list[str]:
@@ -70,7 +70,7 @@ def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
         if found.items:
             values = dict(found.items)
             labels = [
-                f"{label}{f' = {value_text(values[number])}' if number in values else ''}"
+                f"{label}{f' = {in_line(values[number], 0)}' if number in values else ''}"
                 for number, label in enumerate(labels, 1)
             ]
         return _some(labels, len(found.addresses))
@@ -85,7 +85,7 @@ def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
     address = single_address(found)
     if address is None:
         return _some(_objects(found.objects), len(found.objects))
-    written = f" = {value_said(found.value, found.ids[-1])}" if found.value is not None else ""
+    written = f" = {in_line(found.value, found.ids[-1])}" if found.value is not None else ""
     streamed = sum([end - begin for begin, end in found.pieces])
     return [f"{address.label}{written}{f', {streamed} bytes streamed' if streamed else ''}"]
 

@@ -8,7 +8,9 @@ from typing import Final
 from librt.strings import BytesWriter, write_f32_be
 
 from dissect.s7.singles import real_repr, real_text
-from dissect.s7plus.ids import id_name
+from dissect.s7plus.id_tables import IDS
+from dissect.s7plus.identification import RECORDS, is_record, record_text
+from dissect.s7plus.ids import HIDDEN, id_name, member_name
 from dissect.s7plus.program_tables import MEANINGS
 from dissect.s7plus.value_tables import AID, BIT_TYPES, FIXED_SIZES, NULL, REAL, RID, TIMESPAN, TIMESTAMP, WSTRING
 from dissect.s7plus.values import Blob, Member, Packed, Rows, Struct, Value
@@ -18,6 +20,8 @@ from dissect.wire.text import Clock, hexadecimal, json_text
 _SHOWN: Final = 8
 _SHOWN_TEXT: Final = 80
 _SHOWN_OCTETS: Final = 16
+#: Members of a structure that a line names.
+_SHOWN_MEMBERS: Final = 8
 _BYTE: Final = "0x%02x"
 #: Numbers that are shown by a form of their own.
 _OTHER: Final = "?"
@@ -37,6 +41,8 @@ def value_text(value: Value) -> str:
     Text from the wire is not escaped.
     """
     content = value.content
+    if value.end == 0 and content == HIDDEN:
+        return HIDDEN  # nothing of the secret is told, and it was of another type
     name = value.type_name
     if value.sparse and isinstance(content, list):
         return f"{name}, sparse, {len(content)} elements"
@@ -51,11 +57,38 @@ def value_text(value: Value) -> str:
 def value_said(value: Value, id_: int) -> str:
     """Return a value in few words, and what its number means where ``id_``, its attribute or member, is one that tells."""
     meaning = meant(value.content, id_)
+    if meaning and id_ in RECORDS:
+        return f"I&M0 {meaning}"
     return f"{value_text(value)} {meaning}" if meaning else value_text(value)
 
 
+def in_line(value: Value, id_: int) -> str:
+    """Return `value_said` for lines that show no members: a structure without a name has the first of them with it."""
+    content = value.content
+    if isinstance(content, Struct) and content.id not in IDS:
+        return f"{value.type_name} {_members_text(content)}"
+    return value_said(value, id_)
+
+
+def _members_text(struct: Struct) -> str:
+    said = [f"{member_name(id_)}: {_member_text(value, id_)}" for id_, value in struct.members[:_SHOWN_MEMBERS]]
+    more = ", …" if len(struct.members) > _SHOWN_MEMBERS else ""
+    return f"{{{', '.join(said)}{more}}}"
+
+
+def _member_text(value: Value, id_: int) -> str:
+    """Return the value of a member without its type, and what its number means."""
+    content = value.content
+    if isinstance(content, Struct | list) or value.type == NULL or (value.end == 0 and content == HIDDEN):
+        return value_text(value)
+    meaning = meant(content, id_)
+    return f"{_content_text(value.type, content)} {meaning}".rstrip()
+
+
 def meant(content: object, id_: int) -> str:
-    """Return what a number means where ``id_``, its attribute or member, is one that tells; empty for any other."""
+    """Return what a number or a record means where ``id_``, its attribute or member, is one that tells; empty for any other."""
+    if id_ in RECORDS:
+        return record_text(content.octets) if isinstance(content, Blob) and is_record(content.octets) else ""
     codes = MEANINGS.get(id_)
     row = codes.get(content) if codes is not None and isinstance(content, int) else None
     return row.name if row is not None else ""
