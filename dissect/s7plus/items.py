@@ -10,6 +10,7 @@ from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import every_object
 from dissect.s7plus.packed_values import misfit, packed_members
 from dissect.s7plus.program import Found, Program, symbol
+from dissect.s7plus.program_times import long_date_text, long_duration
 from dissect.s7plus.program_values import contradiction, program_value, program_values
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, parse_reference_list
 from dissect.s7plus.summary import single_address
@@ -26,7 +27,7 @@ from dissect.s7plus.tables import (
     SET_VARIABLE,
 )
 from dissect.s7plus.value_showing import as_json, in_line, meant, octets_text
-from dissect.s7plus.value_tables import WSTRING
+from dissect.s7plus.value_tables import TIMESPAN, TIMESTAMP, WSTRING
 from dissect.s7plus.values import Packed, Value
 from dissect.wire.codes import CodeTable
 from dissect.wire.text import count
@@ -100,8 +101,17 @@ class PlusItem:
 
     @property
     def meaning(self) -> str:
-        """What the number means that the value is, empty where nobody says."""
-        return meant(self.value.content, self._last_id) if self.value is not None and self.is_plain else ""
+        """What the value means: a number that is a code, a time; empty where nobody says."""
+        value = self.value
+        if value is None or not self.is_plain:
+            return ""
+        content = value.content
+        if isinstance(content, int):
+            if value.type == TIMESTAMP:
+                return long_date_text(content) or ""
+            if value.type == TIMESPAN:
+                return long_duration(content)
+        return meant(content, self._last_id)
 
     @property
     def json_value(self) -> object:

@@ -38,6 +38,8 @@ from dissect.s7plus.value_tables import (
     INT,
     NULL,
     STRUCT,
+    TIMESPAN,
+    TIMESTAMP,
     UDINT,
     UINT,
     USINT,
@@ -176,6 +178,18 @@ def test_an_identification_record_is_shown_as_what_it_says() -> None:
     short = b"\0\0" + build_value(Value(0, BLOB, Blob(0, RECORD[:-1]))) + bodies.end(3)
     (other,) = joined(GET_VAR_SUBSTREAMED, bodies.get_stream(49, [3753]) + bodies.end(3), short)
     assert (other.text, other.meaning) == (f"Blob {octets_text(RECORD[:-1])}", "")
+
+
+def test_times_that_no_program_declares_are_shown_as_such() -> None:
+    def meaning(value: Value) -> str:
+        (item,) = joined(GET_MULTI_VARIABLES, bodies.get_multi(WORD), bodies.multi_got([(1, value)], []))
+        return item.meaning
+
+    assert meaning(Value(0, TIMESTAMP, 1_391_557_835_393_500_000)) == "LDT#2014-02-04T23:50:35.393500000Z"
+    assert meaning(Value(0, TIMESTAMP, 2**63)) == ""
+    assert meaning(Value(0, TIMESPAN, -1_500_000_000)) == "LT#-1s500ms"
+    assert meaning(Value(ARRAY, TIMESPAN, [1])) == ""
+    assert meaning(Value(0, DINT, 5)) == ""
 
 
 def test_a_structure_without_a_name_is_shown_with_its_members() -> None:
