@@ -336,7 +336,7 @@ def test_contents_that_were_made_anonymous_are_no_contents(function: int, answer
         ),
         (
             0xA03388000081FFE0,
-            "0xa03388000081ffe0 Invalid AID; Invalid attribute identifier; from object management, line 129",
+            "0xa03388000081ffe0 Invalid attribute ID; Invalid attribute identifier; from object management, line 129",
         ),
         (
             0x4000800000000011,
