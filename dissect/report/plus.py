@@ -120,7 +120,7 @@ def subscription_note(subscription: int) -> str:
 
 def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
     """Return what the contents of a PDU say, in a few words each, safe to show."""
-    return [shortened(text, _MESSAGE) for text in summary(pdu, found)]
+    return [shortened(text, _VALUE) for text in summary(pdu, found)]
 
 
 def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], list[str]] | None = None) -> str:

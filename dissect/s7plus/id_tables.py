@@ -1,7 +1,7 @@
 """Names of the numbers that objects, classes, attributes and members of structures go by (docs/s7plus.md).
 
-They share one space of numbers. The names are those that the public Wireshark plugin gives them; the few that it lacks are
-named by what captures show them to be. Only numbers that were met in captures, or that every device has, are here.
+They share one space of numbers. The names are those that the public Wireshark plugin and S7CommPlusDriver give them; the few
+that both lack are named by what captures show them to be. Only numbers that were met in captures, or that every device has, are here.
 """
 
 from __future__ import annotations
@@ -102,6 +102,7 @@ _IDS: Final = [
     (125, "NativeObjects.theIE4_NetworkParameters_Rid", ""),
     (130, "NativeObjects.theIE4_Rid", ""),
     (201, "ObjectRoot", ""),
+    (211, "GetNewRIDOnServer", "The server shall choose the id."),
     (226, "ObjectTypes", ""),
     (227, "ObjectMetatypes", ""),
     (228, "ObjectBasetypes", ""),
@@ -125,6 +126,7 @@ _IDS: Final = [
     (301, "ServerSessionClientComment", ""),
     (303, "ServerSessionChallenge", ""),
     (304, "ServerSessionResponse", ""),
+    (305, "ServerSessionRoles", ""),
     (306, "ServerSessionVersion", ""),
     (314, "SessionVersion", ""),
     (315, "LID_SessionVersionSystemOMS", ""),
@@ -153,6 +155,7 @@ _IDS: Final = [
     (1002, "SubscriptionMissedSendings", ""),
     (1003, "SubscriptionSubsystemError", ""),
     (1005, "SubscriptionReferenceTriggerAndTransmitMode", ""),
+    (1037, "SystemLimits", ""),
     (1040, "SubscriptionRouteMode", ""),
     (1041, "SubscriptionActive", ""),
     (1048, "SubscriptionReferenceList", ""),
@@ -162,7 +165,9 @@ _IDS: Final = [
     (1052, "SubscriptionCount", ""),
     (1053, "SubscriptionCreditLimit", ""),
     (1054, "SubscriptionTicks", ""),
+    (1081, "FreeItems", ""),
     (1082, "SubscriptionFunctionClassId", ""),
+    (1246, "Filter", ""),
     (1247, "FilterOperation", ""),
     (1249, "AddressCount", ""),
     (1250, "Address", ""),
@@ -315,6 +320,7 @@ _IDS: Final = [
     (2627, "S7Timers.Class_Rid", ""),
     (2647, "ProgramCycleOB.Class_Rid", ""),
     (2659, "AlarmSubscriptionRef.AlarmDomain", ""),
+    (2660, "AlarmSubscriptionRef.itsAlarmSubsystem", ""),
     (2662, "AlarmSubscriptionRef.Class_Rid", ""),
     (2670, "DAI.CPUAlarmID", ""),
     (2671, "DAI.AllStatesInfo", ""),

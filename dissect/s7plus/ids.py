@@ -29,8 +29,10 @@ SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081)
 PASSWORDS: Final = frozenset((304, 1846))
 _IS_SECRET: Final = bytes([id_ in SECRETS for id_ in range(max(SECRETS) + 1)])
 #: How the names of objects and of classes begin or end.
-_OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class")
+_OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class", "GetNewRID")
 _CLASS: Final = ".Class_Rid"
+#: Stands in a request for the id that the server shall choose.
+NEW_OBJECT: Final = 211
 #: Stands in the place of a value that is hidden.
 HIDDEN: Final = "not shown"
 

@@ -9,7 +9,7 @@ from typing import Final
 
 from dissect.s7plus.alarms import ALARM, alarm_text
 from dissect.s7plus.contents import Address, Contents, known_address
-from dissect.s7plus.ids import short_name
+from dissect.s7plus.ids import NEW_OBJECT, short_name
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.pieces import return_note
@@ -98,11 +98,13 @@ def single_address(found: Contents) -> Address | None:
 
 
 def object_text(found: PlusObject) -> str:
-    """Return the class, the id and the name of an object; of an alarm what happened."""
+    """Return the class, the id (where it has one yet) and the name of an object; of an alarm what happened."""
     if found.class_id == ALARM:
         return alarm_text(found)
     name = found.text(NAME)
-    known = dict.fromkeys((short_name(found.class_id), short_name(found.rid)))  # some roots are called like their class
+    known = {short_name(found.class_id): None}  # some roots are called like their class
+    if found.rid != NEW_OBJECT:
+        known[short_name(found.rid)] = None
     return f"{' '.join(known)}{f' {name!r}' if name else ''}"
 
 
