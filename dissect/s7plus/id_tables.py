@@ -1,7 +1,8 @@
 """Names of the numbers that objects, classes, attributes and members of structures go by (docs/s7plus.md).
 
 They share one space of numbers. The names are those that the public Wireshark plugin and S7CommPlusDriver give them; the few
-that both lack are named by what captures show them to be. Only numbers that were met in captures, or that every device has, are here.
+that both lack are named by what captures show them to be. Only numbers that were met in captures, or that every device has,
+are here.
 """
 
 from __future__ import annotations
