@@ -26,7 +26,7 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_showing import as_json, in_line, meant, octets_text
+from dissect.s7plus.value_showing import as_json, in_line, meant, members_said, octets_text
 from dissect.s7plus.value_tables import TIMESPAN, TIMESTAMP, WSTRING
 from dissect.s7plus.values import Packed, Value
 from dissect.wire.codes import CodeTable
@@ -91,7 +91,7 @@ class PlusItem:
             return f"{variable.datatype_name if variable is not None else 'DTL'} {text!r}"
         members = self._members()
         if members is not None:
-            return f"Struct {members}"
+            return f"Struct {members_said(members)}"
         elements = self._elements()
         if elements is not None and self.found is not None and self.found.variable is not None:
             shown = [str(one) for one in elements[:_SHOWN]]

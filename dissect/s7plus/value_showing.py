@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
 from typing import Final
 
 from librt.strings import BytesWriter, write_f32_be
@@ -83,6 +85,22 @@ def _member_text(value: Value, id_: int) -> str:
         return value_text(value)
     meaning = meant(content, id_)
     return f"{_content_text(value.type, content)} {meaning}".rstrip()
+
+
+def members_said(members: Mapping[str, object]) -> str:
+    """Return the members of a structure, as JSON has them, by name: ``{OwnState: 0, OperatingState: 8 RUN}``. Not escaped."""
+    return f"{{{', '.join([_member_said(name, value) for name, value in members.items()])}}}"
+
+
+def _member_said(name: str, value: object) -> str:
+    id_ = int(name) if name.isascii() and name.isdecimal() else -1
+    if isinstance(value, dict):
+        inner = value.get("members")
+        said = members_said(inner if isinstance(inner, dict) else value)
+    else:
+        said = json.dumps(value, ensure_ascii=False, default=str)
+    meaning = meant(value, id_)
+    return f"{member_name(id_) if id_ >= 0 else name}: {said}{f' {meaning}' if meaning else ''}"
 
 
 def meant(content: object, id_: int) -> str:
