@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Final
@@ -94,13 +93,22 @@ def members_said(members: Mapping[str, object]) -> str:
 
 def _member_said(name: str, value: object) -> str:
     id_ = int(name) if name.isascii() and name.isdecimal() else -1
+    meaning = meant(value, id_)
+    return f"{member_name(id_) if id_ >= 0 else name}: {_json_said(value)}{f' {meaning}' if meaning else ''}"
+
+
+def _json_said(value: object) -> str:
+    """Return data as JSON writes it, but members without quotes and text not escaped."""
     if isinstance(value, dict):
         inner = value.get("members")
-        said = members_said(inner if isinstance(inner, dict) else value)
-    else:
-        said = json.dumps(value, ensure_ascii=False, default=str)
-    meaning = meant(value, id_)
-    return f"{member_name(id_) if id_ >= 0 else name}: {said}{f' {meaning}' if meaning else ''}"
+        return members_said(inner if isinstance(inner, dict) else value)
+    if isinstance(value, list):
+        return f"[{', '.join([_json_said(one) for one in value])}]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def meant(content: object, id_: int) -> str:

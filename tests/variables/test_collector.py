@@ -230,6 +230,7 @@ def test_members_have_their_names_and_what_their_numbers_mean() -> None:
     assert isinstance(told, dict)
     assert members_said(told["members"]) == '{OperatingState: 8 RUN, ComponentDiagnostics: "x", 9999: {Slot: 1}}'
     assert members_said({"tank": {"level": 1.5, "full": True}}) == "{tank: {level: 1.5, full: true}}"
+    assert members_said({"name": "Öl", "old": [None, {"x": 1}]}) == '{name: "Öl", old: [null, {x: 1}]}'
     assert members_said({"level": 1.5, "3486": [8]}) == "{level: 1.5, OperatingState: [8]}"
 
 
