@@ -13,7 +13,7 @@ from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS, is_secret
-from dissect.s7plus.items import Half
+from dissect.s7plus.items import READS, Half
 from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, PIECE, VALUE
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.session import NAME, REFERENCE_LIST
@@ -80,6 +80,14 @@ def shown_half(pdu: PlusPdu) -> Half:
 def said_half(pdu: PlusPdu) -> Half:
     """Return `shown_half`, whose objects have no more attributes than lines about transactions name."""
     return Half(pdu, shown_contents(pdu, False, _SAID)[0])
+
+
+def reads_secret(asked: Half) -> bool:
+    """Tell whether a request reads an attribute that is not shown: its answer holds a secret, and does not say so itself."""
+    found = asked.contents
+    if asked.pdu.opcode != REQUEST or asked.pdu.function not in READS:
+        return False
+    return (bool(found.ids) and found.ids[-1] in SECRETS) or bool(_secret_items(found))
 
 
 def _may_hold_any(found: Contents) -> bool:
