@@ -32,15 +32,14 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.s7.transfer import UPLOAD_HEAD
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.hiding import reads_secret, shown_contents, shown_half
+from dissect.s7plus.hiding import shown_answer, shown_contents
 from dissect.s7plus.layouts import DIGEST, INTEGRITY_ID
 from dissect.s7plus.layouts import NOTIFICATION as NOTIFICATION_HEAD
 from dissect.s7plus.layouts import REQUEST as REQUEST_HEAD
 from dissect.s7plus.layouts import RESPONSE as RESPONSE_HEAD
 from dissect.s7plus.message import DIGEST_SIZE, parse_plus
 from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1, V3
-from dissect.wire.layout import HOLDS_REFERENCE, HOLDS_VALUE
+from dissect.wire.layout import HOLDS_REFERENCE
 
 # Where references stand: (begin, end), counted from where each structure begins.
 _HEADER: Final = HEADER.places(HOLDS_REFERENCE)
@@ -125,17 +124,11 @@ def _answers(octets: bytes) -> bool:
 
 def mask_plus_answer(octets: bytes, request: bytes) -> bytes:
     """Return `mask_plus` of what answers a request: without its values where that reads an attribute that is not shown."""
-    masked = mask_plus(octets)
-    if not octets or not request or not reads_secret(shown_half(parse_plus(request))):
-        return masked
-    pdu = parse_plus(octets)
-    hidden = bytearray(masked)
-    for part in parse_contents(pdu).parts:
-        content = part.holding(HOLDS_VALUE)
-        if content is not None and content.offset < content.end:
-            begin, end = pdu.place(int(content.offset)), pdu.place(int(content.end) - 1) + 1
-            hidden[begin:end] = bytes(end - begin)
-    return bytes(hidden)
+    masked = bytearray(mask_plus(octets))
+    if octets and request:
+        for begin, end in shown_answer(parse_plus(octets), parse_plus(request))[1]:
+            masked[begin:end] = bytes(end - begin)
+    return bytes(masked)
 
 
 def mask_plus(octets: bytes) -> bytes:

@@ -90,6 +90,21 @@ def reads_secret(asked: Half) -> bool:
     return (bool(found.ids) and found.ids[-1] in SECRETS) or bool(_secret_items(found))
 
 
+def shown_answer(pdu: PlusPdu, asked: PlusPdu | None) -> Shown:
+    """Return `shown_contents` of what answers a request, None where nobody asked: all its values are secrets if one is read."""
+    found, spans = shown_contents(pdu)
+    if asked is None or not reads_secret(shown_half(asked)):
+        return found, spans
+    for part in found.parts:
+        content = part.holding(HOLDS_VALUE)
+        if content is not None:
+            _hide(part, int(content.offset), int(content.end), pdu, spans)
+    if found.value is not None:
+        found.value = Value(0, WSTRING, HIDDEN)
+    found.items = [(number, Value(0, WSTRING, HIDDEN)) for number, _ in found.items]
+    return found, spans
+
+
 def _may_hold_any(found: Contents) -> bool:
     for _, value in found.items:  # noqa: SIM110 - nearly every PDU is asked, and a call of any() takes longer
         if _may_hold(value):
