@@ -13,7 +13,7 @@ from dissect.s7plus.program import Found, Program, symbol
 from dissect.s7plus.program_times import long_date_text, long_duration
 from dissect.s7plus.program_values import contradiction, program_value, program_values
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, parse_reference_list
-from dissect.s7plus.summary import single_address
+from dissect.s7plus.summary import references_text, single_address
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
     GET_MULTI_VARIABLES,
@@ -30,7 +30,6 @@ from dissect.s7plus.value_showing import as_json, in_line, meant, members_said, 
 from dissect.s7plus.value_tables import TIMESPAN, TIMESTAMP, WSTRING
 from dissect.s7plus.values import Packed, Value
 from dissect.wire.codes import CodeTable
-from dissect.wire.text import count
 
 READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED))
 WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
@@ -139,14 +138,8 @@ class PlusItem:
 
     def _references(self) -> str:
         """Return what a subscription gets or loses by its new reference list; empty for any other value."""
-        content = self.value.content if self.value is not None and self._last_id == REFERENCE_LIST else None
-        if not isinstance(content, list):
-            return ""
-        new, gone, added = parse_reference_list([number for number in content if isinstance(number, int)])
-        labels = [self._called(address) for _, address in added[:_SHOWN]]
-        more = f" and {len(added) - _SHOWN} more" if len(added) > _SHOWN else ""
-        said = [f"{'new list: ' if new else 'added: '}{', '.join(labels)}{more}"] if added else []
-        return "; ".join(said + ([f"removed: {count(len(gone), 'reference')}"] if gone else []))
+        listed = self.value is not None and self._last_id == REFERENCE_LIST
+        return references_text(self.value, self._called) if self.value is not None and listed else ""
 
     def _called(self, address: Address) -> str:
         found = self.program.find(address) if self.program is not None else None

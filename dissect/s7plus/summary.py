@@ -5,6 +5,7 @@ Text from the wire is not escaped.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from dissect.s7plus.alarms import ALARM, alarm_text
@@ -13,7 +14,7 @@ from dissect.s7plus.ids import NEW_OBJECT, short_name
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.pieces import return_note
-from dissect.s7plus.session import NAME
+from dissect.s7plus.session import NAME, REFERENCE_LIST, parse_reference_list
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
@@ -27,6 +28,8 @@ from dissect.s7plus.tables import (
     refuses,
 )
 from dissect.s7plus.value_showing import in_line
+from dissect.s7plus.values import Value
+from dissect.wire.text import count
 
 #: Things that are named; of more of them the number is told.
 _NAMED: Final = 8
@@ -70,7 +73,7 @@ def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
         if found.items:
             values = dict(found.items)
             labels = [
-                f"{label}{f' = {in_line(values[number], 0)}' if number in values else ''}"
+                f"{label}{f' = {_written(values[number], found.addresses[number - 1])}' if number in values else ''}"
                 for number, label in enumerate(labels, 1)
             ]
         return _some(labels, len(found.addresses))
@@ -85,9 +88,34 @@ def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
     address = single_address(found)
     if address is None:
         return _some(_objects(found.objects), len(found.objects))
-    written = f" = {in_line(found.value, found.ids[-1])}" if found.value is not None else ""
+    written = f" = {_written(found.value, address)}" if found.value is not None else ""
     streamed = sum([end - begin for begin, end in found.pieces])
     return [f"{address.label}{written}{f', {streamed} bytes streamed' if streamed else ''}"]
+
+
+def _written(value: Value, address: Address) -> str:
+    id_ = address.lids[-1] if address.lids else address.sub_area
+    listed = references_text(value, _label) if id_ == REFERENCE_LIST else ""
+    return listed or in_line(value, id_)
+
+
+def _label(address: Address) -> str:
+    return address.label
+
+
+def references_text(value: Value, called: Callable[[Address], str]) -> str:
+    """Return what a subscription gets or loses by a new reference list; empty for a value that is none.
+
+    ``called`` returns the name of an address.
+    """
+    content = value.content
+    if not isinstance(content, list):
+        return ""
+    new, gone, added = parse_reference_list([number for number in content if isinstance(number, int)])
+    labels = [called(address) for _, address in added[:_NAMED]]
+    more = f" and {len(added) - _NAMED} more" if len(added) > _NAMED else ""
+    said = [f"{'new list: ' if new else 'added: '}{', '.join(labels)}{more}"] if added else []
+    return "; ".join(said + ([f"removed: {count(len(gone), 'reference')}"] if gone else []))
 
 
 def single_address(found: Contents) -> Address | None:
