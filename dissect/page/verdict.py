@@ -87,7 +87,7 @@ def _time(finding: Finding) -> tuple[int, int]:
 
 def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     """What broke, with the packets that show it."""
-    detail = shortened(first.detail, _DETAIL).rstrip(".")
+    detail = shortened(gathered.rows.places.named(first.detail), _DETAIL).rstrip(".")
     shown = gathered.rows.places.phrase(first.frames)
     # What was seen goes on where the sentence ends: it is no sentence of its own, and may begin with a name in small letters.
     broke = rule.sentence[:-1]
