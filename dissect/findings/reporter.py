@@ -90,9 +90,13 @@ class Reporter:
         self.fresh: list[Finding] = []
         self._detailed: dict[str, _Detailed] = {}  # by slug
 
+    def count(self, slug: str) -> None:
+        """Count one occurrence, of which one that was detailed says all there is to say."""
+        self.counts[slug] = self.counts.get(slug, 0) + 1
+
     def wants(self, slug: str, connection: i64) -> bool:
         """Count one occurrence; True when it should be detailed, so that no sentence is built in vain."""
-        self.counts[slug] = self.counts.get(slug, 0) + 1
+        self.count(slug)
         detailed = self._detailed.get(slug)
         if detailed is None:
             detailed = self._detailed[slug] = _Detailed()
