@@ -213,7 +213,7 @@ def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: b
     )
     if not parts:
         return said
-    return f"{said}; {count(parts, 'version is', 'versions are')} incomplete, compared as far as {'it' if parts == 1 else 'they'} passed"
+    return f"{said}; {count(parts, 'version is', 'versions are')} incomplete, compared as far as possible"
 
 
 def _compare(files: Sequence[str], format_: Format, language: str, options: Options, chosen: Chosen) -> int:
