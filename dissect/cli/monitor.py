@@ -29,6 +29,7 @@ from dissect.cli.watching import (
     Interruption,
     LostEvents,
     Shower,
+    expect_scd,
     new_shower,
     only_option,
     overdue_option,
@@ -174,8 +175,13 @@ def command(
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
+    expect_scd(topics, decoder)
+    if watched and (plain or format_ is not None):
+        raise click.UsageError("--watch is for the screens; `s7dissect values FILE ADDRESS` lists values in lines.")
     wanted = wanted_of(watched, naming, decoder)
     on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
+    if on_screens and topics:
+        raise click.UsageError("--only is for lines, and the screens show everything: add --plain, or leave it out.")
     opener = _opener(file, interface, expression, (engine, user, buffer_mib), beside, on_screens)
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(

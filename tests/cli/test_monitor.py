@@ -129,6 +129,10 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["-i", "lo", "-w", "x", "--keep-around", "nonsense", "1s"], "'nonsense' is neither a severity nor a finding"),
         (["file", "--export-every", "1s"], "--export-every needs --export, the folder"),
         (["-i", "lo", "--baseline", "plant.toml"], "needs --alerts"),
+        (["file", "--allow-remote"], "--allow-remote needs --metrics HOST:PORT"),
+        (["file", "--only", "scd"], "--only scd needs --scd DICT and --bind BINDINGS"),
+        (["file", "--plain", "--watch", "DB1.DBW0"], "--watch is for the screens"),
+        (["file", "-T", "jsonl", "--watch", "DB1.DBW0"], "--watch is for the screens"),
     ],
 )
 def test_wrong_use_is_told(capfdbinary: pytest.CaptureFixture[bytes], arguments: list[str], said: str) -> None:
