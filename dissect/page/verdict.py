@@ -44,7 +44,7 @@ class Verdict:
 
 
 def by_weight(analysis: Analysis) -> list[Rule]:
-    """Return the rules that applied, the heaviest first; of those that weigh the same the unusual, the most frequent, then the earliest."""
+    """Return the rules that applied, the heaviest first; of those that weigh the same the unusual, most frequent, earliest."""
     counts = analysis.finding_counts
     rules = [CATALOGUE[slug] for slug in counts]
     first: dict[str, int] = {}
