@@ -112,7 +112,7 @@ class PlainLines:
         if finding.frames:
             where.append(self._places.phrase(finding.frames))
         place = f"  {', '.join(where)}" if where else ""
-        said = shortened(self._places.named(finding.detail), _DETAIL) if finding.detail else finding.rule.sentence
+        said = shortened(finding.detail, _DETAIL) if finding.detail else finding.rule.sentence
         return f"{finding.severity.upper()}  {finding.slug}{place}: {said}"
 
 
