@@ -50,7 +50,7 @@ def selecting(field: str, station: Station) -> str:
 
 def host_filter(*hosts: str) -> str:
     """Return the Wireshark display filter for what these hosts exchange."""
-    return " && ".join([f"{_family(host)}.addr == {host}" for host in hosts])
+    return " && ".join([f"{_family(host)}.addr == {host}" for host in dict.fromkeys(hosts)])
 
 
 def _family(host: str) -> str:
@@ -202,6 +202,7 @@ class Rows:
     def connection(self, connection: Connection) -> dict[str, Any]:
         """Return a connection."""
         client, server = connection.client, connection.server
+        port = "udp.port" if connection.udp else "tcp.port"
         calling, called = connection.tsap_calling, connection.tsap_called
         said = words.tsaps(calling, called, connection.protocol) if calling is not None or called is not None else ""
         return {
@@ -223,7 +224,7 @@ class Rows:
                 or (endings.phrase(connection, self.places) if connection.ending is not None else "open"),
             ],
             "show": self.command(f"{'transactions' if _asks(connection) else 'show'} --connection {connection.number}"),
-            "filter": f"{host_filter(client.host, server.host)} && tcp.port == {client.port} && tcp.port == {server.port}",
+            "filter": f"{host_filter(client.host, server.host)} && {port} == {client.port} && {port} == {server.port}",
         }
 
 
