@@ -116,6 +116,7 @@ class OverdueWatch:
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
             detail = f"{subject(transaction)}: sent {ago} ago in packet {frame}, still unanswered"
+            detail += self._reporter.doubt(transaction.request_ns)
             self._reporter.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 

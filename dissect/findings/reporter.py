@@ -89,10 +89,16 @@ class Reporter:
         self.counts: dict[str, int] = {}
         self.fresh: list[Finding] = []
         self._detailed: dict[str, _Detailed] = {}  # by slug
+        #: When the source last said that it lost packets, of whichever connection; -1 for never.
+        self.lost_ns: i64 = -1
+
+    def count(self, slug: str) -> None:
+        """Count one occurrence, of which one that was detailed says all there is to say."""
+        self.counts[slug] = self.counts.get(slug, 0) + 1
 
     def wants(self, slug: str, connection: i64) -> bool:
         """Count one occurrence; True when it should be detailed, so that no sentence is built in vain."""
-        self.counts[slug] = self.counts.get(slug, 0) + 1
+        self.count(slug)
         detailed = self._detailed.get(slug)
         if detailed is None:
             detailed = self._detailed[slug] = _Detailed()
@@ -107,6 +113,12 @@ class Reporter:
         if detailed.count == MAX_DETAILED_ALL:
             detailed.by_connection = {}  # no more will be detailed, on whichever connection
         return True
+
+    def doubt(self, request_ns: i64) -> str:
+        """Return what to say behind a request of that time without an answer: packets were lost since, so it may have come."""
+        return (
+            "; packets were lost while capturing, the answer perhaps among them" if self.lost_ns >= request_ns else ""
+        )
 
     def renew(self) -> None:
         """Allow as many detailed findings again as in the beginning: who watches a line for days wants those of today."""

@@ -58,7 +58,10 @@ def judge_request(
                 hole_frame = peer.hole_frame
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, allowed + 1)
-        if open_now > allowed:
+        if open_now > allowed and side.told_jobs == frame:
+            reporter.count("session.too_many_jobs")  # what is said of the packet holds for each of its requests
+        elif open_now > allowed:
+            side.told_jobs = frame
             detail = f"more requests pending than the {allowed} granted (AmQ)"
             reporter.note("session.too_many_jobs", number, [frame], time_ns, detail)
 

@@ -255,7 +255,8 @@ def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, 
         reporter.note(
             "transaction.table_full", transaction.connection.number, transaction.frames, transaction.request_ns
         )
-    _note(reporter, "transaction.unanswered", transaction, _why(transaction) + _sent_again(transaction))
+    why = _why(transaction) + _sent_again(transaction) + reporter.doubt(transaction.request_ns)
+    _note(reporter, "transaction.unanswered", transaction, why)
 
 
 def _stays_encrypted(transaction: Transaction, side: i64) -> bool:

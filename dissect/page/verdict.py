@@ -27,6 +27,8 @@ from dissect.wire.text import duration_text, shortened
 
 #: Of findings that weigh the same, which kind says best what broke.
 _KINDS: Final = (FUNCTION, OPERATION, NEGOTIATION, PROTOCOL, SECURITY, CAPTURE)
+#: What every plant with a panel has: of its severity and kind it is told last.
+_EVERYDAY: Final = frozenset(("security.write",))
 #: Characters of what was seen, and pairs of hosts that are named.
 _DETAIL: Final = 160
 _PAIRS: Final = 3
@@ -42,7 +44,7 @@ class Verdict:
 
 
 def by_weight(analysis: Analysis) -> list[Rule]:
-    """Return the rules that applied, the heaviest first; of those that weigh the same the most frequent, then the earliest."""
+    """Return the rules that applied, the heaviest first; of those that weigh the same the unusual, most frequent, earliest."""
     counts = analysis.finding_counts
     rules = [CATALOGUE[slug] for slug in counts]
     first: dict[str, int] = {}
@@ -53,6 +55,7 @@ def by_weight(analysis: Analysis) -> list[Rule]:
         key=lambda rule: (
             SEVERITIES.index(rule.severity),
             _KINDS.index(rule.kind),
+            rule.slug in _EVERYDAY,
             -counts[rule.slug],
             first.get(rule.slug, 0),
             rule.slug,
@@ -87,7 +90,7 @@ def _time(finding: Finding) -> tuple[int, int]:
 
 def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     """What broke, with the packets that show it."""
-    detail = shortened(first.detail, _DETAIL).rstrip(".")
+    detail = shortened(gathered.rows.places.named(first.detail), _DETAIL).rstrip(".")
     shown = gathered.rows.places.phrase(first.frames)
     # What was seen goes on where the sentence ends: it is no sentence of its own, and may begin with a name in small letters.
     broke = rule.sentence[:-1]

@@ -91,7 +91,9 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
     yield Line("Findings" if counts else "Findings: none", HEADING)
     details: dict[str, str] = {}
     for finding in analysis.findings:
-        details.setdefault(finding.slug, f"{places.phrase(finding.frames[:2])}: {finding.detail}".rstrip(": "))
+        details.setdefault(
+            finding.slug, f"{places.phrase(finding.frames[:2])}: {places.named(finding.detail)}".rstrip(": ")
+        )
     rules = sorted(
         [CATALOGUE[slug] for slug in counts],
         key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug),

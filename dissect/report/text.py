@@ -505,7 +505,7 @@ def finding_lines(
     yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
     for finding in details[:most]:
         where = f"connection {finding.connection}, " if finding.connection else ""
-        said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
+        said = f": {shortened(places.named(finding.detail), _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
     shown = min(most, len(details))  # of some rules only the first time is detailed
     if details and count > shown:

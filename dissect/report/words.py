@@ -7,6 +7,7 @@ file, and names the file as soon as there is more than one.
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -36,6 +37,7 @@ class Places:
         self._name: str = ""
         self.several = several
         self._hosts: dict[str, str] = {address: printable(name) for address, name in (hosts or {}).items()}
+        self._in_text: re.Pattern[str] = re.compile("|".join([_in_text(address) for address in self._hosts]))
 
     def end(self, end: Endpoint) -> str:
         """Return an end of a connection as text for a person has it: address and port, the name of the host for its address."""
@@ -52,6 +54,15 @@ class Places:
     def name(self, host: str) -> str:
         """Return the name of a host by its address, or else the address."""
         return self._hosts.get(host, host)
+
+    def named(self, text: str) -> str:
+        """Return a text, such as the detail of a finding, with the names of hosts for their addresses."""
+        if not self._hosts:
+            return text
+        return self._in_text.sub(self._name_of, text)
+
+    def _name_of(self, found: re.Match[str]) -> str:
+        return self._hosts[found[0].strip("[]")]
 
     def locate(self, frame: int) -> tuple[str, int]:
         """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""
@@ -101,6 +112,13 @@ class Places:
             name, number = self.locate(frame)
             by_file.setdefault(name, []).append(number)
         return ", ".join([f"{_numbered(numbers)} of {printable(name)}" for name, numbers in by_file.items()])
+
+
+def _in_text(address: str) -> str:
+    """Return what finds an address in a text: 10.0.0.1 is part of neither 10.0.0.10 nor 10.0.0.1.2."""
+    alone = rf"(?<![\w.:\[]){re.escape(address)}(?!\w|\.\w)"
+    # With a port behind it an address of IPv6 stands in brackets, and alone a colon behind it is of a longer one.
+    return rf"\[{re.escape(address)}\](?=:)|{alone}(?!:)" if ":" in address else alone
 
 
 def _numbered(numbers: Sequence[int]) -> str:

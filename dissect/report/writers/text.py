@@ -176,7 +176,7 @@ def tpdu_line(
     said = ""
     if tpdu.type in {CR, CC} and is_rdp_connect(tpdu.variable):
         said = identify_connect(tpdu.variable)
-        return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP, {said}"
+        return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP{f', {said}' if said else ''}"
     if tpdu.type in {CR, CC}:
         said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), connection.protocol)}"
         if tpdu.tpdu_size:
