@@ -62,7 +62,7 @@ class PlusNetwork(NamedTuple):
 def networks(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[PlusNetwork] | None:
     """Return the networks of a block's body in order; empty if there is no body, None if it cannot be opened."""
     try:
-        from defusedxml.ElementTree import fromstring  # only to see whether it is installed
+        from defusedxml.ElementTree import fromstring  # noqa: F401 - only to see whether it is installed
     except ImportError:
         return None
     bodies: list[Element] = []
@@ -257,7 +257,7 @@ def interface(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[tup
     `_STATIC`; an instance has those of its function block.
     """
     try:
-        import defusedxml  # only to see whether it is installed
+        import defusedxml  # noqa: F401 - only to see whether it is installed
     except ImportError:
         return []
     found: list[tuple[str, list[str]]] = []
