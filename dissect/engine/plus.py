@@ -227,9 +227,9 @@ class S7Plus(Protocol):
         begun[sequence, frame] = (assembler.begun_frame, assembler.begun_ns, assembler.left_out)
 
     def _count_request(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Report a request whose sequence number does not follow the one before: clients count up by one.
+        """Report a request whose sequence number is not higher than the one before: clients count up by one.
 
-        A number that is too high is not reported: damaged or lost requests are the reason.
+        A number that leaps ahead is not reported, because damaged or lost requests leave gaps.
         """
         plus = side.plus
         if plus is None:

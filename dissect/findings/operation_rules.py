@@ -41,8 +41,8 @@ _ODDITIES: Final = {
 def judge_operation(reporter: Reporter, operation: Operation) -> None:
     """Note what is odd about an operation that is over.
 
-    A single request that was refused or not answered is reported with its transaction. `operation.failed` and
-    `operation.unfinished` are about operations that had begun already.
+    A single request that was refused or not answered is reported with its transaction. The findings here are about operations
+    that had begun already.
     """
     for oddity in operation.oddities:
         _note(reporter, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)

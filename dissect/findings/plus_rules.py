@@ -1,4 +1,4 @@
-"""Security findings about S7comm-plus transactions, by the rules of S7comm; they also tell about client and CPU.
+"""Findings about S7comm-plus transactions, mostly by the security rules of S7comm, and the programs of CPUs.
 
 `dissect.s7plus.events` knows what a transaction means; this module makes findings of these events.
 """

@@ -234,7 +234,7 @@ class ShortBit:
 
 
 class Bit:
-    """A bit with its area in the high nibble, its number in the low one, and its byte address behind."""
+    """A bit: its area in the high nibble, its number in the low one, its byte address in the word after it."""
 
     title = "I, Q, M, L, DBX, DIX 0.0 to 65535.7"
 

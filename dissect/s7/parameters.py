@@ -57,7 +57,7 @@ _EXTENDED: Final = 12
 #: How many distinct blocks of just function and item count there are in answers to reads and writes: 2 x 256.
 _SHORT_BLOCKS: Final = 512
 _USEND_SIZE: Final = 10
-#: Groups whose pushes go in either direction: BSEND and USEND (PBC), and two that carry data to and from a numerical control.
+#: Groups whose pushes go in either direction: BSEND and USEND (PBC), data record routing, and NC programming.
 _EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, GROUP_NC))
 
 

@@ -303,7 +303,7 @@ def _state(part: Part) -> str:
 
 
 def _diagnostics(part: Part) -> str:
-    """Return what the diagnostic data of a module say of it, for example ``analog module: external fault, fuse blown``."""
+    """Return a text for the diagnostic data of a module, for example ``analog module: external fault, fuse blown``."""
     kind = part.text("module_class")
     said = [value.field.name for value in part.values if value.value and value.field.name not in _NO_FAULTS]
     if part.number("maintenance") > 0 or part.number("maintenance_too") > 0:

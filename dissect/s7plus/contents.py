@@ -166,7 +166,7 @@ class Contents(Made):
     )
 
     def __init__(self, version: int, return_value: int, frame_starts: dict[int, int]) -> None:
-        """``frame_starts`` are those of `PlusPdu`."""
+        """``frame_starts`` as in `PlusPdu`."""
         super().__init__()
         self.version = version
         self.return_value = return_value
