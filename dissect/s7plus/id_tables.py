@@ -1,8 +1,7 @@
-"""Names of the numbers that objects, classes, attributes and members of structures go by (docs/s7plus.md).
+"""Names of the ids of objects, classes, attributes and members of structures (docs/s7plus.md).
 
-They share one space of numbers. The names are those that the public Wireshark plugin and S7CommPlusDriver give them; the few
-that both lack are named by what captures show them to be. Only numbers that were met in captures, or that every device has,
-are here.
+All ids share one number space. The names are those of the public Wireshark plugin and of S7CommPlusDriver; the few that both
+lack are named by what captures show. Only ids that were found in captures, or that every device has, are listed.
 """
 
 from __future__ import annotations
@@ -527,8 +526,8 @@ _IDS: Final = [
     (8342, "ReleaseMngmtRoot.TIAInfoTexts_Rid", ""),
 ]  # fmt: skip
 
-#: Members of the structure that the memory of a block or an area is (1533): its type, and its values by how they are kept.
-#: Their numbers are also those of objects, and the first one of an absolute address.
+#: Members of the structure that is the memory of a block or an area (1533): its type, and its values by the way they are
+#: stored. The same numbers are also ids of objects, and the first LID of an absolute address.
 MEMORY: Final = [
     (1, "LID_OMS_STB_DescriptionRID", ""),
     (2, "LID_OMS_STB_Structured", ""),
@@ -538,5 +537,5 @@ MEMORY: Final = [
 ]  # fmt: skip
 
 IDS: Final = CodeTable("S7comm-plus id", 1, _IDS)
-#: Those of members of structures.
+#: Names of members of structures.
 MEMBERS: Final = CodeTable("S7comm-plus member", 1, [*MEMORY, *_IDS[len(MEMORY) :]])

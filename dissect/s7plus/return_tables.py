@@ -1,7 +1,7 @@
-"""What the parts of a return value say (docs/s7plus.md).
+"""Meanings of the parts of a return value (docs/s7plus.md).
 
-The numbers and names are those of the public Wireshark plugin; five of the errors were seen in captures. Names are written as
-words. Where a row has no sentence, nothing is known beyond its name.
+Numbers and names are those of the public Wireshark plugin, written as words; five of the errors were seen in captures. If a row
+has no sentence, nothing but its name is known.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Final
 
 from dissect.wire.codes import CodeTable
 
-#: The lower 16 bits, a signed number: negative ones (0x8000 and above) are refusals.
+#: The lower 16 bits, as a signed number: negative ones (0x8000 and above) are refusals.
 RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFDFF, "Concurrent transaction running", "Another change of the program is under way."),
     (0xFE00, "Multi ES incompatible other ES version", "An engineering station of another version is connected."),
@@ -319,7 +319,7 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (219, "Comp types meta types", ""),
 ])  # fmt: skip
 
-#: Bits 40 to 46: the same in few groups.
+#: Bits 40 to 46: the same errors in few groups.
 GENERIC_CODES: Final = CodeTable("S7comm-plus generic error", 2, [
     (0, "OK", ""),
     (1, "General", ""),
