@@ -12,9 +12,10 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
+from dissect.s7.clock import CLOCK
 from dissect.s7.items import Item, odd_data_code
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import Pdu
+from dissect.s7.message import Pdu, userdata_payload
 from dissect.s7.parameters import HEADER_SIZE, Parameters
 from dissect.s7.szl import SZL_HEAD, shortage
 from dissect.s7.szl_notes import extract
@@ -230,6 +231,12 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
     head = transaction.parameters.userdata
     if transaction.parameters.function not in _COMMANDS if head is None else head.group not in _SERVICES:
         return
+    if (
+        head is not None
+        and head.group == GROUP_TIME
+        and len(userdata_payload(transaction.response_octets)) == CLOCK.size
+    ):
+        return  # a clock that was read, as panels do again and again
     response = transaction.response
     for pdu, body in (
         (transaction.request, transaction.request_body),

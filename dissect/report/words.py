@@ -137,6 +137,10 @@ PROTOCOLS: Final = {
     IBH_NETLINK: "IBH-NetLink",
 }
 
+#: Width of columns in lines: number of a transaction or operation, its packets, its answer time. Longer ones shift the line.
+NUMBER_WIDTH: Final = 5
+FRAMES_WIDTH: Final = 12
+LATENCY_WIDTH: Final = 8
 #: Elements of an array, characters of a text and octets that are shown on a line. No time is cut: an LTIME has up to 35.
 SHOWN: Final = 8
 SHOWN_TEXT: Final = 36

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import socket
 from collections.abc import Callable, Iterable, Mapping
 from datetime import date, timedelta
 from pathlib import Path
@@ -171,8 +170,8 @@ def _reason(error: Exception) -> str:
     """Return the message of an error in one line, without control characters; the error's name where it has no message."""
     if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
-    if isinstance(error, socket.gaierror) and error.strerror:  # its number means nothing to a person
-        return error.strerror
+    if isinstance(error, OSError) and error.strerror and error.errno is not None and error.errno < 0:
+        return error.strerror  # a name that cannot be resolved (gaierror): its number means nothing to a person
     return shortened(re.sub(_SECRETS, "…", " ".join(str(error).split())) or type(error).__name__, _REASON)
 
 
