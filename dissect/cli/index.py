@@ -73,7 +73,7 @@ def command(
     if no_update and not path.is_file():
         raise click.ClickException(f"{printable(str(path))}: there is no index yet; run without --no-update.")
     try:
-        with Store(path, __version__) as store:
+        with Store(path, __version__, changes=not no_update) as store:
             changes = None if no_update else _updated(store, place)
             code = _complain(changes)
             files = [facts for facts in store.files() if possible is None or possible(facts)]

@@ -30,7 +30,7 @@ _EXPRESSION: Final = "(exec(source, globals()), facts(extras))[1]"
 
 
 class Machine(NamedTuple):
-    """What `dissect.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), Python and extras."""
+    """What `dissect.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), and what else is there."""
 
     host: str
     process: int
@@ -39,6 +39,7 @@ class Machine(NamedTuple):
     compiled: bool
     problem: str
     extras: list[str]
+    dask: str = ""
 
 
 class Worker(NamedTuple):
@@ -104,13 +105,12 @@ def _worker(address: str, info: Mapping[str, Any], answer: object, silence: str)
         machine, silence = Machine(**answer), ""
     elif isinstance(answer, BaseException):
         silence = f"cannot be asked: {brief(answer)}"
-    versions = info.get("versions") or {}
     return Worker(
         address,
         str(info.get("name", "")),
         max(1, int(info.get("nthreads") or 1)),
         int(info.get("memory_limit") or 0),
-        str(versions.get("distributed", "")),
+        machine.dask if machine is not None else "",
         machine,
         silence,
     )

@@ -11,6 +11,7 @@ import re
 import socket
 from collections.abc import Callable, Iterable, Mapping
 from datetime import date, timedelta
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 from urllib.parse import urlsplit
@@ -32,8 +33,13 @@ _PATTERN: Final = r"[*?\[]"
 _DAYS: Final = r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}"
 #: Parts of URLs in other programs' messages that are not shown: a password, and a query, which may be a signature.
 _SECRETS: Final = r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+"
+#: Transports whose names have no query, so that a question mark is one of the name, or of a pattern.
+_SSH: Final = frozenset(("sftp", "ssh"))
+#: Transports whose names have the host behind the two slashes.
+_OF_HOST: Final = _SSH | {"http", "https"}
 _REASON: Final = 200
 _NOT_FOUND: Final = 404
+_REFUSED: Final = (401, 403, 407)
 
 T = TypeVar("T")
 
@@ -56,7 +62,9 @@ def shown(name: str) -> str:
     scheme, _, rest = name.partition("://")
     host, slash, path = rest.partition("/")
     user, at, machine = host.rpartition("@")
-    path, mark, _ = path.partition("?")
+    mark = ""
+    if scheme.lower() not in _SSH:
+        path, mark, _ = path.partition("?")
     return f"{scheme}://{user.partition(':')[0]}{at}{machine}{slash}{path}{'?…' if mark else ''}"
 
 
@@ -106,13 +114,23 @@ def file_system(name: str) -> tuple[Any, str]:
     """Return the file system of fsspec for a name, and the path in it. Raises whatever the transport raises."""
     from fsspec.core import url_to_fs
 
-    found: tuple[Any, str] = url_to_fs(name, **_patience(name.partition("://")[0].lower()))
-    return found
+    scheme, _, rest = name.partition("://")
+    scheme = scheme.lower()
+    if scheme in _OF_HOST:
+        parts = urlsplit(name)
+        if not parts.hostname:
+            raise ValueError("the address names no host")
+        if parts.port == 0:  # asking for it refuses other numbers that are no port
+            raise ValueError("Port out of range 1-65535")
+    host, slash, path = rest.partition("/")
+    # Only its host goes to `url_to_fs`, which takes marks that any file name may have for a query or a fragment.
+    found: tuple[Any, str] = url_to_fs(f"{scheme}://{host}/" if scheme in _SSH else name, **_patience(scheme))
+    return (found[0], slash + path) if scheme in _SSH else found
 
 
 def _patience(scheme: str) -> Mapping[str, object]:
     """Return the options of a transport that set its timeouts, and make SSH check the host's key."""
-    if scheme in {"sftp", "ssh"}:
+    if scheme in _SSH:
         return {
             "known_hosts": (),  # the user's own file: an unknown host is refused
             "connect_timeout": CONNECT_S,
@@ -154,7 +172,9 @@ def explained(error: Exception, writing: bool = False) -> str:
         return (
             f"the host is not known, or is not the known one ({said}); connect once with ssh, check its key and keep it"
         )
-    if kind in {"PermissionDenied", "NoCredentialsError", "ClientError"} or status in {401, 403, 407}:
+    if status in _REFUSED:  # of a web server
+        return f"access refused ({said}); credentials are what the address holds: https://USER:PASSWORD@HOST/…"
+    if kind in {"PermissionDenied", "NoCredentialsError", "ClientError"}:
         return f"access refused ({said}); credentials are those of the transport's own tools"
     if isinstance(error, PermissionError):
         return "no permission to write it" if writing else "no permission to read it"
@@ -187,7 +207,7 @@ def expand(names: Iterable[str]) -> list[str]:
     """
     found: list[str] = []
     for name in names:
-        days = _days(name)
+        days = [name] if _is_here(name) else _days(name)
         if len(days) == 1:
             found += _matches(days[0]) or _nothing(name)
         else:
@@ -202,19 +222,34 @@ def _nothing(name: str) -> list[str]:
 def _matches(name: str, must: bool = True) -> list[str]:
     """Return the files of one pattern. A name that is no pattern stands for itself, if the file exists or ``must`` is set."""
     if is_remote(name):
-        if not re.search(_PATTERN, name.partition("://")[2].partition("?")[0]) or name.startswith("http"):
+        scheme, _, rest = name.partition("://")
+        path = rest if scheme.lower() in _SSH else rest.partition("?")[0]
+        if not re.search(_PATTERN, path) or name.startswith("http"):
             return [name] if must or _exists(name) else []
         return _asked(name, lambda: _globbed(name))
-    if name == "-" or Path(name).exists():
+    if name == "-" or _is_here(name):
         return [name]
     if not re.search(_PATTERN, name):
         return [name] if must else []
     return _local(name)
 
 
+def _is_here(name: str) -> bool:
+    return not is_remote(name) and Path(name).exists()
+
+
 def _local(name: str) -> list[str]:
+    """Return the local files of a pattern. As in a shell, names that begin with a dot are found only by a pattern that does."""
     anchor = Path(name).anchor
-    return sorted(os.fspath(path) for path in Path(anchor).glob(name[len(anchor) :]))
+    # Only as a part of its own does ** mean all folders; `glob` refuses it elsewhere, where a shell takes it for *.
+    parts = [part if part == "**" else re.sub(r"\*{2,}", "*", part) for part in Path(name[len(anchor) :]).parts]
+    dotted = [part for part in parts if part.startswith(".")]
+
+    def is_meant(path: Path) -> bool:
+        hidden = [part for part in path.parts if part.startswith(".")]
+        return all([any([fnmatchcase(part, each) for each in dotted]) for part in hidden])
+
+    return sorted([os.fspath(path) for path in Path(anchor).glob(str(Path(*parts))) if is_meant(path)])
 
 
 def _globbed(name: str) -> list[str]:

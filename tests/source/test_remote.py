@@ -63,6 +63,7 @@ def test_passwords_and_signatures_are_not_shown() -> None:
     assert shown("sftp://ann@h/x.pcap") == "sftp://ann@h/x.pcap"
     assert shown("https://h/x.pcap?X-Amz-Signature=abc&b=1") == "https://h/x.pcap?…"
     assert shown("what?.pcap") == "what?.pcap"
+    assert shown("sftp://ann:secret@h/what?.pcap") == "sftp://ann@h/what?.pcap"  # no query: a part of the name
     assert "secret" not in refused(f"sftp://ann:secret@{LOOPBACK}:{free_port()}/x.pcap")
 
 
@@ -74,6 +75,25 @@ def test_days_and_patterns_stand_for_the_files_there(tmp_path: Path) -> None:
     assert expand([under + "*-{20261030..20261031}.*"]) == [under + "a-20261030.pcap", under + "a-20261031.pcap"]
     assert expand([under + "b[1].pcap", "-", "gone.pcap"]) == [under + "b[1].pcap", "-", "gone.pcap"]
     assert expand([under + "b?.pcap"]) == [under + "b1.pcap"]
+    # A file that has the range in its name is that file.
+    named = tmp_path / "a-{20261030..20261031}.pcap"
+    named.write_bytes(b"")
+    assert expand([os.fspath(named)]) == [os.fspath(named)]
+
+
+def test_a_pattern_finds_what_it_does_in_a_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names that begin with a dot, as that of an index does, only where it says so; ** outside a part of its own is *."""
+    for name in ("a.pcap", ".index", ".old/b.pcap", "day/c.pcap", "day/.part/d.pcap", "day/.e.pcap"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    for pattern, found in (
+        ("*", ["a.pcap", "day"]), (".*", [".index", ".old"]), ("**/*.pcap", ["a.pcap", "day/c.pcap"]),
+        ("**.pcap", ["a.pcap"]), ("*/*", ["day/c.pcap"]), ("day/.*", ["day/.e.pcap", "day/.part"]),
+        (".old/*", [".old/b.pcap"]), ("day/../*.pcap", ["day/../a.pcap"]),
+    ):  # fmt: skip
+        assert expand([pattern]) == [os.fspath(Path(name)) for name in found], pattern
 
 
 def test_what_finds_nothing_is_said(tmp_path: Path) -> None:
@@ -130,6 +150,12 @@ def test_openssh(
         here = f"sftp://{LOOPBACK}:{port}{day}"
         assert packets(f"{here}/szl.pcapng") == packets(SZL)
         assert expand([f"{here}/*.pcapng"]) == [f"{here}/{POLL.name}", f"{here}/{SZL.name}"]
+        assert expand([f"{here}/sz?.pcapng"]) == [f"{here}/{SZL.name}"]
+        odd = day / "a #1?%20\n.pcapng"  # none of it means anything in the name of a file
+        shutil.copy(SZL, odd)
+        assert expand([f"{here}/a*"]) == [f"{here}/{odd.name}"]
+        assert packets(f"{here}/{odd.name}") == packets(SZL)
+        odd.unlink()
         assert refused(f"{here}/none.pcapng") == f"{here}/none.pcapng: no such file"
         assert refused(here) == f"{here}: a directory, not a capture file"
         told = run(capfdbinary, "analyze", "--brief", f"{here}/*.pcapng")
@@ -199,6 +225,19 @@ def test_an_object_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 # ---- what goes wrong elsewhere --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [
+        ("sftp://", "the address names no host"),
+        ("http:///x.pcap", "the address names no host"),
+        ("http://h:99999/x.pcap", "Port out of range 0-65535"),
+        ("sftp://h:0/x.pcap", "Port out of range 1-65535"),
+    ],
+)
+def test_an_address_that_cannot_be(address: str, why: str) -> None:
+    assert refused(address) == f"{address}: cannot be read: {why}"
 
 
 def test_a_scheme_that_nobody_knows() -> None:
