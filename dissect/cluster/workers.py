@@ -30,7 +30,7 @@ _EXPRESSION: Final = "(exec(source, globals()), facts(extras))[1]"
 
 
 class Machine(NamedTuple):
-    """What `dissect.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), and what else is there."""
+    """What `dissect.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), and the rest."""
 
     host: str
     process: int
