@@ -9,7 +9,8 @@ from functools import cache
 from typing import Any, Final, NamedTuple
 
 from dissect.cluster import probe
-from dissect.cluster.connect import ClusterError, Patience, bounded, brief
+from dissect.cluster.connect import ClusterError, Patience, brief
+from dissect.source.remote import bounded
 
 #: The distributions that the extras of this package install, where reading captures or writing results takes them.
 EXTRAS: Final[Mapping[str, Sequence[str]]] = {

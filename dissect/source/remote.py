@@ -9,14 +9,16 @@ from __future__ import annotations
 import os
 import re
 import socket
+import threading
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
 from datetime import date, timedelta
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 from urllib.parse import urlsplit
 
-from dissect.source.packet import CaptureError
+from dissect.source.packet import READING_FAILED, CaptureError
 from dissect.wire.text import printable, shortened
 
 #: Seconds after which a machine that does not answer is given up: while connecting, and between two pieces.
@@ -83,7 +85,7 @@ class RemoteSource:
         try:
             piece = bytes(self._stream.read(size))
         except Exception as error:  # noqa: BLE001 - each transport has errors of its own
-            self.damage = f"reading failed after byte {self._taken}: {_reason(error)}"
+            self.damage = f"{READING_FAILED} {self._taken}: {_reason(error)}"
             return b""
         self._taken += len(piece)
         return piece
@@ -96,9 +98,26 @@ class RemoteSource:
             return
 
 
-def open_remote(name: str) -> RemoteSource:
-    """Open a file on another machine. `CaptureError`, with one line that names host and file, when it cannot be read."""
-    return _asked(name, lambda: RemoteSource(_fetched(name)))
+def open_remote(name: str, seconds: float = READ_S) -> RemoteSource:
+    """Open a file on another machine. `CaptureError`, with one line that names host and file, when it cannot be read.
+
+    One that takes the connection and says nothing is given up after ``seconds``, however often a transport would try.
+    """
+    return _asked(name, lambda: RemoteSource(bounded(lambda: _fetched(name), seconds)))
+
+
+def bounded(ask: Callable[[], T], seconds: float) -> T:
+    """Return what ``ask`` returns, or raise what it raises; TimeoutError when that takes longer, however it waits."""
+    answer: Future[T] = Future()
+
+    def work() -> None:
+        try:
+            answer.set_result(ask())
+        except BaseException as error:  # noqa: BLE001 - of any kind: it is raised by who waits
+            answer.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return answer.result(seconds)
 
 
 def _fetched(name: str) -> _Stream:
@@ -193,6 +212,8 @@ def _reason(error: Exception) -> str:
         return os.strerror(error.errno)
     if isinstance(error, socket.gaierror) and error.strerror:  # its number means nothing to a person
         return error.strerror
+    if isinstance(error, TimeoutError):  # some have no text, some name a function
+        return "no answer in time"
     return shortened(re.sub(_SECRETS, "…", " ".join(str(error).split())) or type(error).__name__, _REASON)
 
 
@@ -267,7 +288,7 @@ def _exists(name: str) -> bool:
         files, path = file_system(name)
         return bool(files.exists(path))
 
-    return _asked(name, ask)
+    return _asked(name, lambda: bounded(ask, READ_S))
 
 
 def _days(name: str) -> list[str]:

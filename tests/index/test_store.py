@@ -180,6 +180,23 @@ def test_what_cannot_be_read_is_told_and_what_is_broken_off_is_read_the_next_tim
         assert list(store.known()) == ["b.pcap"]
 
 
+def test_what_a_disk_or_server_broke_off_is_read_again(tmp_path: Path) -> None:
+    """What was not read may hold anything: the index must not know the file."""
+    (tmp_path / "a.pcap").write_bytes(b"x")
+
+    def broken(_: str, facts: FileFacts) -> FileFacts:
+        facts.damage = "reading failed after byte 4096: Input/output error; what it held is cut off at byte 4096"
+        return facts
+
+    with Store(tmp_path / "index", "1") as store:
+        for _ in range(2):
+            changes = update(store, tmp_path, broken)
+            assert (changes.read, changes.unchanged, changes.damaged) == ([], 0, {})
+            assert changes.unreadable["a.pcap"].startswith("reading failed after byte 4096: Input/output error")
+            assert store.known() == {}
+        assert update(store, tmp_path, lambda _, facts: facts).read == ["a.pcap"]
+
+
 def test_a_name_may_be_of_any_bytes(tmp_path: Path) -> None:
     name = os.fsdecode(b"m\xfcnchen.pcap")
     with Store(tmp_path / "index", "1") as store:

@@ -240,6 +240,22 @@ def test_an_address_that_cannot_be(address: str, why: str) -> None:
     assert refused(address) == f"{address}: cannot be read: {why}"
 
 
+@pytest.mark.parametrize("scheme", ["http", "s3"])
+def test_a_machine_that_takes_the_connection_and_says_nothing(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Transports try again, or ask several things: all that together has a limit."""
+    pytest.importorskip("s3fs", reason="no s3fs: pip install 's7dissect[test]'")
+    with socket.create_server((LOOPBACK, 0)) as mute:
+        port = mute.getsockname()[1]
+        for name, value in (
+            ("AWS_ENDPOINT_URL", f"http://{LOOPBACK}:{port}"), ("AWS_ACCESS_KEY_ID", "a"), ("AWS_SECRET_ACCESS_KEY", "b")
+        ):  # fmt: skip
+            monkeypatch.setenv(name, value)
+        name = f"{scheme}://{LOOPBACK}:{port}/x.pcap" if scheme == "http" else "s3://silent/x.pcap"
+        with pytest.raises(CaptureError) as told:
+            open_remote(name, 3)
+    assert str(told.value) == f"{name}: cannot be read: no answer in time"
+
+
 def test_a_scheme_that_nobody_knows() -> None:
     assert "Protocol not known: gopher" in refused("gopher://h/x.pcap")
 
