@@ -31,7 +31,7 @@ from dissect.export.parquet import ParquetSink, metadata_of
 from dissect.export.remote import RemoteFolder
 from dissect.export.tables import TABLES, Table, chosen_tables
 from dissect.jobs.numbers import Offsets, count_from
-from dissect.jobs.spool import Spool, Spooled, opened
+from dissect.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
 from dissect.jobs.tasks import About, Done, FileError
 from dissect.session import Run
 from dissect.source.remote import is_remote, shown
@@ -166,7 +166,7 @@ def export_separately(
             code = separately(files, jobs, lambda done: gathered.take(done, counts), folder=str(place), kept=False)
             gathered.close()
         else:
-            folder = stack.enter_context(TemporaryDirectory(prefix="s7dissect-rows-"))
+            folder = stack.enter_context(TemporaryDirectory(prefix=ROWS_FOLDER))
             export: Any = target.form.open(Request(place, target.folder, only, names, __version__))
             try:
                 code = separately(
