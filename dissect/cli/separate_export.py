@@ -95,10 +95,12 @@ def refuse_form(target: Target) -> None:
 
 
 def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
-    """Export the file of a task. Raises `FileError` when its rows cannot be written."""
+    """Export the file of a task. Raises `FileError` when its rows cannot be written, OSError when they cannot wait."""
     try:
         return _export_task(of, target, only, chosen, options)
     except OSError as error:
+        if Path(of.folder).name.startswith(ROWS_FOLDER):
+            raise  # the rows wait there: nothing is written to the target yet
         # A library has words of its own for what the system says; those of another machine are what there is.
         remote = is_remote(target.path) or not error.errno
         why = (error.strerror or str(error)) if remote else os.strerror(error.errno or 0)
