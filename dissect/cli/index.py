@@ -65,6 +65,8 @@ def command(
 
     if null and where is None:
         raise click.UsageError("-0 needs -Y.")
+    if not folder:  # `Path` would take it for the current folder
+        raise click.ClickException("the name of the folder is empty; was a variable of the shell not set?")
     possible = _possible(where)
     place = Path(folder)
     if not place.is_dir():

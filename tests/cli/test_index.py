@@ -121,6 +121,9 @@ def test_wrong_use_is_one_line(capfdbinary: Capture, folder: Path) -> None:
         assert ran.code == 2, words
         assert said in ran.err
     assert run(capfdbinary, "index", folder / "missing").code == 2
+    ran = run(capfdbinary, "index", "")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == "Error: the name of the folder is empty; was a variable of the shell not set?\n"
     assert other.read_bytes() == b"x" * 5000
 
 
