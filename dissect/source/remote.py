@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import socket
+import ssl
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
@@ -197,9 +198,9 @@ def explained(error: Exception, writing: bool = False) -> str:
         return f"access refused ({said}); credentials are those of the transport's own tools"
     if isinstance(error, PermissionError):
         return "no permission to write it" if writing else "no permission to read it"
-    if isinstance(error, FileNotFoundError) and (
-        cause is None or status == _NOT_FOUND or not kind.startswith("Client")
-    ):
+    # That of a web server stands for whatever went wrong before there was an answer, too.
+    of_web = type(cause).__module__.startswith("aiohttp") or isinstance(cause, OSError)
+    if isinstance(error, FileNotFoundError) and (status == _NOT_FOUND or not of_web):
         return "no such place" if writing else "no such file"
     if isinstance(error, ValueError) and "rotocol" in said:
         return f"{said}; known ones are https, sftp, s3 and the others of fsspec"
@@ -208,6 +209,8 @@ def explained(error: Exception, writing: bool = False) -> str:
 
 def _reason(error: Exception) -> str:
     """Return the message of an error in one line, without control characters; the error's name where it has no message."""
+    if isinstance(error, ssl.SSLError):  # whose number is none of the system
+        return _reason_of_tls(error)
     if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
     if isinstance(error, socket.gaierror) and error.strerror:  # its number means nothing to a person
@@ -215,6 +218,16 @@ def _reason(error: Exception) -> str:
     if isinstance(error, TimeoutError):  # some have no text, some name a function
         return "no answer in time"
     return shortened(re.sub(_SECRETS, "…", " ".join(str(error).split())) or type(error).__name__, _REASON)
+
+
+def _reason_of_tls(error: ssl.SSLError) -> str:
+    """The same of an error of TLS, or of a transport's own that was raised from one and is of both kinds."""
+    for each in (error, error.__cause__):
+        refused = getattr(each, "verify_message", "").rstrip(".")
+        if refused:
+            return f"its certificate is not accepted: {refused}; SSL_CERT_FILE names others to trust"
+    why = getattr(error, "reason", "") or getattr(error.__cause__, "reason", "") or "no reason given"
+    return f"TLS failed: {str(why).lower().replace('_', ' ')}"
 
 
 # ---- several files by one name --------------------------------------------------------------------------------------

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import socket
+import ssl
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -49,6 +51,43 @@ def refused(name: str) -> str:
 def test_a_host_that_is_not_known_is_said_in_words() -> None:
     error = socket.gaierror(socket.EAI_NONAME, "Name or service not known")
     assert explained(error) == "cannot be read: Name or service not known"
+
+
+def test_what_is_wrong_with_tls_is_said_in_words() -> None:
+    """Its errors have numbers of their own, 1 for most, which the system has for "Operation not permitted"."""
+    refused = ssl.SSLCertVerificationError(1, "[SSL: CERTIFICATE_VERIFY_FAILED] certificate verify failed")
+    refused.verify_message = "self-signed certificate."
+    said = (
+        "cannot be read: its certificate is not accepted: self-signed certificate; SSL_CERT_FILE names others to trust"
+    )
+    assert explained(refused) == said
+    # As a transport has it: an error of its own that is one of TLS as well, in one of fsspec.
+    outer, own = FileNotFoundError("https://h/x"), ClientConnectorError(1, "Cannot connect to host h:443")
+    outer.__cause__, own.__cause__ = own, refused
+    assert explained(outer) == said
+
+
+class ClientConnectorError(ssl.SSLError):
+    """Stands for those of aiohttp."""
+
+
+def test_a_server_that_hangs_up_has_not_said_that_there_is_no_file() -> None:
+    pytest.importorskip("aiohttp", reason="no aiohttp: pip install 's7dissect[test]'")
+    with socket.create_server((LOOPBACK, 0)) as rude:
+
+        def hang_up() -> None:
+            try:
+                while True:
+                    rude.accept()[0].close()
+            except OSError:
+                return
+
+        thread = threading.Thread(target=hang_up, daemon=True)
+        thread.start()
+        address = f"http://{LOOPBACK}:{rude.getsockname()[1]}/x.pcap"
+        assert refused(address) == f"{address}: cannot be read: Server disconnected"
+        rude.shutdown(socket.SHUT_RDWR)
+        thread.join(5)
 
 
 def test_what_is_a_name_of_another_machine() -> None:
@@ -188,6 +227,8 @@ def test_nginx(day: Path, tmp_path: Path) -> None:
         closed = refused(f"{here}/closed/x.pcapng?token=abc")
         assert closed.startswith(f"{here}/closed/x.pcapng?…: access refused (403")
         assert "abc" not in closed
+        secure = f"https://{LOOPBACK}:{port}/szl.pcapng"  # where none is spoken
+        assert refused(secure) == f"{secure}: cannot be read: TLS failed: wrong version number"
         source = open_remote(f"{here}/large")
         taken = len(source.read(1000))
         assert taken == 1000
