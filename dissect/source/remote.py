@@ -42,6 +42,7 @@ _SSH: Final = frozenset(("sftp", "ssh"))
 _OF_HOST: Final = _SSH | {"http", "https"}
 _REASON: Final = 200
 _NOT_FOUND: Final = 404
+_NO_FILE: Final = "no such file"
 _REFUSED: Final = (401, 403, 407)
 
 T = TypeVar("T")
@@ -175,6 +176,8 @@ def _asked(name: str, ask: Callable[[], T]) -> T:
         reason = "a directory, not a capture file"
     except Exception as error:  # noqa: BLE001 - each transport has errors of its own
         reason = explained(error)
+        if reason == _NO_FILE and name.startswith("http") and re.search(_PATTERN, name.partition("?")[0]):
+            reason += "; a web server lists no folders, so a name there is no pattern"
     raise CaptureError(f"{printable(shown(name))}: {reason}") from None
 
 
@@ -201,7 +204,7 @@ def explained(error: Exception, writing: bool = False) -> str:
     # That of a web server stands for whatever went wrong before there was an answer, too.
     of_web = type(cause).__module__.startswith("aiohttp") or isinstance(cause, OSError)
     if isinstance(error, FileNotFoundError) and (status == _NOT_FOUND or not of_web):
-        return "no such place" if writing else "no such file"
+        return "no such place" if writing else _NO_FILE
     if isinstance(error, ValueError) and "rotocol" in said:
         return f"{said}; known ones are https, sftp, s3 and the others of fsspec"
     return f"cannot be written: {said}" if writing else f"cannot be read: {said}"

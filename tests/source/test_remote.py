@@ -224,6 +224,8 @@ def test_nginx(day: Path, tmp_path: Path) -> None:
         assert packets(f"{here}/szl.pcapng") == packets(SZL)
         assert packets(f"{here}/plain/szl.pcapng?token=abc") == packets(SZL)  # a server without parts
         assert refused(f"{here}/none.pcapng") == f"{here}/none.pcapng: no such file"
+        why = "no such file; a web server lists no folders, so a name there is no pattern"
+        assert refused(f"{here}/*.pcapng") == f"{here}/*.pcapng: {why}"
         closed = refused(f"{here}/closed/x.pcapng?token=abc")
         assert closed.startswith(f"{here}/closed/x.pcapng?…: access refused (403")
         assert "abc" not in closed
