@@ -78,7 +78,8 @@ def test_a_server_that_hangs_up_has_not_said_that_there_is_no_file() -> None:
         def hang_up() -> None:
             try:
                 while True:
-                    rude.accept()[0].close()
+                    with rude.accept()[0] as asking:
+                        asking.recv(4096)  # one that was not read would reset the connection
             except OSError:
                 return
 
