@@ -217,7 +217,7 @@ def _listed(analysis: Analysis) -> str:
 def _file(file: SourceFile) -> Iterator[Line]:
     yield Line(f"{printable(file.name)}: {words.count(file.packets, 'packet')}, {words.size(file.octets)}", HEADING)
     if file.damage:
-        yield Line(f"  DAMAGED: {printable(file.damage)}", "error")
+        yield Line(f"  {words.loss_of(file.octets).upper()}: {printable(file.damage)}", "error")
     for note in file.notes[:_NOTES]:
         yield Line(f"  {shortened(note, _DETAIL_SIZE)}", "warning")
     if len(file.notes) > _NOTES:

@@ -218,6 +218,11 @@ def some_notes(found: list[str], most: int = NAMED) -> str:
     return ", ".join([shortened(note, NOTE) for note in found[:most]]) + more
 
 
+def loss_of(octets: int) -> str:
+    """Return what is wrong with a file of which so many octets were read, and something is missing."""
+    return "damaged" if octets else "not read"
+
+
 def carried(tpdu: Tpdu) -> str:
     """Return what people call the protocol of the user data of a DT or ED; empty when there is no data, or S7comm."""
     return message_name(tpdu.data)
