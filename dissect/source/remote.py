@@ -10,15 +10,17 @@ import os
 import re
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future
 from datetime import date, timedelta
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from urllib.parse import urlsplit
 
 from dissect.source.packet import READING_FAILED, CaptureError
 from dissect.wire.text import printable, shortened
+
+if TYPE_CHECKING:
+    import ssl
 
 #: Seconds after which a machine that does not answer is given up: while connecting, and between two pieces.
 CONNECT_S: Final = 8
@@ -108,6 +110,8 @@ def open_remote(name: str, seconds: float = READ_S) -> RemoteSource:
 
 def bounded(ask: Callable[[], T], seconds: float) -> T:
     """Return what ``ask`` returns, or raise what it raises; TimeoutError when that takes longer, however it waits."""
+    from concurrent.futures import Future  # late: few runs read from other machines
+
     answer: Future[T] = Future()
 
     def work() -> None:
