@@ -12,8 +12,9 @@ from dissect.anonymize import account
 from dissect.anonymize.account import KEEP, SCRAMBLE, Account, Choices
 from dissect.anonymize.key import Key
 from dissect.anonymize.texts import replace_text
+from dissect.s7plus.identification import RECORDS, is_record
 from dissect.s7plus.ids import SECRETS, is_packed
-from dissect.s7plus.session import IDENTIFICATION, IM0_HEAD, IM0_SIZE, OPERATING_STATE, REFERENCE_LIST, crc_places
+from dissect.s7plus.session import OPERATING_STATE, REFERENCE_LIST, crc_places
 from dissect.s7plus.value_tables import (
     ADDRESS_ARRAY,
     AID,
@@ -50,8 +51,6 @@ _NUMBERS_STAY: Final = frozenset((
 _TYPES_STAY: Final = frozenset((AID, RID, BOOL, TIMESTAMP))
 #: Attributes that hold the code of a block, which `--keep-code` keeps.
 _CODE: Final = frozenset((2533, 2537, 2580))
-#: The identification record of a module as it was configured.
-_IDENTIFICATIONS: Final = frozenset((IDENTIFICATION, 4114))
 _ORDER_NUMBER: Final = slice(8, 28)
 _SERIAL_NUMBER: Final = slice(28, 44)
 #: Order number and firmware of a CPU, for example "1;6ES7 215-1AG40-0XB0 ;V4.3"; all but the order number stays.
@@ -260,7 +259,7 @@ class PlusContents:
             return octets if self._choices.values == KEEP else bytes(len(octets))
         if about in _CODE and self._choices.keep_code:
             return octets
-        if about in _IDENTIFICATIONS and len(octets) == IM0_SIZE and octets.startswith(IM0_HEAD):
+        if about in RECORDS and is_record(octets):
             new = bytearray(octets)
             for part in (_ORDER_NUMBER, _SERIAL_NUMBER):
                 new[part] = replace_text(self._key, octets[part])

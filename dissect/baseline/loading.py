@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from ipaddress import ip_address
 from typing import Final
 
 from dissect.baseline.norms import MAX_CAPTURES, NAME_KEYS, Baseline, PairNorm
 from dissect.baseline.subjects import Pair
 from dissect.baseline.writing import FORMAT
+from dissect.s7.tables import AREA_LETTERS, DB_AREAS
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.scd.user_file import FileError, UserFile, names_of, read_file
@@ -19,6 +21,8 @@ MAX_PAIRS: Final = 16384
 _MAX_PORT: Final = 0xFFFF
 _RATE: Final = ("highest_1s", "highest_10s")
 _ANSWER: Final = {"median": "median_ms", "p99": "p99_ms", "longest": "longest_ms"}
+
+_LETTERS: Final = frozenset(AREA_LETTERS.values()) - {AREA_LETTERS[area] for area in DB_AREAS}
 
 
 class BaselineError(FileError):
@@ -73,6 +77,15 @@ def _norm(table: Table) -> PairNorm:
     norm.server_ports = _ports(table)
     for key in NAME_KEYS:
         setattr(norm, key, names_of(table, key))
+    for name in sorted(norm.functions or ()):
+        meant = _function_meant(name)
+        if meant:
+            raise table.fail("functions", f"{shown(name)} is not how a function is written: {shown(meant)}")
+    for key, areas in (("reads", norm.reads), ("writes", norm.writes)):
+        for name in sorted(areas or ()):
+            meant = _area_meant(name)
+            if meant:
+                raise table.fail(key, f"{shown(name)} is not how an area is written: {shown(meant)}")
     norm.connections = _count(table, "connections") or 0
     norm.transactions = _count(table, "transactions") or 0
     norm.seconds = _measure(table, "seconds") or 0.0
@@ -90,6 +103,44 @@ def _norm(table: Table) -> PairNorm:
         answers.done()
     table.done()
     return norm
+
+
+@cache
+def _functions() -> dict[str, list[str]]:
+    """Return the names of functions by their letters alone: some are written in two ways, those of S7comm first."""
+    from dissect.select.getters import function_names  # late, because few commands load a baseline
+
+    found: dict[str, list[str]] = {}
+    for name in function_names():
+        found.setdefault(_letters(name), []).append(name)
+    return found
+
+
+def _letters(name: str) -> str:
+    return "".join(filter(str.isalnum, name.lower()))
+
+
+def _function_meant(name: str) -> str:
+    """Return how a function is written; empty where it is so.
+
+    A name that is merely like another one may be one of a dictionary, or of a subfunction: USEND is not BSEND misspelt.
+    """
+    meant = _functions().get(_letters(name), [name])
+    return "" if name in meant else meant[0]
+
+
+def _area_meant(name: str) -> str:
+    """Return the area of an address, or as areas are written; empty where it is one, or may be."""
+    from dissect.select.literals import place_of
+
+    plain = name.replace(" ", "").upper()
+    place = place_of(plain)
+    if plain in _LETTERS or (place is not None and place.whole):
+        return plain if plain != name else ""
+    if place is None or place.area < 0:
+        return ""
+    letters = AREA_LETTERS[place.area]
+    return f"{letters}{place.db}" if place.area in DB_AREAS else letters
 
 
 def _inline(table: Table, key: str) -> Table | None:

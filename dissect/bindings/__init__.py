@@ -1,4 +1,4 @@
-"""Where SCD travels (`bindings_file`), and what is done with it there (`engine`)."""
+"""Where SCD is carried (`bindings_file`), and how it is decoded there (`engine`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["BindingError", "load_bindings", "load_carrier"]
 
 
 def load_carrier(scd: str | os.PathLike[str] | Dictionary, bind: str | os.PathLike[str]) -> ScdCarrier:
-    """Return what decodes SCD by the dictionary ``scd`` (or its file) where the file ``bind`` says that it travels.
+    """Return a decoder for SCD with the dictionary ``scd`` (or its file), where the file ``bind`` says that it is carried.
 
     Raises `DictionaryError`, `BindingError`, or OSError if a file cannot be read.
     """

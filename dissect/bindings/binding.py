@@ -1,4 +1,4 @@
-"""A binding: one place where SCD travels, and what stands there (profile, reference 3.3); no part of a dictionary."""
+"""A binding: a place where SCD is carried, and what it is there (profile, reference 3.3); not part of a dictionary."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Final, Literal
 
 import msgspec
 
-#: What carries SCD: a UDP or TCP port, TSDUs of ISO 8073 by TSAP, an S7 area, BSEND by R_ID.
+#: The carrier: a UDP or TCP port, ISO 8073 TSDUs by TSAP, an S7 area, BSEND by R_ID.
 CarrierName = Literal["udp", "tcp", "cotp", "s7", "bsend"]
-#: Messages in the dictionary's envelope (or the default one), or a bare content without one.
+#: Messages in the dictionary's envelope (or the default one), or a bare content without an envelope.
 Holds = Literal["messages", "pdo", "struct", "value", "object"]
 #: The end that owns the dictionary: the one with the bound port or the called TSAP, or the other one.
 Owner = Literal["port", "peer"]
@@ -21,14 +21,13 @@ _ADDRESS_SIZES: Final = {4: 4, 6: 16}
 
 
 class Binding(msgspec.Struct, frozen=True, eq=False):
-    """Where SCD travels, and what it is there; fields that the carrier does not have are 0 or empty.
+    """A place where SCD is carried, and what it is there; fields that the carrier does not use are 0 or empty.
 
-    ``name`` is shown to people and is there once. ``port`` is of udp and tcp, ``tsap`` of cotp (the called or the calling one),
-    ``area`` (its code), ``db`` and ``offset`` (octets) of s7, ``r_id`` of bsend. ``network`` restricts to conversations with an
-    end in it. ``key`` names the content: "T1", "pump_t", "0x6001:0", "0x6000", empty for messages; ``title`` is that
-    with the name it has in the dictionary. ``address`` is its index
-    and sub-index (of a value), its index and 0 (of a struct or object). ``size`` are its octets, 0 where that varies; in an S7
-    area it never does. ``device`` says which end owns the dictionary.
+    ``name`` is shown to people and is unique. ``port`` is for udp and tcp, ``tsap`` for cotp (called or calling), ``area`` (its
+    code), ``db`` and ``offset`` (octets) for s7, ``r_id`` for bsend. With ``network``, only conversations with an end in it are
+    meant. ``key`` names the content: "T1", "pump_t", "0x6001:0", "0x6000", empty for messages. ``title`` is the same with the
+    name in the dictionary. ``address`` is index and sub-index of a value, or index and 0 of a struct or object. ``size`` is in
+    octets, 0 if it varies; in an S7 area it never varies. ``device`` says which end owns the dictionary.
     """
 
     name: str
@@ -48,11 +47,11 @@ class Binding(msgspec.Struct, frozen=True, eq=False):
     device: Owner = "port"
 
     def matches(self, address_a: bytes, address_b: bytes) -> bool:
-        """Whether a conversation between two addresses of 4 or 16 octets is meant."""
+        """Return whether a conversation between two addresses, of 4 or 16 octets each, is meant."""
         return self.network is None or _holds(self.network, address_a) or _holds(self.network, address_b)
 
     def overlaps(self, other: Binding) -> bool:
-        """Whether both may mean the same conversation, as far as addresses say."""
+        """Return whether both may mean the same conversation, judged by addresses."""
         mine, others = self.network, other.network
         if mine is None or others is None:
             return True
@@ -62,9 +61,9 @@ class Binding(msgspec.Struct, frozen=True, eq=False):
 
 
 class Bindings:
-    """Every binding of a file, in its order and by place. Of one place the narrowest network comes first.
+    """All bindings of a file, in their order, and by place. For the same place the narrowest network comes first.
 
-    ``cotp`` goes by TSAP, ``s7`` by area and DB number (0 outside of DBs), ``bsend`` by R_ID.
+    The keys are: of ``cotp`` the TSAP, of ``s7`` area and DB number (0 outside of DBs), of ``bsend`` the R_ID.
     """
 
     def __init__(self, bindings: Sequence[Binding]) -> None:
@@ -94,6 +93,6 @@ def _holds(network: Network, address: bytes) -> bool:
 
 
 def _width(binding: Binding) -> int:
-    """Return the bits of an address that the binding leaves open, more than any network has where all are."""
+    """Return how many address bits a binding leaves open; a number larger than in any network if it has no network."""
     network = binding.network
     return 129 if network is None else network.max_prefixlen - network.prefixlen

@@ -1,6 +1,6 @@
-"""The file that says where SCD travels: [[binding]] tables in TOML, separate from the dictionary (docs/scd-traffic.md).
+"""The file that says where SCD is carried: [[binding]] tables in TOML, separate from the dictionary (docs/scd-traffic.md).
 
-``holds`` names what is there: messages, or a PDO, struct, variable or object of the dictionary.
+``holds`` names the content: messages, or a PDO, struct, variable or object of the dictionary.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _INDEX: Final = re.compile(r"0[xX][0-9a-fA-F]{1,4}")
 
 
 class Content(NamedTuple):
-    """What is at a place; see `Binding` for the fields."""
+    """The content of a place; see `Binding` for the fields."""
 
     holds: Holds
     key: str = ""
@@ -41,7 +41,7 @@ class Content(NamedTuple):
 
 
 def find_content(dictionary: Dictionary, written: str) -> Content:
-    """Return what ``written`` names; raises `Error` for what is not there, for two things of one name, and for no data."""
+    """Return the content that ``written`` names. Raises `Error` if there is none, if it is ambiguous or has no data."""
     if not written.strip():
         raise Error(E_VALUE, "", f"is empty; {_WAYS}")
     if written == MESSAGES:
@@ -49,7 +49,7 @@ def find_content(dictionary: Dictionary, written: str) -> Content:
     found = [content for content in (_pdo(dictionary, written), _struct(dictionary, written)) if content is not None]
     named = found and found[0].holds == "pdo" and dictionary.pdo(written).name == written
     if not named:
-        # A PDO has the name of its mapping object; whoever wants that one gives its index.
+        # A PDO has the name of its mapping object, which can still be named by its index.
         thing = _object(dictionary, written)
         if thing is not None:
             found.append(thing)
@@ -63,7 +63,7 @@ def find_content(dictionary: Dictionary, written: str) -> Content:
 
 
 def _surely(content: Content) -> str:
-    """Return how a content is written that nothing else can be meant by."""
+    """Return an unambiguous way to write a content."""
     if content.holds == "pdo":
         return f'"{content.key[0]}PDO {content.key[1:]}"'
     return f'"{content.key}"' if content.holds == "value" else f'"0x{content.address[0]:04x}"'
@@ -88,14 +88,14 @@ def _struct(dictionary: Dictionary, written: str) -> Content | None:
 
 
 def _object(dictionary: Dictionary, written: str) -> Content | None:
-    """Return a whole object or one of its values; raises `Error` for an object without data, and for no sub-index of one."""
+    """Return a whole object or one of its values. Raises `Error` for an object without data, or an unknown sub-index."""
     by_index = _INDEX.fullmatch(written) and written not in dictionary.names
     index = int(written, 16) if by_index else dictionary.names.get(written, -1)
     obj = dictionary.objects.get(index)
     if obj is not None:
         return _whole(obj)
     if by_index:
-        return None  # the index of a type, or of nothing
+        return None  # the index of a type, or unknown
     try:
         variable = dictionary.variable(written)
     except Error as error:
@@ -122,7 +122,7 @@ def _value(variable: Variable) -> Content:
 
 
 def _unknown(dictionary: Dictionary, written: str) -> Error:
-    """Return the error that says what there is instead."""
+    """Return an error that lists what the dictionary has."""
     if _PDO.fullmatch(written):
         try:
             dictionary.pdo(written)
@@ -148,12 +148,12 @@ def _names(dictionary: Dictionary, written: str) -> Iterator[str]:
 
 MAX_FILE: Final = 1 << 20
 MAX_BINDINGS: Final = 1024
-#: A TSAP is the value of a parameter whose size is an octet; 255 is kept for extensions.
+#: The longest TSAP: its parameter has a size of one octet, of which 255 is reserved for extensions.
 _MAX_TSAP: Final = 254
 _MAX_PORT: Final = 0xFFFF
 _MAX_R_ID: Final = 0xFFFFFFFF
 _CARRIERS: Final = ("udp", "tcp", "tsap", "s7", "area", "bsend")
-#: S7 and stream contents that leave their size open have it written beside them.
+#: Carriers whose binding must state the size of a content of variable size.
 _SIZED_CARRIERS: Final = ("tcp", "s7")
 
 
@@ -162,12 +162,12 @@ class BindingError(FileError):
 
 
 def load_bindings(path: str | os.PathLike[str], dictionary: Dictionary) -> Bindings:
-    """Return the bindings of a file for a dictionary. Raises `BindingError`, OSError if the file cannot be read."""
+    """Return the bindings in a file, for a dictionary. Raises `BindingError`; OSError if the file cannot be read."""
     return read_file(path, lambda text: _parse(text, dictionary), BindingError, MAX_FILE)
 
 
 def _parse(text: str, dictionary: Dictionary) -> Bindings:
-    """Return the bindings of a text. Raises `DictionaryError` with table, key and line, which holds all that is wrong."""
+    """Return the bindings in a text. Raises `DictionaryError`, with all faults, each with table, key and line."""
     file = UserFile(text, ("binding",))
     reader = _Reader(dictionary)
     tables = 0
@@ -182,7 +182,7 @@ def _parse(text: str, dictionary: Dictionary) -> Bindings:
 
 
 class _Reader:
-    """Reads one table after another; ``rows`` are the bindings and the tables they were written in."""
+    """Reads one table after another; ``rows`` are the bindings, each with its table."""
 
     def __init__(self, dictionary: Dictionary) -> None:
         self.rows: list[tuple[Binding, Table]] = []
@@ -194,7 +194,7 @@ class _Reader:
             raise DictionaryError(f"dictionary {shown(dictionary.name)}, {error.where}", error.detail) from None
 
     def add(self, table: Table) -> None:
-        """Read a table; raises `DictionaryError`."""
+        """Read a table. Raises `DictionaryError`."""
         keys = [key for key in _CARRIERS if table.has(key)]
         if len(keys) != 1:
             told = "one of them is required" if not keys else "exclude each other: use one table for each"
@@ -226,7 +226,7 @@ class _Reader:
             raise table.fail("holds", error.detail) from None
 
     def _size(self, table: Table, binding: Binding, content: Content) -> int:
-        """Return the octets of the content, 0 where that varies and the carrier tells it."""
+        """Return the octets of the content; 0 if they vary and the carrier has the size."""
         if binding.carrier == "tcp" and content.holds == "messages":
             if not self._framed:
                 detail = (
@@ -247,7 +247,7 @@ class _Reader:
         return size
 
     def _check(self, table: Table, binding: Binding) -> None:
-        """Raise for a name that is there already, and for what another binding of the file says of the same octets."""
+        """Raise `DictionaryError` if the name is used already, or another binding claims the same octets."""
         if not binding.name.strip():
             raise table.fail("name", "is empty")
         first = self._names.get(binding.name)
@@ -269,10 +269,10 @@ def _at(table: Table) -> str:
 
 
 def _clash(one: Binding, other: Binding) -> str:
-    """Return the key by which two bindings claim the same octets, empty where they do not.
+    """Return the key by which two bindings claim the same octets; empty if they do not.
 
-    Of the same port, TSAP or R_ID the narrower network is asked first, so only equal networks clash. In an S7 area every
-    binding is asked.
+    For the same port, TSAP or R_ID the narrower network is preferred, so that only equal networks conflict. In an S7 area all
+    bindings apply.
     """
     if one.carrier != other.carrier:
         return ""

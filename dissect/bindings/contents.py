@@ -1,4 +1,4 @@
-"""Octets that a binding points at → messages. Bare contents become a `Message` too, so that all SCD is told in one form."""
+"""Decodes the octets of a binding to messages. Bare contents become a `Message` too, so that all SCD has one form."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
     from dissect.scd.codec import Codec, Decoded
 
-#: Messages of one datagram, TSDU, area or block that are looked at.
+#: How many messages of one datagram, TSDU, area or block are decoded.
 MAX_MESSAGES: Final = 4096
 
 
 def decode(codec: Codec, binding: Binding, octets: bytes) -> list[Message]:
-    """Return what ``octets`` are by the binding. Never raises: what is wrong is the ``error`` of a message, which has ``data``.
+    """Decode ``octets`` by the binding. Never raises: a fault becomes the ``error`` of a message, which keeps the ``data``.
 
-    A bare PDO has ``service`` "pdo", other bare contents ``content``; both are a "push", and ``size`` is all of ``octets``.
+    ``service`` is "pdo" for a bare PDO and "content" for other bare contents; their ``phase`` is "push", their ``size`` all
+    octets.
     """
     if binding.holds == "messages":
         return _messages(codec, binding, octets)
@@ -40,7 +41,7 @@ def decode(codec: Codec, binding: Binding, octets: bytes) -> list[Message]:
 
 
 def _bare(codec: Codec, binding: Binding, octets: bytes) -> Decoded:
-    """Return the values of a bare content; raises `Error`."""
+    """Return the values of a bare content. Raises `Error`."""
     if binding.holds == "pdo":
         return codec.decode(binding.key, octets)
     if binding.holds == "struct":
@@ -51,11 +52,11 @@ def _bare(codec: Codec, binding: Binding, octets: bytes) -> Decoded:
 
 
 def _messages(codec: Codec, binding: Binding, octets: bytes) -> list[Message]:
-    """Return the messages one after another. An S7 area has one size, so zeros may follow the last one there."""
+    """Return the messages in ``octets``. An S7 area has a fixed size, so that zeros may follow its last message."""
     if binding.carrier != "s7" and octets:
         message = codec.parse_message(octets)
         if message.size == len(octets):
-            return [message]  # as nearly always: one message and nothing else
+            return [message]  # the usual case: one message and nothing else
     found: list[Message] = []
     at, end = 0, len(octets)
     if binding.carrier == "s7" and codec.envelope.opening.strip(b"\0"):

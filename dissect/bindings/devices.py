@@ -1,4 +1,4 @@
-"""What is known of each device: its constants, and mappings that were rewritten while somebody watched (R104-R106)."""
+"""What is known about each device: its constants, and mappings that were rewritten during the capture (R104-R106)."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from dissect.tcp.stream import Endpoint
     from dissect.transactions.side import Side
 
-#: Devices remembered; when there are more, the one heard of longest ago is forgotten.
+#: Devices that are remembered; beyond that, the one not seen for longest is forgotten.
 MAX_DEVICES: Final = 4096
-#: Constants remembered of one device.
+#: Constants that are remembered of one device.
 MAX_CONSTANTS: Final = 1024
 _ABSENT: Final = object()
 
 
 class Device:
-    """One device: the codec with its mappings, and the values of its constants as they were last seen.
+    """One device: the codec with its current mappings, and the latest values of its constants.
 
-    ``overlooked`` counts values of constants that were too many to be remembered.
+    ``overlooked`` counts values of constants beyond the bound.
     """
 
     def __init__(self, dictionary: Dictionary, codec: Codec) -> None:
@@ -40,7 +40,7 @@ class Device:
         self._mappings: dict[int, dict[int, int]] = {}
 
     def constant(self, key: Key, value: Value) -> Value | None:
-        """Note the value of a constant; return the one it had before if that was another, else None."""
+        """Note the value of a constant; return the value before if that was different, else None."""
         old = self.constants.get(key, _ABSENT)
         if old is _ABSENT and len(self.constants) >= MAX_CONSTANTS:
             self.overlooked += 1
@@ -53,7 +53,7 @@ class Device:
     def write_mapping(self, index: int, sub: int, value: int) -> Pdo | None:
         """Note that an element of a mapping object was written; return the PDO as it is now, None while it is switched off.
 
-        Raises `Error` for entries that no PDO can have; then the mapping stays as it was.
+        Raises `Error` for entries that no PDO can have; the mapping then stays as it was.
         """
         obj = self._dictionary.objects[index]
         written = self._mappings.setdefault(index, {})
@@ -70,7 +70,7 @@ class Device:
 
 
 class Devices:
-    """Devices by address and port: ``forgotten`` counts those that had to leave, `overlooked` values of constants."""
+    """Devices by address and port. ``forgotten`` counts dropped devices, `overlooked` values of constants beyond the bound."""
 
     def __init__(self, dictionary: Dictionary) -> None:
         self.dictionary = dictionary
@@ -79,22 +79,22 @@ class Devices:
         self._overlooked = 0
         self._known: OrderedDict[tuple[bytes, int], Device] = OrderedDict()
         self.latest = LatestEnd()
-        self._latest: Device | None = None  # that of the latest end
-        _ = self.codec.envelope  # an envelope that cannot work is told before the first packet
+        self._latest: Device | None = None  # the device of the latest end
+        _ = self.codec.envelope  # so that an unusable envelope raises before the first packet
 
     @property
     def overlooked(self) -> int:
-        """Values of constants that were not compared, because a device has too many of them."""
+        """Values of constants that were not compared, because the device has too many constants."""
         return self._overlooked + sum([device.overlooked for device in self._known.values()])
 
     def restart(self) -> None:
-        """Another capture begins: forget every device. `forgotten` counts only those there was no room for."""
+        """Another capture begins: forget all devices. They do not count as ``forgotten``."""
         self._overlooked = self.overlooked
         self._known.clear()
         self.look_again()
 
     def look_again(self) -> None:
-        """The device that was looked for last may have other mappings now."""
+        """The device that was looked up last may have other mappings now."""
         self.latest.end = None
 
     def of(self, side: Side, binding: Binding) -> Device:
@@ -103,7 +103,7 @@ class Devices:
         return self.at(connection.client if binding.device == "peer" else connection.server)
 
     def at(self, end: Endpoint) -> Device:
-        """Return the device behind an address and port."""
+        """Return the device with an address and port."""
         if self._latest is not None and self.latest.end is end:
             return self._latest
         key = (end.address, end.port)
@@ -124,7 +124,7 @@ class Devices:
 
 
 def is_rewritten(dictionary: Dictionary, key: Key) -> bool:
-    """Return whether a value is that of a mapping object of the dictionary, sub-index 0 or an element."""
+    """Return whether a value is sub-index 0 or an element of a mapping object of the dictionary."""
     return isinstance(key, tuple) and is_mapping(key[0]) and key[0] in dictionary.objects and key[1] != STRUCTURE_SUB
 
 

@@ -1,11 +1,11 @@
-"""SCD in traffic: what the bindings point at is decoded by the dictionary, paired and judged.
+"""SCD in traffic: decodes it by the dictionary where the bindings say, pairs and judges it.
 
-`ScdCarrier` is hooked into the pipeline (`dissect.engine.exchange`). The way of a message:
+`ScdCarrier` is plugged into the pipeline (`dissect.engine.exchange`). The path of a message:
 
-    datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, told
+datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, told
 
-Everything between the pipeline and a `Transaction` is here; what state a device has is in `devices`, what deserves attention
-in `dissect.bindings.judging`.
+Everything between the pipeline and a `Transaction` is here. The state of a device is in `devices`; findings are made in
+`dissect.bindings.judging`.
 """
 
 from __future__ import annotations
@@ -43,19 +43,19 @@ if TYPE_CHECKING:
 
 #: `Connection.bound` once it is known that no binding is for its TSAPs.
 _NOT_BOUND: Final = -2
-#: Connections whose BSENDs are put together from their pieces.
+#: Connections whose BSENDs are joined from their pieces.
 MAX_JOINERS: Final = 1024
-#: Put into the reference of a request that is known by its index and sub-index, so that it is no transaction number.
+#: Bit in the reference of a request that has only index and sub-index, so that it differs from transaction numbers.
 _BY_OBJECT: Final = 0x1000000
-#: An error of an envelope may have 64 bits without a sign; that of a transaction has one.
+#: Largest error of a transaction, which is signed; that of an envelope may have 64 bits unsigned.
 _MAX_ERR: Final = (1 << 63) - 1
 
 
 class ScdCarrier(PayloadDecoder):
-    """Decodes SCD where the bindings say it travels.
+    """Decodes SCD where the bindings say that it is carried.
 
-    ``counts`` by name of the binding; ``unpaired`` are messages of no kind; ``skipped`` octets of streams that are in no
-    message; ``blocks_forgotten`` connections whose BSENDs were too many to be put together.
+    ``counts`` are by name of the binding. ``unpaired`` counts messages of unknown kind, ``skipped`` octets of streams outside
+    of messages, ``blocks_forgotten`` connections whose BSENDs were dropped because there were too many.
     """
 
     def __init__(self, dictionary: Dictionary, bindings: Bindings) -> None:
@@ -77,7 +77,7 @@ class ScdCarrier(PayloadDecoder):
         self._pushes: list[Pushes]
 
     def attach(self, exchange: Exchange) -> None:
-        """Remember where findings, observer and dialogue are."""
+        """Take the exchange that messages are handed to."""
         self._exchange = exchange
         peers = frozenset(binding.name for binding in self.bindings.all if binding.device == "peer")
         self._judge = ScdJudge(exchange.reporter, self.devices, peers)
@@ -87,7 +87,7 @@ class ScdCarrier(PayloadDecoder):
     # ---- where SCD travels ------------------------------------------------------------------------------------------
 
     def claims_port(self, transport: str, connection: Connection) -> bool:
-        """Return whether a port of a new conversation is bound; its other end is the client."""
+        """Return whether a port of a new conversation is bound; the other end is then its client."""
         bound = self.bindings.udp if transport == "udp" else self.bindings.tcp
         ends = connection.tcp.ends
         for side in (0, 1):
@@ -101,7 +101,7 @@ class ScdCarrier(PayloadDecoder):
         return False
 
     def datagram(self, side: Side, octets: bytes, missing: int, frame: int, time_ns: int) -> None:
-        """Take a datagram: whole messages one after another, or one bare content."""
+        """Take a datagram: complete messages, or one bare content."""
         if missing:
             self.counts[self.bindings.all[side.connection.bound].name].cut += 1
         elif not self._pushes[side.connection.bound].take_again(side, octets, frame, time_ns):
@@ -120,7 +120,7 @@ class ScdCarrier(PayloadDecoder):
                 self._unit(side, unit, frame, time_ns)
 
     def hole(self, side: Side, size: int, frame: int, time_ns: int) -> None:
-        """Octets are missing: what was begun stays incomplete, and the next message has to be found."""
+        """Octets are missing: the begun message stays incomplete, and the next one has to be found."""
         self.skipped += skip_hole(side, self.bindings.all[side.connection.bound], size)
 
     def tsdu(self, side: Side, octets: bytes, frame: int, time_ns: int) -> bool:
@@ -177,7 +177,7 @@ class ScdCarrier(PayloadDecoder):
                 self._learn(self._pushes[number], found)
 
     def _learn(self, pushes: Pushes, found: ScdMessage) -> None:
-        """Remember a PDO that is all that its unit carries, for those like it."""
+        """Remember a PDO that is alone in its unit, to recognise the next ones."""
         message = found.message
         mapping = found.mapping
         codec = self.devices.codec
@@ -192,7 +192,7 @@ class ScdCarrier(PayloadDecoder):
         pushes.learn(found.octets, KnownPdo(head, mapping, parameters, _reference(message), quiet))
 
     def _decode(self, device: Device, binding: Binding, octets: bytes, at: int = 0) -> Iterator[ScdMessage]:
-        """Give the messages in ``octets``, which begin at offset ``at`` of what carries them, and count them."""
+        """Yield the messages in ``octets``, whose offset in the carrier's content is ``at``, and count them."""
         count = self.counts[binding.name]
         shared = self.devices.codec
         place = 0
@@ -211,7 +211,7 @@ class ScdCarrier(PayloadDecoder):
             yield found
 
     def _mapping(self, device: Device, pdo: str) -> Pdo:
-        """Return a PDO as the device maps it now; of the dictionary's own mappings each is looked for once."""
+        """Return a PDO as the device maps it now; mappings of the dictionary itself are looked up once."""
         if device.codec is not self.devices.codec:
             return device.codec.pdo(pdo)
         found = self._pdos.get(pdo)
@@ -243,7 +243,7 @@ class ScdCarrier(PayloadDecoder):
             name = f"PDO {message.pdo}" if message.pdo else "PDO with an unknown number"
         elif not service:
             name = message.content or "message"
-        # Names are those of the dictionary, so there is an end to them.
+        # names come from the dictionary, so that their number is bounded
         key = self._functions.get(name)
         if key is None:
             key = self._functions[name] = len(self._functions)
@@ -260,7 +260,7 @@ class ScdCarrier(PayloadDecoder):
     # ---- transactions -----------------------------------------------------------------------------------------------
 
     def transaction(self, transaction: Transaction) -> None:
-        """Look into the items and blocks of an S7 transaction; judge an exchange of its own when it is over."""
+        """Look into the items and blocks of an S7 transaction; judge an SCD exchange when it is over."""
         if transaction.rosctr == SCD:
             self._judge.exchange(transaction)
             self.devices.look_again()
@@ -272,14 +272,14 @@ class ScdCarrier(PayloadDecoder):
             self._block(transaction)
 
     def _items(self, transaction: Transaction, *, wrote: bool) -> None:
-        """Decode what stands in items of a read or write, where the whole content was read or written."""
+        """Decode bound contents in the items of a read or write, if an item has the whole content."""
         ends = transaction.connection.tcp.ends
         found: list[ScdMessage] = []
         for result in transaction.results():
             item = result.item
             if item is None or result.data is None or item.start_bit < 0 or item.start_bit & 7:
                 continue
-            block = item.db if in_blocks(item.area) else 0  # elsewhere the field is not used, whatever stands in it
+            block = item.db if in_blocks(item.area) else 0  # outside of DBs the field has no meaning
             for binding in self.bindings.s7.get((item.area, block), ()):
                 begin = binding.offset - (item.start_bit >> 3)
                 if begin >= 0 and begin + binding.size <= len(result.data):
@@ -323,7 +323,7 @@ class ScdCarrier(PayloadDecoder):
         return told
 
     def _block(self, transaction: Transaction) -> None:
-        """Decode a BSEND of a bound R_ID when its last piece was taken."""
+        """Decode a BSEND with a bound R_ID when its last piece was taken."""
         number = transaction.connection.number
         joiner = self._joiners.get(number)
         if joiner is None:
@@ -348,11 +348,11 @@ class ScdCarrier(PayloadDecoder):
                 return
 
     def message_count(self) -> int:
-        """Return how many messages were found, by all bindings together."""
+        """Return how many messages were found with all bindings together."""
         return sum([count.messages for count in self.counts.values()])
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what was found where, and by which dictionary (docs/json.md)."""
+        """Return what was found where, and with which dictionary (docs/json.md)."""
         return {
             "dictionary": encodable(self.dictionary.name),
             "version": encodable(self.dictionary.version),
@@ -380,13 +380,13 @@ class ScdCarrier(PayloadDecoder):
         self.devices.restart()
 
     def end(self, side: Side, frame: int, time_ns: int) -> None:
-        """The connection is over: its counters no longer matter."""
+        """The connection is over: its counters are not needed any more."""
         self._judge.forget(side.connection.number)
         self._joiners.pop(side.connection.number, None)
 
 
 def _reference(message: Message) -> int:
-    """Return what request and answer have in common (profile, reference 3.3): tid, else the object, else nothing."""
+    """Return what request and answer have in common (profile, reference 3.3): the tid, else the object, else nothing."""
     if "tid" in message.numbers:
         return message.tid & REFERENCE
     if "index" in message.numbers:

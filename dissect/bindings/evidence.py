@@ -1,4 +1,4 @@
-"""What shows that a device has another dictionary than ours (R18, profile 3.4): values that both know, and what it denies."""
+"""Finds evidence that a device has another dictionary (R18, profile 3.4): values that both know, and objects it denies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dissect.scd.model import Object
     from dissect.scd.types import Value
 
-#: Where a device shows which dictionary it has: ConfId of "verify configuration" (reference 3.4).
+#: ConfId of "verify configuration" (reference 3.4), which identifies the dictionary of a device.
 CONF_ID: Final = (0x1020, 3)
 #: scd_err_t of "no such object" and "no such sub-index" (reference 3.5).
 _NO_OBJECT: Final = -5
@@ -27,8 +27,8 @@ _NO_SUB: Final = -6
 class Evidence:
     """Compares what devices say with one dictionary.
 
-    ``constants`` are the addresses of what never changes (R75), the numbers of sub-indices among them (not of mapping objects,
-    which are rewritten); ``keys`` all addresses whose value is compared with something.
+    ``constants`` are the addresses of values that never change (R75), including numbers of sub-indices, but not those of
+    mapping objects, which are rewritten. ``keys`` are all addresses whose values are compared with anything.
     """
 
     def __init__(self, dictionary: Dictionary) -> None:
@@ -37,7 +37,7 @@ class Evidence:
         self._expected: dict[Key, Value] = {}
         constants = set()
         structs = [dictionary[index] for index, kind in dictionary.types.items() if isinstance(kind, StructType)]
-        for obj in (*dictionary, *structs):  # of a struct what a device may show of it (R59)
+        for obj in (*dictionary, *structs):  # for structs: the parts that a device may return (R59)
             for variable in obj:
                 if variable.access == "const":
                     constants.add(variable.address)
@@ -47,7 +47,7 @@ class Evidence:
         self.keys: Final[frozenset[Key]] = frozenset((*constants, CONF_ID))
 
     def shown(self, key: tuple[int, int], value: Value) -> str:
-        """Return what a value of a device shows to be different in its dictionary, empty where nothing is."""
+        """Return how a value shows that the device's dictionary is different; empty if it does not."""
         if key == CONF_ID:
             if value in {0, self._conf_id} or not isinstance(value, int):
                 return ""
@@ -72,7 +72,7 @@ class Evidence:
         return f"0x{index:04x} is {theirs} there, {CLASSES[obj.object_class]} of type 0x{_type_code(obj):04x} in the dictionary"
 
     def denied(self, message: Message) -> str:
-        """Return what an error answer denies although the dictionary calls it mandatory (R76), empty where nothing."""
+        """Return what an error answer denies although it is mandatory in the dictionary (R76); empty if nothing."""
         if "index" not in message.numbers or message.err not in {_NO_OBJECT, _NO_SUB}:
             return ""
         obj = self._dictionary.objects.get(message.index)
@@ -86,5 +86,5 @@ class Evidence:
 
 
 def _type_code(obj: Object) -> int:
-    """Return the index of an object's type, 0 for one of fields of its own."""
+    """Return the index of an object's type; 0 if it has fields of its own."""
     return 0 if obj.type is None or is_mapping(obj.index) else obj.type.index

@@ -1,4 +1,4 @@
-"""What is worth saying about SCD in traffic (profile, reference 3.3-3.5); the rows stand in `dissect.findings.catalogue`."""
+"""Findings about SCD in traffic (profile, reference 3.3-3.5); the texts are in `dissect.findings.catalogue`."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from dissect.transactions.side import Side
     from dissect.transactions.transaction import Transaction
 
-#: A counter of PDOs is an octet.
+#: The counter of a PDO has one octet.
 _COUNTER: Final = 256
-#: PDO counters followed at once for one connection, and for all of them.
+#: PDO counters that are followed at the same time: of one connection, and of all.
 MAX_COUNTERS: Final = 1024
 MAX_COUNTERS_ALL: Final = 65536
-#: Variables of a new mapping that are named.
+#: How many variables of a new mapping a finding names.
 _NAMED: Final = 8
 _UNKNOWN: Final = frozenset((E_INDEX, E_SUB, E_PDO_NUMBER))
 _ODD: Final = {
@@ -43,10 +43,10 @@ _ODD: Final = {
 
 
 class ScdJudge:
-    """Judges messages as they come and exchanges when they are over.
+    """Judges messages as they come, and exchanges when they are over.
 
-    ``peers`` are the names of bindings whose dictionary belongs to the end that asks; ``forgotten`` counts PDO counters that
-    were too many.
+    ``peers`` are the names of bindings whose dictionary belongs to the end that asks. ``forgotten`` counts PDO counters beyond
+    the bounds.
     """
 
     def __init__(self, reporter: Reporter, devices: Devices, peers: frozenset[str]) -> None:
@@ -74,7 +74,7 @@ class ScdJudge:
                 self._note("scd.pdo_error" if message.err < 0 else "scd.status", found, text)
 
     def oddities(self, found: ScdMessage) -> None:
-        """Report what is wrong or odd about a message."""
+        """Report what is wrong or odd in a message."""
         message = found.message
         error = message.error
         if error is not None:
@@ -86,7 +86,7 @@ class ScdJudge:
                 else "scd.malformed"
             )
             self._note(slug, found, f"{error.code} {error.where}: {error.detail}")
-        if ACCESS in message.flags and message.phase not in {"response", "abort"}:  # told of the request
+        if ACCESS in message.flags and message.phase not in {"response", "abort"}:  # reported with the request
             self._note("scd.access", found, "the access attribute or the index range forbids this")
         odd = [text for flag, text in _ODD.items() if flag in message.flags]
         if odd:
@@ -96,7 +96,7 @@ class ScdJudge:
             self._note("scd.limits", found, ", ".join(text for text in outside if text) or "a value of it")
 
     def _outside(self, key: Key, value: Value | None) -> str:
-        """Return "0x6000:4 Pump 1.speed = 4000, limits -3000..3000", its name for a field of a bare struct."""
+        """Return "0x6000:4 Pump 1.speed = 4000, limits -3000..3000"; for a field of a bare struct only its name."""
         if not isinstance(key, tuple) or value is None:
             return str(key)
         variable = self._dictionary.variable(key)
@@ -104,7 +104,7 @@ class ScdJudge:
         return f"{address_text(key)} {printable(variable.label)} = {value_text(value)}, limits {limits}"
 
     def count(self, found: ScdMessage, pdo: str, tid: int) -> None:
-        """Follow the counter of a PDO; one that stands still is not in use."""
+        """Follow the counter of a PDO; a counter that never changes is not in use."""
         number = found.connection
         counters = self._counters.get(number)
         if counters is None:
@@ -121,7 +121,7 @@ class ScdJudge:
             self._note("scd.pdo_gap", found, detail)
 
     def _follow(self, number: int, key: tuple[int, str], counter: int) -> None:
-        """Follow another counter of a connection; when there are too many, those of the oldest connection are forgotten."""
+        """Begin to follow a counter; beyond the bound, those of the oldest connection are forgotten."""
         counters = self._counters[number]
         if len(counters) >= MAX_COUNTERS:
             self.forgotten += 1
@@ -134,7 +134,7 @@ class ScdJudge:
             self.forget(oldest)
 
     def garbage(self, side: Side, skipped: int, frame: int, time_ns: int) -> None:
-        """Octets of a bound stream that are not a message were skipped."""
+        """Report skipped octets of a bound stream, which are not a message."""
         detail = f"{skipped} bytes from {side.tcp.ends[side.index]}"
         self._reporter.note("scd.garbage", side.connection.number, [frame], time_ns, detail)
 
@@ -145,12 +145,12 @@ class ScdJudge:
     # ---- what devices say of themselves -----------------------------------------------------------------------------
 
     def exchange(self, transaction: Transaction) -> None:
-        """Judge an SDO exchange that is over, or a PDO: values of the device, what was written to it."""
+        """Judge an SDO exchange that is over, or a PDO: values of the device, and what was written to it."""
         pushed = transaction.outcome == PUSH
         for found in transaction.scd:
             message = found.message
             if pushed and self.is_common(found.message):
-                continue  # nothing that would be compared with what its device said before
+                continue  # without anything to compare with earlier values
             device = self._device(transaction, found)
             if message.err < 0 and message.service != "pdo":
                 detail = self._evidence.denied(message)
@@ -165,14 +165,14 @@ class ScdJudge:
                 self.content(device, found, accepted=True)
 
     def _device(self, transaction: Transaction, found: ScdMessage) -> Device:
-        """Return the device that was asked, or whose PDO this is."""
+        """Return the device that was asked, or that sent this PDO."""
         connection = transaction.connection
         if transaction.outcome_name == "unsolicited":
             return self._devices.at(connection.client if found.binding in self._peers else connection.server)
         return self._devices.at(connection.tcp.ends[1 - transaction.asked_by])
 
     def content(self, device: Device, found: ScdMessage, *, accepted: bool) -> None:
-        """Judge values that a device has, or took over if ``accepted``."""
+        """Judge values that a device has, or that it accepted if ``accepted``."""
         message = found.message
         if found.place and (message.error is not None or message.flags):
             self.oddities(found)
@@ -191,11 +191,11 @@ class ScdJudge:
                     self._note("scd.constant_changed", found, detail)
 
     def is_common(self, message: Message) -> bool:
-        """Whether a message has neither a constant nor a structure, as most have."""
+        """Return whether a message has neither a constant nor a structure, like most messages."""
         return message.sub != STRUCTURE_SUB and self._evidence.keys.isdisjoint(message.values)
 
     def _written(self, device: Device, found: ScdMessage) -> None:
-        """A write was acknowledged: what was written to a mapping object holds from now on."""
+        """A write was acknowledged: values written to a mapping object are valid from now on."""
         for key, value in found.message.values.items():
             if not is_rewritten(self._dictionary, key) or not isinstance(value, int) or not isinstance(key, tuple):
                 continue
@@ -205,7 +205,7 @@ class ScdJudge:
                 self._note("scd.bad_mapping", found, f"{error.where}: {error.detail}")
                 continue
             if pdo is None and key[1]:
-                continue  # one entry of a PDO that is switched off while it is configured
+                continue  # an element of a PDO that is switched off while it is configured
             self._note("scd.remapped", found, f"{value_text(value)} written, now {_mapped(pdo)}")
 
     def _note(self, slug: str, found: ScdMessage, detail: str) -> None:
@@ -217,7 +217,7 @@ class ScdJudge:
 
 
 def _mapped(pdo: Pdo | None) -> str:
-    """Return what a PDO carries, None for one that is switched off."""
+    """Return the content of a PDO; None means that it is switched off."""
     if pdo is None:
         return "switched off"
     named = [f"{address_text(row.variable.address)} {printable(row.variable.label)}" for row in pdo.map[:_NAMED]]

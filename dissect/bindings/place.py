@@ -1,4 +1,4 @@
-"""A place in the memory of an S7 CPU, as a binding writes it: ``DB10.DBB0``, ``DB10.DBW4``, ``MB20``, ``EB0``."""
+"""A place in the memory of an S7 CPU as a binding writes it: ``DB10.DBB0``, ``DB10.DBW4``, ``MB20``, ``EB0``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from dissect.s7.address import MAX_DB, MAX_OCTET, address_text, parse_address
 from dissect.s7.tables import BYTE, DB_AREAS, LETTER_AREAS, NUMBERED_AREAS
 
-#: Areas that consist of octets, by the letters people write.
+#: Areas of octets, by the letters that people write.
 AREAS: Final = {
     **{letter: area for letter, area in LETTER_AREAS.items() if area not in NUMBERED_AREAS},
     "DB": 0x84,
@@ -27,7 +27,7 @@ class Place(NamedTuple):
 
 
 def parse_place(written: str) -> Place | None:
-    """Return the place that ``written`` names, None where it is none. The width letter only says that octets are meant."""
+    """Return the place that ``written`` names, None if it is not valid. The width letter only shows that octets are meant."""
     found = parse_address(written.strip().upper())
     if found is None or found.width not in {"B", "W", "D"} or found.bit >= 0 or found.area not in AREAS.values():
         return None
@@ -35,5 +35,5 @@ def parse_place(written: str) -> Place | None:
 
 
 def in_blocks(area: int) -> bool:
-    """Whether a place of the area has the number of a block."""
+    """Return whether places in the area have a block number."""
     return area in DB_AREAS

@@ -1,7 +1,7 @@
-"""PDOs as they nearly always come: alone in their unit, of a kind that came before, and with nothing odd about them.
+"""A fast path for PDOs as they usually come: alone in their unit, of a known kind, with nothing odd.
 
-What is the same for each of them is worked out once (`KnownPdo`). Values that no octets can make odd are decoded when somebody
-asks for them; everything that is not as expected is left to `dissect.bindings.engine`, which looks at it closely.
+What is the same for all of a kind is worked out once (`KnownPdo`). Values that cannot be odd are decoded only when they are
+needed. Everything that is not as expected is left to `dissect.bindings.engine`.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from dissect.scd.model import Pdo
     from dissect.tcp.stream import Endpoint
 
-#: A transaction number of an envelope may have 64 bits; pairing counts with what fits below its own marks.
+#: Mask for transaction numbers: those of an envelope may have 64 bits; pairing uses the bits below its own marks.
 REFERENCE: Final = (1 << 30) - 1
-#: PDOs that one binding remembers.
+#: How many PDOs one binding remembers.
 MOST_KNOWN: Final = 256
 
 
 class BindingCount:
-    """What a binding found: messages, those with an error, values; ``cut`` were not captured whole."""
+    """What a binding found: messages, messages with errors, values; ``cut`` counts units that were not captured completely."""
 
     def __init__(self) -> None:
         self.messages: i64 = 0
@@ -43,9 +43,9 @@ class BindingCount:
 
 
 class KnownPdo:
-    """A PDO that came before, but for its data and its transaction number.
+    """A PDO that was seen before: everything but its data and its transaction number.
 
-    ``parameters`` and ``reference`` are those it had; ``quiet`` says that no data make it odd, ``odd`` looks at data.
+    ``parameters`` and ``reference`` are those it had. ``quiet``: no data can make it odd; else ``odd`` checks its data.
     """
 
     def __init__(self, head: Head, mapping: Pdo, parameters: ScdParameters, reference: int, quiet: bool) -> None:
@@ -70,9 +70,9 @@ class KnownPdo:
 
 
 class LatestEnd:
-    """The end of the device that was looked for last, None where it has to be looked for again.
+    """The end of the device that was looked up last; None if it has to be looked up again.
 
-    ``usual`` says that its mappings are those of the dictionary.
+    ``usual``: its mappings are those of the dictionary.
     """
 
     def __init__(self) -> None:
@@ -106,10 +106,10 @@ class Pushes:
         self._latest: LatestEnd = latest
         self._peer: bool = binding.device == "peer"
         self._known: dict[int, KnownPdo] = {}
-        self._only: KnownPdo | None = None  # the one of a bare content
+        self._only: KnownPdo | None = None  # the PDO of a bare content
 
     def learn(self, octets: bytes, known: KnownPdo) -> None:
-        """Remember the PDO that ``octets`` were."""
+        """Remember the PDO in ``octets``."""
         if self.bare:
             self._only = known
             return
@@ -118,14 +118,14 @@ class Pushes:
         self._known[int.from_bytes(octets[: self._head_size], "little") & self._repeated] = known
 
     def take_again(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Do as `take` where the unit is of the usual device that was looked for last; False also for any other."""
+        """Like `take`, if the device is the usual one that was looked up last; else return False."""
         latest = self._latest
         connection = side.connection
         end = connection.client if self._peer else connection.server
         return latest.usual and latest.end is end and self.take(side, octets, frame, time_ns)
 
     def take(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Take a unit that is a known PDO and nothing else; False when somebody has to look at it more closely."""
+        """Take a unit that is just a known PDO; return False if it needs a closer look."""
         known = self._only
         tid: int = 0
         if known is not None:

@@ -1,4 +1,4 @@
-"""A bound TCP stream cut into messages: by the size that the envelope tells, or by that of a bare content (reference 3.3)."""
+"""Splits a bound TCP stream into messages, by the size in the envelope or that of a bare content (reference 3.3)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ if TYPE_CHECKING:
     from dissect.scd.envelope import Envelope
     from dissect.transactions.side import Side
 
-#: Places of a stream that may be the begin of a message whose end is not there yet, while its begin is searched for.
+#: How many possible beginnings of incomplete messages are kept during a search.
 MAX_PENDING: Final = 64
 
 
 def cut_stream(side: Side, envelope: Envelope, binding: Binding, octets: bytes) -> tuple[list[bytes], int]:
-    """Return the whole messages that ``octets`` complete, and how many octets were stepped over to find them.
+    """Return the messages that ``octets`` complete, and how many octets were skipped to find them.
 
-    What is left waits at the side (`Backlog`), less than a message. Where the begin of a message is not known (the capture
-    begins in the middle, octets are missing, or something else is in the stream) the next one is searched for, and believed
-    when its checksum is right.
+    The rest, less than a message, waits at the side (`Backlog`). If the beginning of a message is not known (the capture begins
+    in the middle, octets are missing, or something else is in the stream), the next message is searched for; it counts if its
+    checksum is right.
     """
     backlog = side.kept
     assert isinstance(backlog, Backlog)
@@ -38,9 +38,9 @@ def cut_stream(side: Side, envelope: Envelope, binding: Binding, octets: bytes) 
 
 
 def skip_hole(side: Side, binding: Binding, size: int) -> int:
-    """Octets are missing: give up what was begun, and return how many octets that is.
+    """Octets are missing: drop the begun message, and return how many octets of it there were.
 
-    Contents of one size go on where the next one begins; messages have to be found anew.
+    Contents of a fixed size continue where the next one begins; messages have to be searched for.
     """
     backlog = side.kept
     assert isinstance(backlog, Backlog)
@@ -57,7 +57,7 @@ def skip_hole(side: Side, binding: Binding, size: int) -> int:
 
 
 def _cut_equal(backlog: Backlog, size: int, buffer: bytes) -> tuple[list[bytes], int, int]:
-    """Return contents of one size, where the rest of ``buffer`` begins, and the octets before the first one."""
+    """Return contents of a fixed size, where the rest of ``buffer`` begins, and how many octets precede the first content."""
     owed = min(int(backlog.owed), len(buffer))
     backlog.owed -= owed
     end = len(buffer) - (len(buffer) - owed) % size
@@ -65,7 +65,7 @@ def _cut_equal(backlog: Backlog, size: int, buffer: bytes) -> tuple[list[bytes],
 
 
 def _cut_messages(side: Side, backlog: Backlog, envelope: Envelope, buffer: bytes) -> tuple[list[bytes], int, int]:
-    """Return messages, where the rest of ``buffer`` begins, and the octets that were stepped over."""
+    """Return messages, where the rest of ``buffer`` begins, and how many octets were skipped."""
     units: list[bytes] = []
     at = skipped = 0
     while at < len(buffer):
@@ -88,7 +88,7 @@ def _cut_messages(side: Side, backlog: Backlog, envelope: Envelope, buffer: byte
         if not size or at + size > len(buffer):
             if not (envelope.has_crc and envelope.opening):
                 break
-            # Its size may lie: what begins in it and is right goes first.
+            # Its size may be wrong: a valid message that begins inside it is taken first.
             inside, backlog.scan = _find_right(envelope, buffer, max(at + 1, int(backlog.scan)), len(buffer))
             if inside < 0:
                 break
@@ -96,7 +96,7 @@ def _cut_messages(side: Side, backlog: Backlog, envelope: Envelope, buffer: byte
             at = inside
             continue
         if envelope.has_crc and not _is_message(envelope, buffer[at : at + size]):
-            # Its size may be as wrong as its checksum: what begins inside it and is right ends it.
+            # Its size may be as wrong as its checksum: a valid message that begins inside it ends it.
             inside, _ = _find_right(envelope, buffer, at + 1, at + size)
             size = inside - at if inside >= 0 else size
             side.framer.synced = False
@@ -107,7 +107,7 @@ def _cut_messages(side: Side, backlog: Backlog, envelope: Envelope, buffer: byte
 
 
 def _find_right(envelope: Envelope, buffer: bytes, at: int, stop: int) -> tuple[int, int]:
-    """Return where the first right message begins, -1 when none does before ``stop``, and the first place not settled yet."""
+    """Return where the first valid message begins before ``stop`` (-1 if none does), and the first undecided place."""
     begin = _next(envelope, buffer, at)
     settled = -1
     looked = 0
@@ -124,10 +124,10 @@ def _find_right(envelope: Envelope, buffer: bytes, at: int, stop: int) -> tuple[
 
 
 def _search(backlog: Backlog, envelope: Envelope, buffer: bytes) -> int:
-    """Return where the first message begins that is all there, -1 for none; then ``scan`` and ``pending`` say what to look at.
+    """Return where the first complete message begins, -1 if none does; then ``scan`` and ``pending`` say where to go on.
 
-    What may be one but is not all there does not hide those behind it, for its size may be anything. Without a checksum
-    nothing tells them apart, so there the first one is waited for.
+    An incomplete message does not hide those after it, because its size may be wrong. Without a checksum they cannot be told
+    apart, so that the first one is waited for.
     """
     pending = []
     for begin, size in backlog.pending:
@@ -141,7 +141,7 @@ def _search(backlog: Backlog, envelope: Envelope, buffer: bytes) -> int:
         size, error = envelope.frame(buffer, begin)
         if error is None:
             if not size:
-                break  # not even its head is there
+                break  # even its head is incomplete
             if begin + size > len(buffer):
                 pending.append((begin, size))
             elif _is_message(envelope, buffer[begin : begin + size]):
@@ -157,7 +157,7 @@ def _is_message(envelope: Envelope, unit: bytes) -> bool:
 
 
 def _next(envelope: Envelope, buffer: bytes, at: int) -> int:
-    """Return where a message may begin, at ``at`` or later: the end of the buffer when nowhere."""
+    """Return where a message may begin at or after ``at``; the end of the buffer if nowhere."""
     opening = envelope.opening
     if not opening:
         return at

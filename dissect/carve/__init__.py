@@ -1,1 +1,1 @@
-"""Blocks out of captures and folders: read, listed, written to files with a manifest, compared."""
+"""Blocks from captures and folders: reads them, lists them, writes them to files with a manifest, compares them."""

@@ -1,4 +1,4 @@
-"""The code of blocks: listings, their cross-reference, and what changed from one version to another (`dissect.mc7`)."""
+"""The code of blocks: listings, cross-reference, and changes from one version to another (`dissect.mc7`)."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from dissect.wire.text import Clock, cell, encodable, printable, shortened
 
 CODE_SCHEMA: Final = "s7dissect.blocks-code/1"
 REFERENCES_SCHEMA: Final = "s7dissect.blocks-references/1"
-#: Columns of CSV: of the code a row for each instruction, of the cross-reference one for each use and call.
+#: CSV columns: for code a row for each instruction, for the cross-reference a row for each use and call.
 CODE_COLUMNS: Final = ("plc", "block", "network", "offset", "label", "name", "operand", "tag", "octets")
 REFERENCE_COLUMNS: Final = ("plc", "address", "access", "block", "network", "offset")
-#: Why nothing is read of a block.
+#: Why the contents of a block are not read.
 _NO_HEADER: Final = "  no block header: type and number are those of the request, nothing is read of the contents"
 _PLUS: Final = "  the code that the CPU runs (MC7plus) is not shown: its encoding is not public"
 #: Characters of the names of a section on a line.
 _NAMES: Final = 400
 _CALL: Final = "call"
-#: Bytes of distinct blocks that are decoded in one run; decoded they take some fifty times the memory.
+#: Bytes of distinct blocks that are decoded in one run; decoded blocks take some fifty times the memory.
 MAX_CODE: Final = 4 * 1024 * 1024
 _TOO_MUCH: Final = f"  not decoded: the blocks of this run have more than {MAX_CODE // 1024} KiB together"
-#: Bits of the types whose place is written with the letter of a width.
+#: Bits of the types whose address has a width letter.
 _WIDTHS: Final[dict[str, int]] = {
     "BOOL": 1,
     **dict.fromkeys(("WORD", "INT", "DATE", "S5TIME"), 16),
@@ -48,7 +48,7 @@ _WIDTHS: Final[dict[str, int]] = {
 
 
 class Programs:
-    """The blocks of a set by PLC and label, read once each, so that a call finds the interface of the block it calls."""
+    """The blocks of a set by PLC and label, each read once, so that a call finds the interface of the called block."""
 
     def __init__(self, blocks: Sequence[CarvedBlock]) -> None:
         self._read: dict[str, Block] = {}
@@ -62,7 +62,7 @@ class Programs:
         self._latest = {key: row[-1] for key, row in versions(blocks, by_plc=True).items()}
 
     def read(self, block: CarvedBlock) -> Block:
-        """Return a block as far as it can be read, the same object for the same octets."""
+        """Return a block as far as it can be read; the same object for the same octets."""
         key = digest(block)
         found = self._read.get(key)
         if found is None:
@@ -71,16 +71,16 @@ class Programs:
         return found
 
     def fits(self, block: CarvedBlock) -> bool:
-        """Tell whether a block is of S7-300/400 and among those that are decoded."""
+        """Return whether a block is of S7-300/400 and among those that are decoded."""
         return block.classic is not None and digest(block) in self._fitting
 
     def find(self, plc: str, kind: str, number: int) -> Block | None:
-        """Return the latest version of a block of a PLC, None where it did not pass."""
+        """Return the latest version of a block of a PLC; None if it was not captured."""
         block = self._latest.get((plc, f"{kind}{number}"))
         return self.read(block) if block is not None and self.fits(block) else None
 
     def lister(self, block: CarvedBlock, language: str, naming: Naming | None) -> Lister:
-        """Return what writes the code of a block, with the tags and the other blocks of its PLC."""
+        """Return a lister for the code of a block, with the tags and the other blocks of its PLC."""
         operation = block.operation
         known = operation.connection.naming if operation is not None else naming
         return Lister(language, tag_names(known), lambda kind, number: self.find(block.plc, kind, number))
@@ -97,7 +97,7 @@ class Programs:
 def details_of(
     first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], language: str, naming: Naming | None
 ) -> Callable[[BlockChange], list[Change]]:
-    """Return what tells what changed in a block from one set to another; of blocks that cannot be read nothing."""
+    """Return a function that says what changed in a block between two sets; for blocks that cannot be read it says nothing."""
     programs = Programs([*first, *second])
     known: dict[int, list[Change]] = {}
 
@@ -145,7 +145,7 @@ class CodeListing(Outcome):
         self._programs = Programs(blocks)
 
     def text(self) -> Iterator[Line]:
-        """Yield each block: the line of the list, then what it holds."""
+        """Yield the lines of each block: that of the list, then its contents."""
         for number, block in enumerate(self._blocks):
             if number:
                 yield Line("", PLAIN)
@@ -213,7 +213,7 @@ class CodeListing(Outcome):
 
 
 def _plus_lines(block: CarvedBlock) -> Iterator[str]:
-    """Yield the interface and the body of a block of S7comm-plus; text of the wire is escaped."""
+    """Yield the interface and the body of an S7comm-plus block; text from the wire is escaped."""
     known = dictionaries()
     for section, names in interface(block, known):
         yield f"  {printable(section)}: {shortened(', '.join(names), _NAMES)}"
@@ -253,19 +253,19 @@ def _plus_values(block: CarvedBlock) -> dict[str, object]:
 
 
 def value_address(db: int, value: Value) -> str:
-    """Return where a value of a data block stands: ``DB2.DBW4``, of a text or structure its first byte."""
+    """Return the address of a value in a data block: ``DB2.DBW4``; for a text or structure that of its first byte."""
     return place_text(DB, db, value.bit, _WIDTHS.get(value.type, 8))
 
 
 def _style(text: str) -> str:
-    """Return how a line of a listing looks: what does not fit stands out, and where a network begins."""
+    """Return the style of a line of a listing: faults stand out, and the beginnings of networks."""
     if text.startswith("!"):
         return FAILED
     return HEADING if text.startswith("NETWORK ") else PLAIN
 
 
 class References(Outcome):
-    """Which blocks read and write which address, and which call which, by PLC; of each block the latest version."""
+    """Which blocks read and write which address, and which block calls which, by PLC; the latest version of each block."""
 
     layout = WIDE_PAGE
 
@@ -274,7 +274,7 @@ class References(Outcome):
         self._left_out = list(dict.fromkeys([block.label for block in blocks if block.plus is not None]))
 
     def text(self) -> Iterator[Line]:
-        """Yield an address a line, then the calls."""
+        """Yield a line for each address, then the calls."""
         for plc, programs in self._programs.items():
             if plc:
                 yield Line(plc, HEADING)

@@ -1,4 +1,4 @@
-"""The values of a data block that was transferred: by tags, for its declarations carry no names."""
+"""The values of a transferred data block by tags, because its own declarations have no names."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dissect.transactions.naming import NamedValue, Naming
 
 __all__ = ["NamedValue", "block_values", "tag_names"]
 
-#: Tags that one operand names.
+#: How many tags an operand may have.
 _TAGS: Final = 3
 
 
 def block_values(block: CarvedBlock) -> list[NamedValue]:
-    """Return the values in a data block by the tags of its CPU, and the octets between them; empty where no tag is there."""
+    """Return the values in a data block by the tags of its CPU, and the octets between them; empty if there are no tags."""
     operation = block.operation
     naming = operation.connection.naming if operation is not None else None
     if naming is None or block.classic is None or block.kind != "DB":
-        return []  # without a header nothing says where the values begin
+        return []  # without a header it is unknown where the values begin
     data = block.classic.code
     item = Item(b"values of block %d" % block.number, 0)
     item.transport_size = BYTE
@@ -34,7 +34,7 @@ def block_values(block: CarvedBlock) -> list[NamedValue]:
 
 
 def tag_names(naming: Naming | None) -> Callable[[int, int, int, int], str]:
-    """Return what names an address (area, data block, first bit, bits) by tags; empty for none."""
+    """Return a function that names an address (area, data block, first bit, bits) by tags; an empty text for none."""
     from dissect.tags.naming import TagNaming, part_name
 
     if not isinstance(naming, TagNaming):

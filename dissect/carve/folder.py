@@ -1,7 +1,7 @@
-"""Blocks as files: a folder with a file for each block, the texts of S7comm-plus beside it, and a manifest.
+"""Blocks as files: a folder with a file for each block, texts of S7comm-plus blocks in further files, and a manifest.
 
-A file is called by its place in the list, type, number and direction, never by what a device said; the octets are as they
-passed. The manifest is the JSON of `s7dissect blocks` with the names of the files in it.
+A file is named by its number in the list, type, number and direction, never by text from a device; its octets are those that
+were captured. The manifest is the JSON of `s7dissect blocks`, with the names of the files.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 MANIFEST: Final = "manifest.json"
-#: What the files of blocks end with: of S7-300/400, of S7comm-plus, and contents without a header.
+#: Suffixes of block files: S7-300/400, S7comm-plus, and contents without a header.
 CLASSIC: Final = ".mc7"
 PLUS: Final = ".s7p"
 RAW: Final = ".bin"
-#: What the names of files end with whose block is not whole, and of those with what passed behind its gap.
+#: Suffixes of the names of files: a block that is not complete, and the octets that were captured after its gap.
 INCOMPLETE: Final = "-incomplete"
 BEHIND_GAP: Final = ".behind-gap"
 _SUFFIXES: Final = (CLASSIC, PLUS, RAW)
-#: Octets of a file that is read as a block, or as a manifest.
+#: Octets of the largest file that is read as a block or a manifest.
 _LARGEST: Final = 64 * 1024 * 1024
-#: Octets of all texts that are opened: a small blob may hold much.
+#: Octets of all texts that are inflated, because a small blob may become large.
 MAX_TEXTS: Final = 128 * 1024 * 1024
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9]+")
 _MAX_WORD: Final = 24
 
 
 class FolderError(ValueError):
-    """A file or folder that holds no blocks, in one line for a person."""
+    """A file or folder without blocks; the message is one line for a person."""
 
 
 def file_name(number: int, block: CarvedBlock) -> str:
-    """Return the name of the file of the block that is ``number`` in its list; of safe characters only, and unique."""
+    """Return the unique file name, of safe characters only, for the block with this ``number`` in its list."""
     kind = _UNSAFE.sub("", block.kind)[:_MAX_WORD] or "block"
     suffix = PLUS if block.plus is not None else CLASSIC if block.classic is not None else RAW
     label = f"{kind}{block.number}" if block.number >= 0 else kind
@@ -51,7 +51,7 @@ def file_name(number: int, block: CarvedBlock) -> str:
 
 
 def texts(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> dict[str, bytes]:
-    """Return what the compressed texts of a block hold, by what they are (``body-1``); those that stay closed are left out."""
+    """Return the inflated texts of a block by kind (``body-1``), without those that cannot be opened."""
     found: dict[str, bytes] = {}
     counts: dict[int, int] = {}
     for id_, octets in block.plus.blobs() if block.plus is not None else ():
@@ -63,9 +63,9 @@ def texts(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> dict[str, by
 
 
 class Plan:
-    """The files of blocks, known before the first is written: by name the index of the block, and the octets.
+    """The files of blocks, planned before any is written: ``files`` has index of the block and octets, by name.
 
-    ``left_out`` counts by index the texts that did not fit `MAX_TEXTS`. The manifest is not among the files.
+    ``left_out`` counts, by index, the texts beyond `MAX_TEXTS`. The manifest is not among the files.
     """
 
     def __init__(self, blocks: Sequence[CarvedBlock], dictionaries: Mapping[int, bytes], most: int = MAX_TEXTS) -> None:
@@ -85,9 +85,9 @@ class Plan:
 
 
 def write_folder(folder: str | Path, plan: Plan, manifest: dict[str, Any]) -> None:
-    """Write the files of a plan, then the manifest, in which each block gets the names of its own. Raises `OSError`.
+    """Write the files of a plan; then the manifest, with the names of the files of each block. Raises `OSError`.
 
-    ``manifest`` has the records of the blocks as ``blocks``.
+    ``manifest`` has the records of the blocks in ``blocks``.
     """
     home = Path(folder)
     home.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ def write_folder(folder: str | Path, plan: Plan, manifest: dict[str, Any]) -> No
 
 
 def occupied(folder: str | Path, names: Sequence[str]) -> list[str]:
-    """Return those of ``names``, and the manifest, that are in a folder already."""
+    """Return those of ``names``, and the manifest, that exist in a folder already."""
     home = Path(folder)
     return [name for name in (MANIFEST, *names) if (home / name).exists() or (home / name).is_symlink()]
 
@@ -115,9 +115,9 @@ def occupied(folder: str | Path, names: Sequence[str]) -> list[str]:
 
 
 def read_folder(folder: str | Path) -> list[CarvedBlock]:
-    """Return the blocks of a folder: those of its manifest, without one every file that is a block, in the order of names.
+    """Return the blocks of a folder: those in its manifest; without a manifest all files that are blocks, sorted by name.
 
-    Raises `FolderError` when it holds none, or a manifest that is wrong; OSError when a file cannot be read.
+    Raises `FolderError` if there are none, or the manifest is wrong; OSError if a file cannot be read.
     """
     home = Path(folder)
     manifest = home / MANIFEST
@@ -157,20 +157,20 @@ def _of_record(home: Path, record: dict[str, Any]) -> CarvedBlock:
 
 
 def _path(home: Path, name: str) -> Path:
-    """Return where a file lies that the manifest of a folder names. Raises `FolderError` for one outside of it."""
+    """Return the path of a file that the manifest names. Raises `FolderError` if it is outside of the folder."""
     if name != Path(name).name or name in {"", ".", ".."}:
         raise FolderError(f"{printable(str(home / MANIFEST))}: {printable(name)} is not a file of this folder")
     return home / name
 
 
 def _named(record: dict[str, Any]) -> str:
-    """Return what a request called a block, so far as `block_of` needs it."""
+    """Return the name of a block in its request, in the form that `block_of` needs."""
     number = record.get("number")
     return f"{record.get('type')} {number}, passive" if isinstance(number, int) else str(record.get("title") or "")
 
 
 def read_block(path: str | Path) -> CarvedBlock | None:
-    """Return a file that is a block, None for any other. Raises OSError."""
+    """Return the block in a file; None if it is not a block. Raises OSError."""
     octets = _octets(Path(path))
     block = block_of(octets)
     if block.classic is not None:

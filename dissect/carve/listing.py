@@ -1,4 +1,4 @@
-"""The list of blocks and their comparison, as lines for a person, JSON-ready values and rows of CSV."""
+"""The list of blocks and their comparison, as text lines, JSON-ready values and CSV rows."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from dissect.report.words import Places
 from dissect.wire.text import Clock, shortened
 
 CHANGES_SCHEMA: Final = "s7dissect.block-changes/1"
-#: Columns of CSV of a comparison.
+#: CSV columns of a comparison.
 CHANGE_COLUMNS: Final = (
     "state", "type", "number", "was_number", "name", "parts", "facts", "details", "comparable", "was_octets", "now_octets",
     "was_sha256", "now_sha256",
 )  # fmt: skip
 _TEXT: Final = 60
-#: Values of a data block that a person is shown; JSON and the manifest have all of them.
+#: How many values of a data block a person sees; JSON and the manifest have all of them.
 _VALUES: Final = 40
 _VALUE: Final = 200
 
 
 class BlockList(Outcome):
-    """The blocks of captures. ``lost`` counts those that were too many to keep."""
+    """The blocks of captures. ``lost`` counts blocks that were not kept, because there were too many."""
 
     layout = WIDE_PAGE
 
@@ -41,7 +41,7 @@ class BlockList(Outcome):
         self._values: dict[str, object] | None = None
 
     def text(self) -> Iterator[Line]:
-        """Yield a line for each block, the values of data blocks below it."""
+        """Yield a line for each block, with the values of data blocks below it."""
         for block in self.blocks:
             style = PLAIN if block.complete else FAILED
             yield Line(block_line(block, self.places, self.clock), style, HANG)
@@ -50,7 +50,7 @@ class BlockList(Outcome):
             yield Line(f"and {words.count(self.lost, 'further block')}: too many to list", FAILED)
 
     def as_dict(self) -> dict[str, object]:
-        """Return them as values, the same at each call; `dissect.carve.folder` writes them as manifest, with its files."""
+        """Return the blocks as values, the same object at each call; `dissect.carve.folder` adds the names of files."""
         if self._values is None:
             self._values = self._records()
         return self._values
@@ -75,13 +75,13 @@ class BlockList(Outcome):
 
 
 def block_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
-    """Return a block on one line: when, who, what, how much, how far it came, and what it says of itself."""
+    """Return a line about a block: when, who, what, size, state, and the facts in its header."""
     parts = [_title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
     return _transfer(block, places, clock) + "  ".join([part for part in parts if part])
 
 
 def transfer_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
-    """Return the same without what the block says of itself, which its listing has."""
+    """Return the same without the facts of the header, which the listing has."""
     return f"{_transfer(block, places, clock)}{shortened(block.label, _TEXT)}  {_state(block, places)}"
 
 
@@ -135,9 +135,9 @@ def _value_lines(block: CarvedBlock) -> Iterator[Line]:
 
 
 class BlockChanges(Outcome):
-    """What changed from one set of blocks to another; ``first`` and ``second`` are what they are called.
+    """What changed from one set of blocks to another; ``first`` and ``second`` are the names of the sets.
 
-    ``details`` says of a changed block what changed in its code, interface and values, as far as these can be read.
+    ``details`` returns what changed in a block's code, interface and values, as far as these can be read.
     """
 
     layout = WIDE_PAGE
@@ -155,7 +155,7 @@ class BlockChanges(Outcome):
         self.details = details
 
     def text(self) -> Iterator[Line]:
-        """Yield a line for each block that changed, and below it what changed in it."""
+        """Yield a line for each changed block, with what changed in it below."""
         for change in self.changes:
             yield Line(change_line(change), PLAIN, HANG)
             details = self.details(change)
@@ -165,7 +165,7 @@ class BlockChanges(Outcome):
                 yield Line(f"    {called}: {_quoted(was)} → {_quoted(now)}", PLAIN, HANG)
 
     def as_dict(self) -> dict[str, object]:
-        """Return them as values."""
+        """Return the changes as values."""
         return {
             "schema": CHANGES_SCHEMA,
             "a": self.first,
@@ -203,7 +203,7 @@ def _digest(block: CarvedBlock | None) -> str:
 
 
 def change_line(change: BlockChange) -> str:
-    """Return what became of a block on one line. Text of the wire is escaped."""
+    """Return a line about a changed block. Text from the wire is escaped."""
     title = _title(change.block)
     if change.state == NEW:
         return f"new      {title}: {words.count(len(change.block.octets), 'byte')}"
@@ -216,7 +216,7 @@ def change_line(change: BlockChange) -> str:
 
 
 def _what(change: BlockChange) -> str:
-    """Return in words which parts of a block differ."""
+    """Return which parts of a block differ, as text."""
     if change.parts == ("header",):
         return "header only"
     return ", ".join([part for part in change.parts if part != "header" or change.facts])
@@ -240,7 +240,7 @@ def _change_record(change: BlockChange, details: list[Change]) -> dict[str, obje
 
 
 def _side(block: CarvedBlock | None) -> dict[str, object] | None:
-    """Return one version of a block; of a capture with its packets."""
+    """Return one version of a block as values; if it is from a capture, with its packets."""
     if block is None:
         return None
     values: dict[str, object] = {

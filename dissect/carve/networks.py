@@ -1,8 +1,8 @@
-"""Bodies of S7-1200/1500 blocks as a listing: the XML that travels beside the code of the CPU, network by network.
+"""Lists the bodies of S7-1200/1500 blocks: the XML that is transferred with the CPU's code, network by network.
 
-Ladder and function block networks become one line for each output, in the terms of the gates; SCL its source, token by
-token. Names come from the references that travel with the body. The XML is Siemens' own, its form taken from captures (mc7
-reference section 12).
+Networks in ladder or function block diagram become one line for each output, written with the names of the gates. SCL becomes
+its source, token by token. Names come from the references that are transferred with the body. The XML is Siemens' own; its form
+is taken from captures (mc7 reference section 12).
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 NEEDS: Final = "the body of an S7-1200/1500 block needs s7commplus and defusedxml: pip install 's7dissect[s7plus]'"
-#: Octets of a text that is read, gates inside each other, and characters of a line.
+#: Bounds: octets of a text that is read, nested gates, and characters of a line.
 _LARGEST: Final = 4 * 1024 * 1024
 _DEPTH: Final = 60
-#: Gates that one line is made of: wires may cross so that each gate leads to all others.
+#: Most gates in one line: wires may cross so that each gate leads to all others.
 _GATES: Final = 1000
 _WIDTH: Final = 4000
 _ESCAPED: Final = re.compile("_x([0-9A-Fa-f]{4})_")
 _RAIL: Final = "TRUE"
 _AND: Final = " AND "
-#: The pin of a comparison in a ladder for what stands before it.
+#: The pin of a ladder comparison for the logic before it.
 _PRECEDING: Final = "pre"
-#: The pins of two boxes, the second of which goes by whether the first did its work.
+#: The pins between two boxes if the second one depends on whether the first one succeeded.
 _ENABLES: Final = ("eno", "en")
-#: How the program editor calls the one section of a data block; structures inside each other, and names of a section.
+#: The program editor's name for the only section of a data block; then bounds: nested structures, and names of a section.
 _STATIC: Final = "Static"
-_SECTION: Final = "Section"  # how TIA Portal V11 and V12 call one, which has a number for a type there
+_SECTION: Final = "Section"  # what TIA Portal V11 and V12 call a section, which has a number as its type
 _NESTED: Final = 8
 _MEMBERS: Final = 10_000
-#: Digits of an index or a place that are too many to be read.
+#: Most digits of an index or a position.
 _INDEX: Final = 6
-#: Gates that join, and what stands between what they join.
+#: Gates that join their inputs, and the text between these.
 _JOINS: Final[dict[str, str]] = {"O": " OR ", "A": _AND, "X": " XOR "}
-#: Gates that write their operand, and what stands in front of it.
+#: Gates that write their operand, and the text before it.
 _COILS: Final[dict[str, str]] = {"Coil": "", "SCoil": "set ", "RCoil": "reset "}
-#: Tokens of SCL that are no names.
+#: Tokens of SCL that are not names.
 _TOKENS: Final[dict[str, str]] = {"BL": " ", "NL": "\n", "OpAs": ":=", "FiSt": ";"}
 
 
 class PlusNetwork(NamedTuple):
-    """A network: its place from 1 on, its language, and its lines."""
+    """A network: its number from 1 on, its language, and its lines."""
 
     number: int
     language: str
@@ -60,9 +60,9 @@ class PlusNetwork(NamedTuple):
 
 
 def networks(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[PlusNetwork] | None:
-    """Return the networks of the body of a block, by place; empty without a body, None where it cannot be opened."""
+    """Return the networks of a block's body in order; empty if there is no body, None if it cannot be opened."""
     try:
-        from defusedxml.ElementTree import fromstring  # noqa: F401 - whether it is there
+        from defusedxml.ElementTree import fromstring  # noqa: F401 - only to see whether it is installed
     except ImportError:
         return None
     bodies: list[Element] = []
@@ -98,7 +98,7 @@ def _parsed(octets: bytes, dictionaries: Mapping[int, bytes]) -> Element | None:
 
 
 def _name(text: str) -> str:
-    """Return a name with what XML cannot hold in place: ``DB_x0020_333`` is ``DB 333``."""
+    """Return a name with its XML escapes replaced: ``DB_x0020_333`` is ``DB 333``."""
     return _ESCAPED.sub(lambda found: chr(int(found[1], 16)), text)
 
 
@@ -123,14 +123,14 @@ def _bounded(line: str) -> str:
 
 
 class _Gates:
-    """The gates of one network and what their pins are wired to."""
+    """The gates of one network and the wires at their pins."""
 
     def __init__(self, root: Element, names: Mapping[str, str]) -> None:
         self._parts: dict[str, Element] = {}
-        self._inputs: dict[str, dict[str, tuple[str, str]]] = {}  # pin → (gate, pin), of an operand (gate, "")
-        self._outputs: dict[str, list[tuple[str, str]]] = {}  # of a gate: (pin, operand)
+        self._inputs: dict[str, dict[str, tuple[str, str]]] = {}  # pin → (gate, pin), or (gate, "") for an operand
+        self._outputs: dict[str, list[tuple[str, str]]] = {}  # by gate: (pin, operand)
         self._used: dict[str, int] = {}
-        self._enabling: set[str] = set()  # whose enabling output enables another
+        self._enabling: set[str] = set()  # gates whose enable output enables another one
         self._names = names
         self._left = _GATES
         for element in root.iter():
@@ -170,7 +170,7 @@ class _Gates:
         return _name(part.get("Gate") or part.get("Name") or _tag(part))
 
     def _with_instance(self, part: Element, gate: str) -> str:
-        """Return a gate with the instance that it works with: ``CALL fb, instance``, and ``instance.TON`` as in SCL."""
+        """Return a gate with its instance: ``CALL fb, instance``, or ``instance.TON`` as in SCL."""
         found = [each.get("RefId", "") for each in part if _tag(each) == "Instance"]
         if not found:
             return gate
@@ -178,7 +178,7 @@ class _Gates:
         return f"{instance}.{gate}" if _tag(part) == "Part" else f"{gate}, {instance}"
 
     def lines(self) -> list[str]:
-        """Return a line for each gate that nothing else is made of."""
+        """Return a line for each gate that is not part of the line of another one."""
         found: list[str] = []
         for uid, part in self._parts.items():
             gate = part.get("Gate", "")
@@ -220,7 +220,7 @@ class _Gates:
         if gate in _JOINS:
             return f"({_JOINS[gate].join(texts.values())})"
         if gate in _COILS:
-            return texts.get("in", _RAIL)  # a coil within a line passes on what it gets
+            return texts.get("in", _RAIL)  # a coil within a line passes its input on
         before = texts.pop(_PRECEDING, _RAIL)
         arguments = ", ".join([f"{name} := {text}" for name, text in texts.items() if text != _RAIL])
         shown = f"{self._with_instance(part, gate)}({arguments})"
@@ -228,7 +228,7 @@ class _Gates:
         return shown if before == _RAIL else f"{before}{_AND}{shown}"
 
     def _input(self, pin: str, source: tuple[str, str], depth: int) -> str:
-        """Return what a pin gets; the enabling output of a box by the name of the box, which has a line of its own."""
+        """Return the input of a pin; for an enable output the name of its box, which has its own line."""
         part = self._parts.get(source[0])
         wired = part is not None and source[0] in self._inputs
         if part is not None and wired and (source[1], pin) == _ENABLES:
@@ -237,7 +237,7 @@ class _Gates:
 
 
 def _negated(part: Element) -> set[str]:
-    """Return the pins of a gate that are negated; a negated coil has its operand so."""
+    """Return the negated pins of a gate; a negated coil has a negated operand."""
     return {each.get("PinName", "") for each in part.iter() if _tag(each) == "Negated"}
 
 
@@ -251,13 +251,13 @@ def _not(text: str) -> str:
 
 
 def interface(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[tuple[str, list[str]]]:
-    """Return the sections of the interface of a block that have members, with their names; empty where it cannot be opened.
+    """Return the sections of a block's interface that have members, with the names; empty if it cannot be opened.
 
-    Members of structures have the names of these in front. A data block of its own has one section, `_STATIC`; an instance has
-    those of its function block.
+    Members of structures have the name of the structure before theirs. A data block without a function block has one section,
+    `_STATIC`; an instance has those of its function block.
     """
     try:
-        import defusedxml  # noqa: F401 - whether it is there
+        import defusedxml  # noqa: F401 - only to see whether it is installed
     except ImportError:
         return []
     found: list[tuple[str, list[str]]] = []
@@ -269,7 +269,7 @@ def interface(block: CarvedBlock, dictionaries: Mapping[int, bytes]) -> list[tup
 
 
 def _sections(root: Element) -> list[tuple[str, list[str]]]:
-    """Return the sections that the first part of an interface with declarations has; of those it refers to, only structures."""
+    """Return the sections of the first part of an interface that has declarations; parts it refers to are only structures."""
     found: list[tuple[str, list[str]]] = []
     for part in [each for each in root.iter() if _tag(each) == "Part"]:
         declared = [each for head in _within(part, "Payload", "Root") for each in head if _tag(each) == "Member"]
@@ -292,13 +292,13 @@ def _sections(root: Element) -> list[tuple[str, list[str]]]:
 
 
 def _within(element: Element, *tags: str) -> list[Element]:
-    """Return the elements of the last of these tags, each of which stands in one before; of one tag what stands in it."""
+    """Return the content of elements with the tag ``tags[0]``; with a second tag only the elements with that tag."""
     inner = [each for head in element if _tag(head) == tags[0] for each in head]
     return [each for each in inner if _tag(each) == tags[1]] if len(tags) > 1 else inner
 
 
 def _inside(member: Element, parts: list[Element]) -> tuple[list[Element], list[Element]]:
-    """Return the members of a section or structure, which stand in it or in a part, and the parts that these refer to."""
+    """Return the members of a section or structure, in it or in another part, and the parts to which these refer."""
     own = [each for each in member if _tag(each) == "Member"]
     if own:
         return own, parts
@@ -311,7 +311,7 @@ def _inside(member: Element, parts: list[Element]) -> tuple[list[Element], list[
 
 
 def _add_names(names: list[str], member: Element, parts: list[Element], before: str, depth: int) -> None:
-    """Add the name of a variable; of a structure those of its members."""
+    """Add the name of a variable; for a structure the names of its members."""
     if len(names) >= _MEMBERS:
         return
     name = before + _name(member.get("Name", ""))
@@ -323,7 +323,7 @@ def _add_names(names: list[str], member: Element, parts: list[Element], before: 
 
 
 def _source(root: Element, names: Mapping[str, str]) -> list[str]:
-    """Return SCL as its tokens say it; one that is not known stands in angle brackets."""
+    """Return SCL from its tokens; unknown tokens are in angle brackets."""
     symbols = {
         each.get("SymID", ""): names.get(each.get("RefId", ""), f"ref {each.get('RefId', '?')}")
         for each in root.iter()
@@ -349,7 +349,7 @@ def _token(element: Element, symbols: Mapping[str, str]) -> str:
 
 
 def compare_sections(before: list[tuple[str, list[str]]], after: list[tuple[str, list[str]]]) -> list[Change]:
-    """Return which names an interface gained and lost, as `interface` gives them; none where one could not be opened."""
+    """Return the names that an interface gained and lost, given results of `interface`; empty if one could not be opened."""
     if not before or not after:
         return []
     old, new = [{(section, name): None for section, names in each for name in names} for each in (before, after)]
@@ -361,7 +361,7 @@ def compare_sections(before: list[tuple[str, list[str]]], after: list[tuple[str,
 
 
 def compare_networks(before: list[PlusNetwork], after: list[PlusNetwork]) -> list[Change]:
-    """Return what changed from one body to another, by network: those that are equal are aligned first."""
+    """Return the changes between two bodies by network; equal networks are aligned first."""
     old, new = [network.lines for network in before], [network.lines for network in after]
     changes: list[Change] = []
     for tag, a, b, c, d in SequenceMatcher(None, old, new, False).get_opcodes():

@@ -1,4 +1,4 @@
-"""A comparison of blocks, or any other list of them, as one HTML page without scripts: to be read, printed and sent on."""
+"""A list of blocks, or a comparison, as one HTML page without scripts, for reading, printing and sending."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _STYLE: Final = (
 
 
 def html_outcome(outcome: Outcome) -> Iterator[str]:
-    """Yield the lines of a page. Text of the wire is escaped; the page loads and runs nothing."""
+    """Yield the lines of a page. Text from the wire is escaped; the page loads and runs nothing."""
     digest = base64.b64encode(hashlib.sha256(_STYLE.encode("ascii")).digest()).decode("ascii")
     yield '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
     policy = f"default-src 'none'; style-src 'sha256-{digest}'"
@@ -54,7 +54,7 @@ def _changes(told: BlockChanges) -> Iterator[str]:
 
 
 def _rows(change: BlockChange, details: list[Change]) -> Iterator[str]:
-    """Yield what changed in one block, a row each; what the header says only where nothing else says it."""
+    """Yield a row for each change in a block; changes of the header only if there are no others."""
     for one in details:
         where = f"network {one.network}" if one.about == NETWORK else one.about
         if one.before or one.after:

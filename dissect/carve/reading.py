@@ -1,4 +1,4 @@
-"""Blocks out of captures: `blocks`, and the observer that collects them."""
+"""Blocks from captures: `blocks`, and the observer that collects them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from dissect.transactions.operation import TRANSFERS, Operation
 if TYPE_CHECKING:
     from dissect.select import Where
 
-#: Octets of all blocks that are kept, and how many blocks; a program has some thousand blocks of some KiB.
+#: Bounds: octets of all blocks, and number of blocks. A program has some thousand blocks of some KiB.
 MAX_OCTETS: Final = 256 * 1024 * 1024
 MAX_BLOCKS: Final = 100_000
 
 
 class Collector(Observer):
-    """Collects the blocks of a run, those of the operations that ``choose`` wants.
+    """Collects the blocks of a run, from the operations for which ``choose`` returns True.
 
-    ``blocks`` are in the order in which their transfers ended; `ordered` gives them by packet. What is beyond `MAX_BLOCKS` is
-    counted in ``lost``; of blocks beyond `MAX_OCTETS` the contents are dropped, and the blocks say so.
+    ``blocks`` are in the order in which their transfers ended; `ordered` sorts them by packet. ``lost`` counts blocks beyond
+    `MAX_BLOCKS`. Beyond `MAX_OCTETS` the contents of blocks are dropped, and the blocks say so.
     """
 
     def __init__(self, choose: Callable[[Operation], bool] | None = None, most_octets: int = MAX_OCTETS) -> None:
@@ -49,10 +49,10 @@ class Collector(Observer):
             else:
                 self._room -= size
             self.blocks.append(block)
-        operation.content = b""  # the blocks have it
+        operation.content = b""  # the blocks have the octets
 
     def ordered(self) -> list[CarvedBlock]:
-        """Return the blocks by the packet in which their transfer began."""
+        """Return the blocks in the order of the packets in which their transfers began."""
         return sorted(self.blocks, key=_place)
 
 
@@ -69,11 +69,11 @@ def blocks(
     checksums: bool = False,
     tags: Tags = None,
 ) -> list[CarvedBlock]:
-    """Return every block that was downloaded or uploaded in one capture or several, in the order of their packets.
+    """Return all blocks that were downloaded or uploaded in one or several captures, in the order of their packets.
 
-    A block of which a part is missing is there as well, and its ``missing`` says what it lacks. ``where`` selects operations;
-    ``tls_keys``, ``checksums`` and ``tags`` are as for `dissect.open`: with tags `dissect.carve.contents.block_values` names
-    the values of a data block. Raises `CaptureError` when a file cannot be read at all, `SelectError` for a wrong expression,
+    Incomplete blocks are included; their ``missing`` says what they lack. ``where`` selects operations. ``tls_keys``,
+    ``checksums`` and ``tags`` are as for `dissect.open`; with tags, `dissect.carve.contents.block_values` names the values of a
+    data block. Raises `CaptureError` if a file cannot be read at all, `SelectError` for a wrong expression,
     `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises.
     """
     options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))

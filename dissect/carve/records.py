@@ -1,4 +1,4 @@
-"""A block as JSON-ready values and as a row of CSV: what the list, the manifest and the comparison say of it (docs/json.md)."""
+"""A block as JSON-ready values and as a CSV row, for list, manifest and comparison (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.wire.text import Clock, cell, encodable
 
 BLOCKS_SCHEMA: Final = "s7dissect.blocks/1"
 
-#: Columns of CSV, each the name of a value of `record`.
+#: CSV columns, each with the name of a value of `record`.
 COLUMNS: Final = (
     "type", "number", "name", "direction", "client", "plc", "protocol", "language", "octets", "announced", "complete",
     "missing", "activated", "author", "family", "version", "checksum", "code_time", "interface_time", "protected",
@@ -21,12 +21,12 @@ COLUMNS: Final = (
 
 
 def digest(block: CarvedBlock) -> str:
-    """Return the SHA-256 of the octets of a block, hexadecimal."""
+    """Return the SHA-256 of a block's octets in hexadecimal."""
     return hashlib.sha256(block.octets).hexdigest()
 
 
 def record(block: CarvedBlock, places: Places, clock: Clock) -> dict[str, object]:
-    """Return what is known of a block; times of the capture in UTC."""
+    """Return what is known about a block; times of the capture are in UTC."""
     parts = block.parts()
     values: dict[str, object] = {
         "label": encodable(block.label),
@@ -90,7 +90,7 @@ def value_record(value: NamedValue) -> dict[str, object]:
 
 
 def row(values: dict[str, object]) -> list[str]:
-    """Return a record as cells, safe for spreadsheets."""
+    """Return a record as CSV cells that are safe for spreadsheets."""
     return [_cell(values.get(name)) for name in COLUMNS]
 
 

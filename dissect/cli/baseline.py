@@ -100,6 +100,8 @@ def command(
         if output is not None or update is not None:
             raise click.UsageError("--output and --update cannot be combined with --against and --rules.")
         return _compare(files, against, rules, (rate_factor, silence_factor), format_, tls_keys)
+    if was_given("format_"):
+        raise click.UsageError("-T needs --against or --rules: a baseline is written as TOML.")
     return _learn(files, output, update, tls_keys)
 
 

@@ -18,7 +18,8 @@ from dissect.cli.options.tls import tls_option
 from dissect.cli.run import checksums_option, complain, drive, files_argument, places_of
 from dissect.engine.pipeline import Options
 from dissect.report.formats import BLOCKS, Format
-from dissect.wire.text import printable
+from dissect.source.remote import shown
+from dissect.wire.text import count, printable
 
 if TYPE_CHECKING:
     from dissect.carve.listing import BlockList
@@ -35,6 +36,7 @@ _EXIT_CODES = (
 )
 
 
+_NONE: Final = "no block was downloaded or uploaded"
 #: The languages of `--code`, the first by default.
 _LANGUAGES: Final = ("STL", "AWL")
 
@@ -124,7 +126,7 @@ def command(
         _write(output, told, force)
     write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
     if not blocks and not chosen.impossible:
-        click.echo("s7dissect: no block was downloaded or uploaded", err=True)
+        click.echo(f"s7dissect: {_NONE}", err=True)
     return code
 
 
@@ -199,6 +201,21 @@ def _write(output: str, told: BlockList, force: bool) -> None:
 # ---- comparison -----------------------------------------------------------------------------------------------------
 
 
+def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: bool) -> str:
+    """Return what to say of blocks without a difference; ``alone``: they are of one capture."""
+    from dissect.program.compare import versions
+
+    kept = [versions(blocks, True).values() for blocks in (first, second)]
+    compared = count(len(kept[1]), "block")
+    said = f"no differences between the versions of {compared}" if alone else f"no differences in {compared}"
+    parts = sum([not row[-1].complete for row in kept[1]]) + (
+        0 if alone else sum([not row[-1].complete for row in kept[0]])
+    )
+    if not parts:
+        return said
+    return f"{said}; {count(parts, 'version is', 'versions are')} incomplete, compared as far as possible"
+
+
 def _compare(files: Sequence[str], format_: Format, language: str, options: Options, chosen: Chosen) -> int:
     from dissect.carve.code import details_of
     from dissect.carve.listing import BlockChanges
@@ -218,6 +235,12 @@ def _compare(files: Sequence[str], format_: Format, language: str, options: Opti
         return code
     details = details_of(first, second, language, options.naming)
     write_outcome(format_, BLOCKS, BlockChanges(changes, files[0], files[-1], details))
+    without = [shown(file) for file, blocks in zip(files, (first, second), strict=False) if not blocks]
+    if not chosen.impossible:
+        for name in without:
+            click.echo(f"s7dissect: {printable(name)}: {_NONE}", err=True)
+    if not changes and not without:
+        click.echo(f"s7dissect: {_alike(first, second, len(files) == 1)}", err=True)
     if code:
         return EXIT_USAGE
     return EXIT_GATE if changes else EXIT_OK

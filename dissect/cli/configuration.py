@@ -18,6 +18,7 @@ from dissect.wire.text import printable
 #: Parameters that a key sets, by key; how its value is written for them.
 _NONE: Final = "none"
 _HOSTS: Final = "dissect.cli.configuration.hosts"
+_TYPED: Final = "dissect.cli.configuration.typed"
 _PARAMETERS: Final[dict[str, tuple[str, Callable[[Any], Any]]]] = {
     "tags": ("tags", list),
     "tags-encoding": ("encoding", str),
@@ -58,6 +59,11 @@ def hosts() -> Mapping[str, str]:
     return found
 
 
+def config_typed() -> list[str]:
+    """Return what ``--config`` of the command at hand was given, as a list of one; of none without it."""
+    return list(click.get_current_context().meta.get(_TYPED, []))
+
+
 def settings_now() -> Mapping[str, Any]:
     """Return what the settings of the command at hand make the defaults of its options, by parameter."""
     return dict(click.get_current_context().default_map or {})
@@ -65,6 +71,8 @@ def settings_now() -> Mapping[str, Any]:
 
 def _apply(ctx: click.Context, _param: click.Parameter, value: str | None) -> None:
     """Read the files and make what they say the defaults of the command."""
+    if value is not None:
+        ctx.meta[_TYPED] = [value]
     if value == _NONE or ctx.resilient_parsing:
         return
     of = current()

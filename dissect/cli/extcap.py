@@ -44,6 +44,8 @@ _EXIT_CODES: Final = (
 )
 #: Octets of packets from a file that are gathered before they are written; live ones are written one by one.
 _BATCH: Final = 65_536
+#: Said of a folder that the user named.
+_ELSEWHERE: Final = "if that is an extcap folder of Wireshark (Help, About, Folders), it lists after a restart"
 #: Seconds that a program may take to say where its folders are.
 _PATIENCE_S: Final = 30
 
@@ -265,6 +267,7 @@ def _tell(run: LiveRun, stream: CommentedStream) -> None:
 def _install(folder: str, force: bool) -> int:
     """Write the wrapper and say so."""
     place = Path(folder) if folder else _extcap_folder()
+    own = not folder or _is_extcap_folder(place)
     windows = sys.platform == "win32"
     path = place / ("s7dissect.bat" if windows else "s7dissect")
     content = _wrapper(windows).encode()
@@ -277,7 +280,7 @@ def _install(folder: str, force: bool) -> int:
     write(
         [
             f"wrote {printable(str(path))}",
-            "Wireshark lists it after a restart: "
+            f"{'Wireshark lists it after a restart' if own else _ELSEWHERE}: "
             + ", ".join([f"{name} ({display})" for name, display in sentences.INTERFACES.items()]),
             "to remove it, delete that file",
         ]
@@ -293,6 +296,14 @@ def _wrapper(windows: bool) -> str:
         "#!/bin/sh\n# Written by `s7dissect extcap --install`; Wireshark starts it.\n"
         f'exec {shlex.quote(sys.executable)} -P -m dissect extcap "$@"\n'
     )
+
+
+def _is_extcap_folder(place: Path) -> bool:
+    """Return whether a folder is known to be where Wireshark looks."""
+    try:
+        return place.resolve() == _extcap_folder().resolve()
+    except (click.UsageError, OSError):
+        return False
 
 
 def _extcap_folder() -> Path:

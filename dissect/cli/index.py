@@ -65,6 +65,8 @@ def command(
 
     if null and where is None:
         raise click.UsageError("-0 needs -Y.")
+    if not folder:  # `Path` would take it for the current folder
+        raise click.ClickException("the name of the folder is empty; was a variable of the shell not set?")
     possible = _possible(where)
     place = Path(folder)
     if not place.is_dir():
@@ -73,7 +75,7 @@ def command(
     if no_update and not path.is_file():
         raise click.ClickException(f"{printable(str(path))}: there is no index yet; run without --no-update.")
     try:
-        with Store(path, __version__) as store:
+        with Store(path, __version__, changes=not no_update) as store:
             changes = None if no_update else _updated(store, place)
             code = _complain(changes)
             files = [facts for facts in store.files() if possible is None or possible(facts)]

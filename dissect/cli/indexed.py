@@ -34,19 +34,29 @@ def may_match(files: tuple[str, ...], chosen: Chosen) -> tuple[str, ...]:
     indexes = _Indexes()
     kept = [file for file in files if (facts := indexes.facts(file)) is None or possible(facts)]
     if not indexes.used:
-        raise click.ClickException("no file has an index in its folder or one above: s7dissect index DIR makes one")
-    if len(kept) < len(files):
-        verb = "is" if len(files) - len(kept) == 1 else "are"
-        said = f"{len(files) - len(kept)} of {words.count(len(files), 'file')} {verb} not opened"
-        click.echo(f"s7dissect: {said}: the index has nothing in them that -Y selects", err=True)
-    return tuple(kept) or files[:1]
+        none = "no file has an index in its folder or one above: s7dissect index DIR makes one"
+        raise click.ClickException("; ".join(indexes.troubles) or none)
+    for trouble in indexes.troubles:
+        click.echo(f"s7dissect: {trouble}; the files of this folder are opened", err=True)
+    if not kept:
+        where = printable(files[0]) if len(files) == 1 else f"any of {len(files)} files; only {printable(files[0])}"
+        said = f"{where} is opened" if len(files) > 1 else f"{where}; it is opened all the same"
+        click.echo(f"s7dissect: the index has nothing that -Y selects in {said}, to write an empty result", err=True)
+        return files[:1]
+    missing = len(files) - len(kept)
+    if missing:
+        verb, them = ("is", "it") if missing == 1 else ("are", "them")
+        said = f"{missing} of {words.count(len(files), 'file')} {verb} not opened"
+        click.echo(f"s7dissect: {said}: the index has nothing in {them} that -Y selects", err=True)
+    return tuple(kept)
 
 
 class _Indexes:
-    """What indexes know of files; each is read once. ``used``: there was one that can be used."""
+    """What indexes know of files; each is read once. ``used``: there was one that can; ``troubles`` say why others cannot."""
 
     def __init__(self) -> None:
         self.used = False
+        self.troubles: list[str] = []
         self._by_folder: dict[Path, dict[str, FileFacts] | None] = {}
 
     def facts(self, file: str) -> FileFacts | None:
@@ -81,7 +91,7 @@ class _Indexes:
             with Store(path, __version__, changes=False) as store:
                 found = {facts.name: facts for facts in store.files()}
         except StoreError as error:
-            click.echo(f"s7dissect: {printable(str(error))}; the files of this folder are opened", err=True)
+            self.troubles.append(printable(str(error)))
             return {}
         self.used = True
         return found

@@ -84,7 +84,7 @@ _TIMED: Final = frozenset(
 _WORDS: Final = {"version": "--version"}
 
 #: What the system says when an output has no room, whatever its name is.
-_FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 #: Under this the context keeps the arguments of the whole command line.
 ARGUMENTS: Final = "dissect.cli.main.arguments"
@@ -271,7 +271,7 @@ def _system_refused(exc: OSError) -> int:
     A closed pipe is no fault of ours: whoever read it has seen enough.
     """
     if exc.filename is not None:
-        full = exc.errno in _FULL
+        full = exc.errno in FULL
         name, why = os.fsdecode(exc.filename), exc.strerror or type(exc).__name__
         why += "; choose another name" if exc.errno == errno.EEXIST else ""
         _say(f"cannot write {name}: {why}" if full else f"{name}: {why}")

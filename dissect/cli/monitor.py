@@ -29,6 +29,7 @@ from dissect.cli.watching import (
     Interruption,
     LostEvents,
     Shower,
+    expect_scd,
     new_shower,
     only_option,
     overdue_option,
@@ -36,7 +37,7 @@ from dissect.cli.watching import (
 )
 from dissect.report.formats import EVENTS, Format, formats_for
 from dissect.source.live import BUFFER_MIB, MAX_BUFFER_MIB
-from dissect.wire.text import printable
+from dissect.wire.text import printable, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,6 +55,11 @@ _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "
     "opened, 3 the source failed, 5 the output could not be written, 130 interrupted by SIGINT or SIGTERM (with summary)."
 )
+
+
+#: Notes of a file that are told at the end, and characters of one.
+_NOTES: Final = 5
+_LONGEST: Final = 400
 
 
 def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
@@ -174,8 +180,13 @@ def command(
     from dissect.live.run import Limits
     from dissect.live.session import Session
 
+    expect_scd(topics, decoder)
+    if watched and (plain or format_ is not None):
+        raise click.UsageError("--watch is for the screens; `s7dissect values FILE ADDRESS` lists values in lines.")
     wanted = wanted_of(watched, naming, decoder)
     on_screens = not plain and format_ is None and sys.stdout.isatty() and _screens_will_do()
+    if on_screens and topics:
+        raise click.UsageError("--only is for lines, and the screens show everything: add --plain, or leave it out.")
     opener = _opener(file, interface, expression, (engine, user, buffer_mib), beside, on_screens)
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
@@ -275,6 +286,11 @@ def _summarise(session: Session, status: Status) -> None:
     for failure in session.run.failures:
         click.echo(f"s7dissect: {printable(failure)}", err=True)
     file = session.run.file
+    if session.engine == "file":  # what a live source has to say stands among the lines
+        for note in file.notes[:_NOTES]:
+            click.echo(f"s7dissect: {printable(file.name)}: {shortened(note, _LONGEST)}", err=True)
+        if len(file.notes) > _NOTES:
+            click.echo(f"s7dissect: and {len(file.notes) - _NOTES} more notes; analyze -T json lists them", err=True)
     if file.loss:
         click.echo(f"s7dissect: {printable(file.name)}: {printable(file.loss)}", err=True)
 

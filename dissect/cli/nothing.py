@@ -40,10 +40,35 @@ class Shown:
         """Say why nothing was shown, where that is so; ``narrowed`` are other options that select."""
         if self._lines <= self._heading and not complain_impossible(run, chosen):
             click.echo(f"s7dissect: {self._why(chosen, tuple(narrowed))}", err=True)
+            for text in _unknown(run, chosen):
+                click.echo(f"s7dissect: {text}", err=True)
 
     def _why(self, chosen: Chosen, narrowed: tuple[str, ...]) -> str:
         wanted = [*narrowed, *([shortened(chosen.where.text, _SHOWN)] if chosen.where is not None else [])]
         return f"no {self._noun} matches {' and '.join(wanted)}" if wanted else f"no {self._noun} in what was read"
+
+
+def _unknown(run: Run, chosen: Chosen) -> list[str]:
+    """Return what is wrong with the variables that a selection names in brackets: one that is misspelt matches nothing."""
+    if chosen.where is None or not chosen.where.variables:
+        return []
+    from dissect.select.literals import place_of
+    from dissect.variables.choosing import Known, WantedError, one_of, scd_names
+
+    exchange = run.pipeline.exchange
+    known = Known(exchange.naming, scd_names(exchange.decoder), files=False)
+    tags = {tag.name: tag.name.lower() for tag, _ in known.tags}
+    found = []
+    for name in chosen.where.variables:
+        alike = [] if name in tags else [tag for tag, lower in tags.items() if lower == name.lower()]
+        try:
+            if alike:
+                found.append(f"{shortened(name, 60)}: the tag is called {shortened(alike[0], 60)}")
+            elif place_of(name) is None:
+                one_of(name, known)
+        except WantedError as error:
+            found.append(str(error))
+    return found
 
 
 def complain_impossible(run: Run, chosen: Chosen) -> bool:

@@ -23,6 +23,7 @@ from dissect.cli.watching import (
     Interruption,
     LostEvents,
     Shower,
+    expect_scd,
     new_shower,
     only_option,
     overdue_option,
@@ -131,6 +132,7 @@ def command(
     from dissect.proxy.source import RelayReader
     from dissect.proxy.tap import Tap
 
+    expect_scd(topics, decoder)
     if output == "-" and (format_ is not formats_for(EVENTS)[0] or topics):
         raise click.UsageError(
             f"-w - writes the capture to standard output, so -T {format_.name} and --only cannot be used."

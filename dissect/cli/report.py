@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.configuration import hosts
+from dissect.cli.configuration import config_typed, hosts
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.given import was_given
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -32,6 +33,16 @@ if TYPE_CHECKING:
     from dissect.transactions.naming import Naming
     from dissect.variables.wanted import WantedSet
 
+#: Options that say how captures are read, and their parameters.
+_READING: Final = {
+    "--checksums": "checksums",
+    "--scd": "scd",
+    "--bind": "bind",
+    "--tags": "tags",
+    "--tags-encoding": "encoding",
+    "--tags-db": "numbers",
+    "--tls-keys": "tls_keys",
+}
 _EXIT_CODES: Final = (
     "Exit code: 0 success, 2 wrong use, or an unreadable or unwritable file, 3 a damaged or truncated file (the report covers "
     "what could be read), 5 the output could not be written (disk full), 130 interrupted (nothing written)."
@@ -150,7 +161,7 @@ def _read(
     from dissect.session import Run
 
     names = ["stdin" if file == "-" else shown(file) for file in files]
-    rows = Rows(names, clock(), hosts())
+    rows = Rows(names, clock(), hosts(), _reading())
     gathered = Gathered(rows, plots)
     observer = gathered if beside is None else Fanout([gathered, beside], _failed)
     run = Run(files, chosen.sieve(observer), chosen.narrow(options))
@@ -164,6 +175,21 @@ def _read(
     if code != EXIT_INTERRUPTED:
         complain(run, code)
     return Side(gathered, names), code
+
+
+def _reading() -> list[tuple[str, str]]:
+    """Return the options that say how captures are read, as they were typed: what the page says to type needs them as well."""
+    params = click.get_current_context().params
+    found = [("--config", name) for name in config_typed()]
+    for option, parameter in _READING.items():
+        if was_given(parameter):
+            value = params[parameter]
+            if isinstance(value, dict):
+                value = [f"{name}={number}" for name, number in value.items()]
+            elif isinstance(value, bool):
+                value = [""] if value else []
+            found += [(option, str(one)) for one in ([value] if isinstance(value, str) else value)]
+    return found
 
 
 def _unwritten(code: int) -> int:

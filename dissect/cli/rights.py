@@ -94,6 +94,7 @@ def _import_all() -> None:
 
     for name in _CODECS:
         "".encode(name)
+    importlib.import_module(f"{dissect.__name__}.source.statistics")  # at the end of a file that states what was lost
     for room in _ROOMS:
         package = importlib.import_module(f"{dissect.__name__}.{room}")
         for found in pkgutil.iter_modules(package.__path__):

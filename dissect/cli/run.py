@@ -305,9 +305,14 @@ class Bar:
             return
         worth = 0
         for path in [Path(file) for file in files]:
-            if path.is_file():
+            try:
+                if not path.is_file():
+                    continue
                 size = path.stat().st_size
                 compressed = _is_compressed(path)
+            except OSError:  # it is reported where it is read
+                continue
+            else:
                 worth += size * _GROWS if compressed else size
                 # What a compressed file will grow to is not known before its end.
                 self._total = None if compressed or self._total is None else self._total + size

@@ -59,6 +59,8 @@ class Scrape:
     """
 
     def __init__(self, address: Address | None, allow_remote: bool) -> None:
+        if allow_remote and address is None:
+            raise click.UsageError("--allow-remote needs --metrics HOST:PORT, the address that others may reach.")
         self._metrics: Metrics | None = None
         self._server: Server | None = None
         if address is not None:

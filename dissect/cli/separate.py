@@ -203,13 +203,14 @@ def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -
             yield Readers(Here(), lambda: 1, folder or "")
         return
     from dissect.jobs.pool import Pool
+    from dissect.jobs.spool import ROWS_FOLDER
 
     count = min(jobs, len(files))
     if folder is not None:
         with Pool(count, "" if is_remote(folder) else folder, RARELY, _say_of_pool) as pool:
             yield Readers(pool, lambda: count, folder, queued=count)
         return
-    with TemporaryDirectory(prefix="s7dissect-rows-") as own, Pool(count, own, RARELY, _say_of_pool) as pool:
+    with TemporaryDirectory(prefix=ROWS_FOLDER) as own, Pool(count, own, RARELY, _say_of_pool) as pool:
         yield Readers(pool, lambda: count, own, queued=count)
 
 

@@ -31,7 +31,7 @@ from dissect.export.parquet import ParquetSink, metadata_of
 from dissect.export.remote import RemoteFolder
 from dissect.export.tables import TABLES, Table, chosen_tables
 from dissect.jobs.numbers import Offsets, count_from
-from dissect.jobs.spool import Spool, Spooled, opened
+from dissect.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
 from dissect.jobs.tasks import About, Done, FileError
 from dissect.session import Run
 from dissect.source.remote import is_remote, shown
@@ -95,10 +95,12 @@ def refuse_form(target: Target) -> None:
 
 
 def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
-    """Export the file of a task. Raises `FileError` when its rows cannot be written."""
+    """Export the file of a task. Raises `FileError` when its rows cannot be written, OSError when they cannot wait."""
     try:
         return _export_task(of, target, only, chosen, options)
     except OSError as error:
+        if Path(of.folder).name.startswith(ROWS_FOLDER):
+            raise  # the rows wait there: nothing is written to the target yet
         # A library has words of its own for what the system says; those of another machine are what there is.
         remote = is_remote(target.path) or not error.errno
         why = (error.strerror or str(error)) if remote else os.strerror(error.errno or 0)
@@ -166,7 +168,7 @@ def export_separately(
             code = separately(files, jobs, lambda done: gathered.take(done, counts), folder=str(place), kept=False)
             gathered.close()
         else:
-            folder = stack.enter_context(TemporaryDirectory(prefix="s7dissect-rows-"))
+            folder = stack.enter_context(TemporaryDirectory(prefix=ROWS_FOLDER))
             export: Any = target.form.open(Request(place, target.folder, only, names, __version__))
             try:
                 code = separately(

@@ -67,7 +67,8 @@ def work(arguments: list[str], several: bool, settings: Settings | None, folder:
 
     ``settings`` are those of whoever gave the task; None for those that are found here.
     """
-    from dissect.cli.main import group
+    from dissect.cli.main import FULL, group
+    from dissect.jobs.spool import ROWS_FOLDER
     from dissect.jobs.tasks import FileError
     from dissect.source.packet import CaptureError
 
@@ -87,6 +88,10 @@ def work(arguments: list[str], several: bool, settings: Settings | None, folder:
     except OSError as error:
         if _direct is not None and error.filename is None:
             raise  # the output of this process
+        if error.errno in FULL and Path(folder).name.startswith(ROWS_FOLDER):
+            raise FileError(
+                f"its rows cannot be written to {folder}: {error.strerror}; TMPDIR names another place for them"
+            ) from None
         raise FileError(f"{error.filename or file}: {error.strerror or type(error).__name__}") from None
     finally:
         _task = None

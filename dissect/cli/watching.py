@@ -16,11 +16,13 @@ from dissect.report.formats import EVENTS, Format
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.live.events import Event
     from dissect.live.session import Session, Status
     from dissect.report.styled import Line
 
-_TOPICS: Final = ("connections", "transactions", "operations", "findings", "devices", "scd")
+_SCD: Final = "scd"
+_TOPICS: Final = ("connections", "transactions", "operations", "findings", "devices", _SCD)
 
 #: How long a poll waits for something to happen, in seconds, and how much it takes.
 POLL_S: Final = 0.2
@@ -33,6 +35,14 @@ def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
         if topic not in _TOPICS:
             raise click.BadParameter(f"expected {', '.join(_TOPICS)}, got {topic!r}.", ctx, param)
     return topics
+
+
+def expect_scd(topics: tuple[str, ...], decoder: PayloadDecoder | None) -> None:
+    """Refuse to tell only of messages that nothing looks for."""
+    if set(topics) == {_SCD} and decoder is None:
+        raise click.UsageError(
+            "--only scd needs --scd DICT and --bind BINDINGS, which say what SCD is and where it is."
+        )
 
 
 #: ``--only TOPICS``; the command's argument is called ``topics``.

@@ -6,15 +6,14 @@ import importlib.util
 import logging
 import re
 import socket
-import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 from urllib.parse import urlsplit
 
+from dissect.source.remote import bounded
 from dissect.wire.text import reason, shortened
 
 #: Seconds in all for which answers from the scheduler and the workers are awaited.
@@ -24,8 +23,6 @@ _CLOSE_S: Final = 1
 _ADDRESS: Final = re.compile(r"(tcp|tls)://(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+):(\d{1,5})/?")
 _LARGEST_PORT: Final = 65535
 _REASON: Final = 200
-
-T = TypeVar("T")
 
 
 class ClusterError(Exception):
@@ -56,20 +53,6 @@ class Patience:
     def left(self) -> float:
         """The remaining seconds, at least 0."""
         return max(0.0, self._end - time.monotonic())
-
-
-def bounded(ask: Callable[[], T], seconds: float) -> T:
-    """Return what ``ask`` returns, or raise what it raises. Raises TimeoutError after ``seconds``, even if ``ask`` blocks."""
-    answer: Future[T] = Future()
-
-    def work() -> None:
-        try:
-            answer.set_result(ask())
-        except BaseException as error:  # noqa: BLE001 - of any kind: it is raised by who waits
-            answer.set_exception(error)
-
-    threading.Thread(target=work, daemon=True).start()
-    return answer.result(seconds)
 
 
 @contextmanager

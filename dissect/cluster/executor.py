@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
-from dissect.cluster.connect import ANSWER_S, Patience, bounded, brief
+from dissect.cluster.connect import ANSWER_S, Patience, brief
 from dissect.cluster.onworker import ANSWERED, answer
 from dissect.cluster.reader import DEFECT, FOUND, Order
 from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
 from dissect.jobs.tasks import FileError
-from dissect.source.remote import is_remote, shown
+from dissect.source.remote import bounded, is_remote, shown
 
 #: After so many files in a row that a worker cannot read, but others can, it gets no more tasks.
 _BLIND: Final = 3

@@ -17,16 +17,17 @@ from typing import Any
 def facts(extras: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     """Return facts on this machine, and which ``extras`` are complete; ``extras`` has the distributions of each.
 
-    ``version`` is that of this package, "" if it cannot be used; ``problem`` says why.
+    ``version`` is that of this package, "" where it cannot be used; ``problem`` says why. ``dask`` is that of Dask's workers.
     """
     found: dict[str, Any] = {
         "host": platform.node(),
         "process": os.getpid(),
         "python": platform.python_version(),
+        "dask": _version("distributed"),
         "version": "",
         "compiled": False,
         "problem": "",
-        "extras": [name for name, needed in extras.items() if all(map(_has, needed))],
+        "extras": [name for name, needed in extras.items() if all(map(_version, needed))],
     }
     try:
         found["version"] = str(importlib.import_module("dissect").__version__)
@@ -38,9 +39,8 @@ def facts(extras: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     return found
 
 
-def _has(distribution: str) -> bool:
+def _version(distribution: str) -> str:
     try:
-        importlib.metadata.version(distribution)
+        return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
-        return False
-    return True
+        return ""

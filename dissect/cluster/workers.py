@@ -9,7 +9,8 @@ from functools import cache
 from typing import Any, Final, NamedTuple
 
 from dissect.cluster import probe
-from dissect.cluster.connect import ClusterError, Patience, bounded, brief
+from dissect.cluster.connect import ClusterError, Patience, brief
+from dissect.source.remote import bounded
 
 #: The distributions of those extras of this package that reading captures or writing results may need.
 EXTRAS: Final[Mapping[str, Sequence[str]]] = {
@@ -30,7 +31,7 @@ _EXPRESSION: Final = "(exec(source, globals()), facts(extras))[1]"
 
 
 class Machine(NamedTuple):
-    """The result of `dissect.cluster.probe.facts`: this package (``version`` is "" if it cannot be used), Python and extras."""
+    """What `dissect.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), and the rest."""
 
     host: str
     process: int
@@ -39,6 +40,7 @@ class Machine(NamedTuple):
     compiled: bool
     problem: str
     extras: list[str]
+    dask: str = ""
 
 
 class Worker(NamedTuple):
@@ -104,13 +106,12 @@ def _worker(address: str, info: Mapping[str, Any], answer: object, silence: str)
         machine, silence = Machine(**answer), ""
     elif isinstance(answer, BaseException):
         silence = f"cannot be asked: {brief(answer)}"
-    versions = info.get("versions") or {}
     return Worker(
         address,
         str(info.get("name", "")),
         max(1, int(info.get("nthreads") or 1)),
         int(info.get("memory_limit") or 0),
-        str(versions.get("distributed", "")),
+        machine.dask if machine is not None else "",
         machine,
         silence,
     )

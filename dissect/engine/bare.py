@@ -1,7 +1,7 @@
-"""TCP connections that were opened and closed without an octet: what looks for open ports makes them, and tests of lines do.
+"""TCP connections that were opened and closed without an octet, as port scanners and connection tests make them.
 
-They speak no protocol, so that nothing else tells of them. On which ports they are of interest is known at the end: port 102,
-and those on which a connection of this capture spoke ISO-on-TCP or another protocol that is followed.
+They speak no protocol, so that nothing else reports them. Only at the end is it known which of their ports matter: port 102,
+and ports on which another connection of this capture spoke ISO-on-TCP or another protocol that is followed.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from dissect.tcp.stream import MASK
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.side import Side
 
-#: Ports they are counted on, beside 102.
+#: How many ports they are counted on, besides 102.
 MAX_PORTS: Final = 1024
 
 
 class BareConnections:
-    """Counts connections without octets by the port of their server: ``counts``, and in ``first`` the packet each began with.
+    """Counts connections without octets by server port: ``counts``; ``first`` has the first packet of each port.
 
     ``spoken`` counts the connections that were followed on other ports than 102. All three have at most `MAX_PORTS` ports
     beside 102.
@@ -36,7 +36,7 @@ class BareConnections:
             _count(self.spoken, port)
 
     def take(self, side: Side, peer: Side) -> None:
-        """A connection is over that has no octets: count it, if both SYNs were captured and nothing says that some were."""
+        """Count a connection that is over, if both SYNs were captured and its sequence numbers show that no octet was sent."""
         tcp = side.tcp
         if tcp.initiator < 0 or not tcp.closed or not _is_bare(side, peer) or not _is_bare(peer, side):
             return
@@ -45,24 +45,24 @@ class BareConnections:
             self.first[port] = tcp.first_frame
 
     def found(self) -> tuple[int, int]:
-        """Return how many there were to ports that matter, and the packet that the first of them began with, 0 for none."""
+        """Return how many such connections went to ports that matter, and the first packet of the first one (0 for none)."""
         ports = [port for port in self.counts if port == ISO_TSAP_PORT or port in self.spoken]
         return sum([self.counts[port] for port in ports]), min([self.first[port] for port in ports], default=0)
 
     def add_first(self, later: dict[int, int], packets: int) -> None:
-        """Take the first packets of a file that ``packets`` packets came before."""
+        """Add the first packets of another file, before which ``packets`` packets came."""
         for port, frame in later.items():
             self.first.setdefault(port, frame + packets)
 
 
 def _is_bare(side: Side, peer: Side) -> bool:
-    """Return whether ``side`` sent its SYN and no octet: what the peer acknowledged is the SYN, and a FIN at most."""
+    """Return whether ``side`` sent its SYN and no octet: the peer acknowledged only the SYN, and perhaps a FIN."""
     start: i64 = side.stream.start_seq
     return start >= 0 and side.stream.octets == 0 and (peer.last_ack < 0 or (peer.last_ack - start) & MASK <= 1)
 
 
 def _count(counts: dict[int, int], port: i64) -> int:
-    """Count once more, and return how many that makes; 0 where there is no room for another port."""
+    """Count once more and return the new count; 0 if there is no room for another port."""
     known = counts.get(port, 0)
     if not known and len(counts) > MAX_PORTS and port != ISO_TSAP_PORT:
         return 0

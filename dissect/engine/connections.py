@@ -1,4 +1,4 @@
-"""Connections from their first octets to their end: which protocol, which number, what is closed with them, who is told.
+"""Connections from their first octets to their end: they get a protocol and a number; at the end all that is open is closed.
 
 Every connection begins with `Recognition`. The first octets say which protocol it is, on any port (docs/decisions/0005): a
 protocol of ours takes it with `Connections.open`, anything else goes to `Foreign`, which only counts connections, and names

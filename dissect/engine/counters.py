@@ -1,4 +1,4 @@
-"""What a run counts (packets by what became of them, octets), where it stands, and what is odd about single packets."""
+"""Counts packets (by what became of them) and octets of a run, keeps its clock, and reports what is odd about packets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dissect.transactions.table import endpoints
 from dissect.wire.octets import Tally
 from dissect.wire.text import duration_text
 
-#: Kinds of packets that are not opened, of which the first one of each is a detailed finding. There may be any number of kinds.
+#: For so many kinds of packets that are not opened, the first one is a detailed finding. There may be any number of kinds.
 _MAX_SEALED: Final = 32
 #: Later than every packet.
 _NEVER_NS: Final = 0x7FFF_FFFF_FFFF_FFFF

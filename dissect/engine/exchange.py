@@ -65,7 +65,7 @@ class PayloadDecoder:
         """``size`` octets are missing here from a TCP connection that was claimed."""
 
     def claims_tsdus(self, connection: Connection) -> bool:
-        """Return whether the TSDUs of a connection are its own, as far as the TSAPs tell that are known so far."""
+        """Return whether the TSDUs of a connection are its own, judged by the TSAPs that are known so far."""
         return False
 
     def tsdu(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
@@ -217,7 +217,7 @@ class Exchange:
     # ---- transactions -----------------------------------------------------------------------------------------------
 
     def completed(self, transaction: Transaction | None, frame: i64, time_ns: i64) -> None:
-        """Report what ended beside a message that was paired; then judge and report the transaction it completed, if any."""
+        """Report other transactions that a message ended; then judge and report the transaction that it completed, if any."""
         if self.dialogue.also:
             self.beside(frame, time_ns)
         if transaction is None:
@@ -254,7 +254,7 @@ class Exchange:
             self._watch(transaction)
 
     def beside(self, frame: i64, now_ns: i64) -> None:
-        """Report the transactions that ended beside the one at hand."""
+        """Report the transactions that the current message ended, besides the one that it completed."""
         also = self.dialogue.also
         self.dialogue.also = []
         for transaction in also:
@@ -322,5 +322,5 @@ class Exchange:
                 self.reporter.wants("internal.bug", 0)  # counted only: reporting it would fail as well
 
     def note_bug(self, bug: Exception, frame: i64, time_ns: i64) -> None:
-        """A bug of ours, or of an observer, struck: it costs what was at hand and is reported, and the analysis goes on."""
+        """Report a bug of ours, or of an observer: the current packet is lost, and the analysis goes on."""
         self.reporter.note("internal.bug", 0, [frame], time_ns, f"{type(bug).__name__}: {bug}")

@@ -1,4 +1,4 @@
-"""IBH-NetLink: a gateway's packets instead of TPKTs, the same S7 PDUs in them (docs/ibh.md)."""
+"""IBH-NetLink: packets of a gateway in place of TPKTs, with the same S7 PDUs in them (docs/ibh.md)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from dissect.transactions.side import Side
 
 
 class IbhNetLink(Protocol):
-    """Takes octets of a gateway's connection and hands the messages in them to ``messages``; counts packets by kind."""
+    """Takes octets of a gateway's connection and hands their messages to ``messages``; counts packets by kind."""
 
     def __init__(self, exchange: Exchange, messages: IsoOnTcp) -> None:
         super().__init__(FOLLOWED)
@@ -40,7 +40,7 @@ class IbhNetLink(Protocol):
         return opens(octets, on_port, at_start)
 
     def begin(self, side: Side, at_start: bool) -> None:
-        """A connection speaks IBH-NetLink; ``side`` is in step whatever came before."""
+        """A connection speaks IBH-NetLink; ``side`` is in step, whatever came before."""
         peer = side.peer
         assert peer is not None
         side.connection.protocol = IBH_NETLINK
@@ -77,7 +77,7 @@ class IbhNetLink(Protocol):
             del framer.ends[0]
 
     def _packet(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """A whole packet: count it, and take out of it what belongs to a message."""
+        """Take a complete packet: count it, and take the part of a message that it carries."""
         exchange = self._exchange
         if exchange.observer.wants_tpdus:
             exchange.observer.ibh_packet(frame, time_ns, side, octets)
@@ -127,7 +127,7 @@ class IbhNetLink(Protocol):
         self._abandon(side, "the capture truncated one of its packets" if cut else "bytes were lost", frame, time_ns)
 
     def _cut_packet(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """A packet the capture cut: an S7 header that is there still tells what was asked or answered."""
+        """Take a packet that the capture cut: a complete S7 header in it still shows the request or response."""
         packet = parse_packet(octets)
         pdu = packet.data
         if packet.kind != KIND_DATA or side.assembler.parts is not None or len(pdu) < 10 or pdu[0] != 0x32:
@@ -136,7 +136,7 @@ class IbhNetLink(Protocol):
         self._messages.cut(side, pdu, frame, time_ns)
 
     def _abandon(self, side: Side, why: str, frame: i64, time_ns: i64) -> None:
-        """Drop the message begun, if there is one."""
+        """Drop an unfinished message, if there is one."""
         if side.assembler.parts is not None:
             side.assembler.abandon()
             detail = f"a message from {side.tcp.ends[side.index]}: {why}"

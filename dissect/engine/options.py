@@ -12,7 +12,7 @@ from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 
-#: Octets that all connections together may keep of what is unfinished.
+#: Octets that all connections together may keep of unfinished packets, PDUs and transactions.
 MEMORY: Final = 128 * 1024 * 1024
 
 

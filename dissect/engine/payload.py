@@ -1,4 +1,4 @@
-"""Connections and UDP conversations whose port a payload decoder claims: it gets their octets (SCD, docs/scd-traffic.md)."""
+"""Hands octets of TCP connections and UDP conversations on bound ports to the payload decoder (SCD, docs/scd-traffic.md)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PayloadStream(Protocol):
         return self._decoder.claims_port("tcp", side.connection)
 
     def begin(self, side: Side, at_start: bool) -> None:
-        """A connection, or a conversation over UDP, is the decoder's."""
+        """A connection, or a conversation over UDP, belongs to the decoder."""
         peer = side.peer
         assert peer is not None
         side.kept = Backlog()
@@ -53,5 +53,5 @@ class PayloadStream(Protocol):
         return {"scd": self._decoder.as_dict()}
 
     def counted(self) -> list[tuple[int, str]]:
-        """Return the number of messages, also when it is none."""
+        """Return the number of messages, even if it is zero."""
         return [(self._decoder.message_count(), "SCD message")]

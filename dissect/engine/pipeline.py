@@ -153,6 +153,7 @@ class Pipeline(PacketSink):
     def note_dropped(self, detail: str) -> None:
         """Report that the source lost packets since it was last asked."""
         self.counters.note("capture.dropped", detail)
+        self.exchange.reporter.lost_ns = self.counters.now_ns
 
     def restart_clock(self, time_ns: i64) -> None:
         """Another capture begins at ``time_ns``; it may be older than the one before, and nothing in it depends on that one.

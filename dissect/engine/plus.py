@@ -1,4 +1,4 @@
-"""S7comm-plus: from frames to PDUs, and from PDUs to the same pairing as S7comm, by sequence number (docs/s7plus.md)."""
+"""S7comm-plus: joins frames to PDUs, and pairs PDUs by sequence number, like those of S7comm (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -31,32 +31,32 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 from dissect.wire.octets import Tally
 
-#: Functions by which a client may begin to count anew.
+#: Functions with which a client may restart its sequence numbers.
 _BEGINNING: Final = frozenset((CREATE_OBJECT, INIT_SSL))
-#: Requests in several frames of a connection whose beginning is remembered.
+#: How many requests in several frames are remembered by their first packet, for one connection.
 _MAX_BEGUN: Final = 64
 
 
 class S7Plus(Protocol):
     """Takes S7comm-plus frames. Counts PDUs by version, opcode and function.
 
-    A request and its response share a sequence number; a response carries no session, so that there is nothing else to
-    check. What wants no answer, and what nobody asked for, is a transaction with one half.
+    A request and its response share a sequence number; a response has no session id, so that nothing else can be checked. A
+    request that wants no response, and a notification, are transactions with one half.
     """
 
     def __init__(self, exchange: Exchange) -> None:
         super().__init__()
         self._exchange: Exchange = exchange
         self.pdus: i64 = 0
-        self.cut_pdus: i64 = 0  # not whole: the capture ends, has a gap, or they were too long
-        self.unpaired: i64 = 0  # without an opcode, of an unknown one, or too damaged
+        self.cut_pdus: i64 = 0  # not complete: the capture ends or has a gap, or they were too long
+        self.unpaired: i64 = 0  # without an opcode, with an unknown one, or too damaged
         self.versions: Tally = Tally(256, V3, V2)
         self.opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
-        self._functions: dict[int, int] = {}  # by code, which has 16 bits; without those of the latest one in a row
+        self._functions: dict[int, int] = {}  # by code of 16 bits; without the `_in_a_row` latest PDUs
         self._function: i64 = -1
         self._in_a_row: i64 = 0
         self._parameters: PlusParameterCache = PlusParameterCache()
-        self._head: Head = Head()  # of the PDU at hand
+        self._head: Head = Head()  # of the current PDU
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Take a TSDU that begins with 0x72: a frame with its trailer, or one of several frames of a PDU."""
@@ -86,7 +86,7 @@ class S7Plus(Protocol):
             self._pdu(side, whole, False, frame, time_ns)
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
-        """Frames of a PDU are missing: what there is of it is all there will be, and nobody knows what was counted there."""
+        """Octets are missing: take what there is of an unfinished PDU; it is unknown which numbers were used in the gap."""
         self._finish(side)
         assembler = side.plus
         if assembler is not None:
@@ -98,11 +98,11 @@ class S7Plus(Protocol):
         assembler.notified = -1
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Take what there is of an unfinished PDU: no more of it will come, which the packet at hand shows."""
+        """No more octets come: take what there is of an unfinished PDU."""
         self._finish(side)
 
     def _finish(self, side: Side) -> None:
-        """Take what there is of an unfinished PDU, with the packet that brought the last of it."""
+        """Take what there is of an unfinished PDU, with the packet that brought its last frame."""
         assembler = side.plus
         if assembler is not None and assembler.parts is not None:
             octets = assembler.finish()
@@ -113,18 +113,18 @@ class S7Plus(Protocol):
             self._pdu(side, octets, True, frame, time_ns)
 
     def _note_too_long(self, side: Side, kept: i64, frame: i64, time_ns: i64) -> None:
-        """Report what was not kept of the PDU that the assembler just gave."""
+        """Report what was not kept of the PDU that the assembler returned."""
         left_out: i64 = side.plus.left_out if side.plus is not None else 0
         detail = f"{kept} bytes from {side.tcp.ends[side.index]} kept, {left_out} left out"
         self._exchange.reporter.note("s7.plus_too_long", side.connection.number, [frame], time_ns, detail)
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take what the capture kept of a frame: the PDU ends with it."""
+        """Take the captured part of a frame; its PDU ends with it."""
         self._finish(side)
         self._pdu(side, octets, True, frame, time_ns)
 
     def _pdu(self, side: Side, octets: bytes, cut: bool, frame: i64, time_ns: i64) -> None:
-        """Take a PDU; ``cut`` says that octets of it are missing at its end."""
+        """Take a PDU; ``cut``: octets are missing at its end."""
         exchange = self._exchange
         connection = side.connection
         head = self._head
@@ -158,12 +158,13 @@ class S7Plus(Protocol):
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
         self._pair(side, octets, frame, time_ns)
         if holed and assembler is not None and head.version != SYSTEM_EVENT and head.version != KEEP_ALIVE:
-            # It may be the rest of a PDU, whose numbers are anything. Those two stand between frames, before such a rest.
+            # It may be the rest of a PDU, with arbitrary numbers. The two exceptions can come between frames, before such a
+            # rest.
             assembler.holed = False
             self._count_anew(assembler)
 
     def _count_row(self) -> None:
-        """Add the PDUs of the latest function in a row to those of before: to count each one in the table costs more."""
+        """Add the latest PDUs of the same function to the table: counting each one there would be slower."""
         if self._in_a_row > 0:
             code = int(self._function)
             self._functions[code] = self._functions.get(code, 0) + int(self._in_a_row)
@@ -176,7 +177,7 @@ class S7Plus(Protocol):
         judge_port(self._exchange.reporter, connection, frame, time_ns)
 
     def _pair(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Pair the PDU whose head is at hand."""
+        """Pair the current PDU."""
         head = self._head
         if not head.begins:
             self.unpaired += 1  # a system event, a keep-alive, or the rest of a PDU whose beginning is missing
@@ -199,7 +200,8 @@ class S7Plus(Protocol):
                 self._note_beginning(side, sequence, frame)
             if parameters.starts_tls:
                 connection.identified_by = "InitSSL"
-            if head.wants_response or head.version < V3:  # CPUs of before answer all the same, by a Response2
+            # older CPUs answer all the same, with a Response2
+            if head.wants_response or head.version < V3:
                 exchange.request(side, sequence, parameters, octets, frame, time_ns)
             else:
                 told = exchange.dialogue.tell(side, sequence, parameters, octets, frame, time_ns)
@@ -212,7 +214,7 @@ class S7Plus(Protocol):
             exchange.response(side, sequence, parameters, octets, frame, time_ns)
 
     def _note_beginning(self, side: Side, sequence: i64, frame: i64) -> None:
-        """Remember when a request in several frames began, and what was not kept: its transaction knows only its end."""
+        """Remember the first packet of a request in several frames, and what was left out: a transaction has only the last."""
         assembler = side.plus
         if assembler is None:
             return
@@ -225,9 +227,9 @@ class S7Plus(Protocol):
         begun[sequence, frame] = (assembler.begun_frame, assembler.begun_ns, assembler.left_out)
 
     def _count_request(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Note a request whose sequence number is not behind that of the one before: every client counts up by one.
+        """Report a request whose sequence number is not higher than the one before: clients count up by one.
 
-        A number that leaps ahead is no finding: requests that were damaged or lost leave it behind.
+        A number that leaps ahead is not reported, because damaged or lost requests leave gaps.
         """
         plus = side.plus
         if plus is None:
@@ -244,9 +246,9 @@ class S7Plus(Protocol):
         self._exchange.reporter.note("security.replay", side.connection.number, [frame], time_ns, detail)
 
     def _count_notification(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Note missing notifications: those of a connection count up by one, whichever subscriptions they belong to.
+        """Report missing notifications: those of a connection count up by one, across all its subscriptions.
 
-        Old S7-1200 count in one octet. What a gap of the capture swallowed was told with the gap.
+        Old S7-1200 count with one octet. Notifications in a gap of the capture are reported with the gap.
         """
         plus = side.plus
         head = self._head
@@ -257,14 +259,14 @@ class S7Plus(Protocol):
         plus.notified = number
         expected: i64 = (before + 1) & (0xFF if head.subscription_id < SHORT_HEADS else 0xFFFFFFFF)
         if before < 0 or number == expected or number == 1:
-            return  # the first that is seen, the next one, or a session that begins anew
+            return  # the first one seen, the next one, or a new session
         detail = (
             f"{side.tcp.ends[side.index]}, subscription 0x{head.subscription_id:08x}: number {number} follows {before}"
         )
         self._exchange.reporter.note("s7plus.notifications_lost", side.connection.number, [frame], time_ns, detail)
 
     def held(self, side: Side) -> i64:
-        """Return the octets of a PDU whose last frame is to come."""
+        """Return the octets of a PDU whose last frame is still to come."""
         assembler = side.plus
         return len(assembler.parts) if assembler is not None and assembler.parts is not None else 0
 
@@ -272,7 +274,7 @@ class S7Plus(Protocol):
 
     @property
     def functions(self) -> dict[int, int]:
-        """PDUs by the code of their function."""
+        """Number of PDUs by code of their function."""
         self._count_row()
         return self._functions
 

@@ -116,10 +116,11 @@ class OverdueWatch:
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
             detail = f"{subject(transaction)}: sent {ago} ago in packet {frame}, still unanswered"
+            detail += self._reporter.doubt(transaction.request_ns)
             self._reporter.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
-#: How often what waits is looked at, in capture time: always at multiples of this, so that what is found of a connection does
+#: How often waiting sides are looked at, in capture time: always at multiples of this, so that the results for a connection do
 #: not depend on the other ones in the capture.
 TICK_NS: Final = 50_000_000
 #: When the list of sides that wait has grown to this, those whose connection is over are dropped.

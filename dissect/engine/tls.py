@@ -1,6 +1,6 @@
-"""TLS inside ISO-on-TCP: what its handshake says, and where the session keys are there, the S7 messages in it.
+"""TLS inside ISO-on-TCP: what its handshake says, and, if the session keys are known, the S7 messages in it.
 
-An S7-1200 or 1500 asked by TIA Portal V17 or later answers InitSSL and goes on in TLS; each TSDU then carries records, and
+An S7-1200 or 1500, asked by TIA Portal V17 or later, answers InitSSL and continues in TLS. Each TSDU then carries records, and
 their content is S7comm-plus (docs/tls.md).
 """
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Tls(Protocol):
-    """Takes the TSDUs that carry TLS. ``sessions`` counts connections with TLS, ``opened`` and ``shut`` encrypted records."""
+    """Takes TSDUs with TLS. Counts connections with TLS (``sessions``), decrypted records (``opened``), others (``shut``)."""
 
     def __init__(self, exchange: Exchange, foreign: Foreign, s7: Protocol, plus: Protocol, keys: KeyLog | None) -> None:
         super().__init__()
@@ -35,23 +35,23 @@ class Tls(Protocol):
         self._plus: Protocol = plus
         self._waiting: Waiting | None = None
         self.keys: KeyRing = KeyRing(keys)
-        self.more_keys: i64 = 0  # that other runs found, whose counts were added to these
+        self.more_keys: i64 = 0  # found by other runs, whose counts were added to these
         self.sessions: i64 = 0
-        self.decrypted: i64 = 0  # sessions of which content was decrypted
+        self.decrypted: i64 = 0  # sessions with decrypted content
         self.opened: i64 = 0
         self.shut: i64 = 0
         self.other: i64 = 0  # decrypted messages that are neither S7comm nor S7comm-plus
 
     def secrets(self, text: bytes) -> None:
-        """Take a key log that the capture holds."""
+        """Take a key log that is in the capture."""
         self.keys.found.add(text)
 
     def wants(self, side: Side, session: TlsSession, buf: bytes, at: i64, size: i64) -> bool:
-        """Tell whether a TSDU goes on with the TLS of its connection; a sound S7 PDU never does."""
+        """Return whether a TSDU belongs to the TLS session of its connection; a sound S7 PDU never does."""
         return not is_sound(buf, at, at + size) and session.wants(side.index, buf, at, at + size)
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take a TSDU of TLS: records, or parts of some."""
+        """Take a TSDU of TLS: records, or parts of records."""
         connection = side.connection
         if classify(buf, at, at + size) == TLS:
             self._foreign.tsdu(side, TLS, buf, at, size, frame, time_ns)
@@ -106,7 +106,7 @@ class Tls(Protocol):
             self._foreign.inside(side, upper, message, frame, time_ns)
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
-        """Octets are missing: a record, and the frame in it, have no end."""
+        """Octets are missing: the current record, and the frame in it, stay incomplete."""
         session = side.connection.tls
         if session is not None:
             session.lose(side.index, size)
@@ -119,11 +119,11 @@ class Tls(Protocol):
             self._message(side, rest, frame, time_ns)
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """No more octets come: a frame without its end is all there is of it."""
+        """No more octets come: take what there is of an unfinished frame."""
         self._cut(side, frame, time_ns)
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """The connection is over: say why what was encrypted stayed so. Called for either side, done once."""
+        """The connection is over: report why records stayed encrypted. Called for both sides, done once."""
         side.inner = None
         connection = side.connection
         session = connection.tls
@@ -137,7 +137,7 @@ class Tls(Protocol):
         judge_closed(self._exchange.reporter, connection, session, frame, time_ns)
 
     def held(self, side: Side) -> i64:
-        """Return the octets of unfinished records and frames; what is kept for both sides counts with side 0."""
+        """Return the octets of unfinished records and frames; what is kept for both sides counts for side 0."""
         session = side.connection.tls
         if session is None:
             return 0

@@ -1,6 +1,6 @@
-"""What is worth saying about the contents of blocks that are loaded and read out: by themselves, and beside those before them.
+"""Findings about the contents of loaded and read-out blocks: faults of a block, and changes since its previous version.
 
-Blocks of S7comm-plus are left out: what of them a CPU changes by itself is not known.
+S7comm-plus blocks are left out: it is not known which of their parts a CPU changes by itself.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from dissect.transactions.operation import DOWNLOAD, NOT_CAPTURED, Operation
 if TYPE_CHECKING:
     from dissect.findings.code_rules import CodeRules
 
-#: Blocks that are remembered, and their octets; those that passed first are forgotten.
+#: Bounds of what is remembered: blocks, and their octets together. The blocks that were seen longest ago are forgotten first.
 MAX_BLOCKS: Final = 4096
 MAX_OCTETS: Final = 16 * 1024 * 1024
-#: Parts by which two versions of a block are told apart: values, times and texts of a header change on their own.
+#: Parts that count as a change; header values, times and texts change without one.
 _LOGIC: Final = frozenset((CODE, INTERFACE))
 
 
 class Known:
-    """What is known of one block of a PLC: the version that ``runs`` by all that passed, and one that was ``loaded`` since."""
+    """What is known of one block of a PLC: the version that ``runs``, as far as known, and one that was ``loaded`` since."""
 
     __slots__ = ("loaded", "runs")
 
@@ -35,13 +35,13 @@ class Known:
 
     @property
     def octets(self) -> int:
-        """Octets that are kept for it."""
+        """Octets that are kept of both versions."""
         return sum([len(block.octets) for block in (self.runs, self.loaded) if block is not None])
 
     def settle(self) -> None:
-        """Let the block that was loaded be the one that runs, unless it has not been activated.
+        """The version in ``loaded`` becomes the one that ``runs``, unless it was not activated.
 
-        Of a download whose outcome was not captured nobody knows whether it runs, or the block before it.
+        If the outcome of the download was not captured, either version may run, so that none is known to.
         """
         if self.loaded is not None:
             done = self.loaded.operation
@@ -53,7 +53,7 @@ class Known:
 
 
 class BlockWatch:
-    """Remembers the latest versions of the blocks of each PLC, and notes what the next one says."""
+    """Remembers the latest versions of the blocks of each PLC, and judges each new version."""
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
@@ -103,7 +103,7 @@ class BlockWatch:
                 self._note(slug, operation, before, what)
 
     def _running(self, plc: str) -> list[CarvedBlock]:
-        """Return the blocks that run in a PLC, as far as they passed."""
+        """Return the blocks that run in a PLC, as far as they were captured."""
         return [known.runs for (host, _), known in self._known.items() if host == plc and known.runs is not None]
 
     def _judge_change(self, before: CarvedBlock, block: CarvedBlock, operation: Operation) -> None:

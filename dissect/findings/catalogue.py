@@ -19,8 +19,8 @@ NOTE: Final = "note"
 SEVERITIES: Final = (ERROR, WARNING, NOTE)
 
 
-#: What a rule is about: the capture itself; the bytes of a protocol; what was agreed on; requests and answers; what an
-#: intruder would do; and what takes several requests.
+#: What a rule is about: the capture itself; the octets of a protocol; what was negotiated; requests and answers; what an
+#: intruder would do; operations, which take several requests.
 CAPTURE: Final = "capture"
 PROTOCOL: Final = "protocol"
 NEGOTIATION: Final = "negotiation"
@@ -32,7 +32,7 @@ KINDS: Final = (CAPTURE, PROTOCOL, NEGOTIATION, FUNCTION, SECURITY, OPERATION)
 
 
 class Rule:
-    """One row of the catalogue: a stable slug, how much it weighs, what it is about, one sentence, and what to do about it.
+    """One row of the catalogue: a stable slug, its severity, what it is about (kind), one sentence, and advice what to do.
 
     ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none.
     """
@@ -53,7 +53,7 @@ class Rule:
         return f"Rule({self.slug!r}, {self.severity!r})"
 
 
-#: Slug, severity, kind, sentence, advice, and the keys of MITRE techniques with spaces between them.
+#: Slug, severity, kind, sentence, advice, and the keys of MITRE techniques, separated by spaces.
 _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     # The capture itself.
     ("capture.damaged", WARNING, CAPTURE, "The capture is damaged, or ended too early.",
@@ -372,7 +372,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "A client without pauses, or an attempt to keep the PLC busy: identify the program that sends them.", "denial_of_service"),
     ("security.tsap_scan", WARNING, SECURITY, "A client tries one TSAP after another: a scan for racks and slots.",
      "Inventory and engineering tools also scan: suspicious if you run none from this host. Identify it.", "system_discovery"),
-    # Devices: what stays the same as long as it is the same device.
+    # Devices: facts that stay the same as long as the device does.
     ("device.order_number_changed", WARNING, SECURITY, "A device reports a different order number from before.",
      "A different device answers at this address, or a different module in its rack. If nobody replaced it, identify it.",
      "rogue_master"),
@@ -383,7 +383,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("device.mac_changed", WARNING, SECURITY, "An IP address is used by a different network card from before.",
      "The device was replaced, or a second host uses its address (duplicate address, ARP spoofing): identify both cards.",
      "adversary_in_the_middle"),
-    # Ourselves.
+    # The analyzer itself.
     ("internal.bug", ERROR, CAPTURE, "The analyzer failed on a packet.",
      "The packet was skipped and the analysis continued. Please report it with the packet.", ""),
 )  # fmt: skip

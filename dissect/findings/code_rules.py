@@ -1,7 +1,7 @@
-"""What is worth saying about the code of blocks that are loaded and read out, and about what changed in it.
+"""Findings about the code of loaded and read-out blocks, and about what changed in it.
 
-A module of its own because the tables of all instructions come with it: `dissect.findings.block_rules` imports it when the
-first block with code passes.
+This is a module of its own because it imports the tables of all instructions: `dissect.findings.block_rules` imports it only
+when the first block with code is seen.
 """
 
 from __future__ import annotations
@@ -26,34 +26,34 @@ from dissect.program.carved import CarvedBlock
 from dissect.s7.blocks import HEADER
 from dissect.s7.tables import CODE_BLOCKS
 
-#: Octets of distinct blocks whose code is decoded; nothing is said of the code of those beyond.
+#: Octets of distinct blocks whose code is decoded; the code of blocks beyond that is not judged.
 MAX_DECODED: Final = 4 * 1024 * 1024
-#: Inconsistencies of a block, and calls, that are named.
+#: How many inconsistencies or calls of a block a finding names.
 _NAMED: Final = 3
-#: Octets of a block that say what it is and when it was changed.
+#: Size of the header of a block, which has its identity and the times of its last changes.
 _HEADS: Final = HEADER.size
-#: What a system function does that is reported of a block of which no version passed before.
+#: Effects of system calls that are reported even if no earlier version of the block was seen.
 _GRAVE: Final = frozenset((STOPS, DELETES))
 
-#: The slug of a finding, and its detail.
+#: Slug and detail of a finding.
 Remark = tuple[str, str]
 
 
 class CodeRules:
-    """Decodes the code of blocks, the same octets once, and judges it. One for a whole analysis."""
+    """Decodes the code of blocks and judges it; the same octets are decoded once. There is one object per analysis."""
 
     def __init__(self) -> None:
         self._decoded: dict[bytes, Block] = {}
         self._room = MAX_DECODED
 
     def judge(self, block: CarvedBlock) -> list[Remark]:
-        """Return what is to be said of the code of a block by itself."""
+        """Return the remarks about the code of a block by itself."""
         program = self._decode(block)
         facts = inconsistencies(program) if program is not None else []
         return [("block.inconsistent", _named([fact.text for fact in facts]))] if facts else []
 
     def judge_loaded(self, block: CarvedBlock, before: CarvedBlock | None, running: list[CarvedBlock]) -> list[Remark]:
-        """Return what is to be said of code that a PLC is given, beside the version ``before`` and all that is ``running``."""
+        """Return the remarks about loaded code, given the version ``before`` it and the blocks ``running`` in the PLC."""
         program = self._decode(block)
         if program is None:
             return []
@@ -83,22 +83,22 @@ class CodeRules:
         return remarks
 
     def _safety(self, running: list[CarvedBlock]) -> frozenset[str]:
-        """Return those of some blocks that belong to a safety program."""
+        """Return the labels of those ``running`` blocks that belong to a safety program."""
         programs = [self._decode(each) for each in running]
         return frozenset([program.label for program in programs if program is not None and is_safety(program)])
 
     def changes(self, before: CarvedBlock, block: CarvedBlock) -> str:
-        """Return in three lines what changed in the code; empty where it was not decoded."""
+        """Return what changed in the code, in up to three lines; empty if one of the versions was not decoded."""
         was, now = self._decode(before), self._decode(block)
         return "; ".join(summary(block.label, compare_blocks(was, now))) if was is not None and now is not None else ""
 
     @staticmethod
     def older(before: CarvedBlock, block: CarvedBlock) -> str:
-        """Return in which way a block, of whatever type, is older than the version before it; empty where it is not."""
+        """Return in what way a block is older than the version before it; empty if it is not. Works for blocks of any type."""
         return older_than(parse_block(before.octets[:_HEADS]), parse_block(block.octets[:_HEADS]))
 
     def _decode(self, block: CarvedBlock) -> Block | None:
-        """Return the code of a block, the same object for the same octets; None where there is none, or no room for more."""
+        """Return the decoded block, the same object for the same octets; None if it has no code or `MAX_DECODED` is used up."""
         if block.kind not in CODE_BLOCKS:
             return None
         found = self._decoded.get(block.octets)
@@ -110,6 +110,6 @@ class CodeRules:
 
 
 def _named(texts: list[str]) -> str:
-    """Return the first of some texts, and how many more there are."""
+    """Join the first texts; say how many more there are."""
     more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
     return "; ".join(texts[:_NAMED]) + more

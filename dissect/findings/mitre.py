@@ -1,22 +1,22 @@
-"""MITRE ATT&CK for ICS techniques that findings point to, with their ids in v18 and in v19: the one table of them.
+"""The one table of MITRE ATT&CK for ICS techniques that findings refer to, with their ids in releases v18 and v19.
 
-Release 19 (April 2026) brought sub-techniques to the ICS matrix. Nine techniques were revoked there and issued anew as
-sub-techniques under other ids; all others kept theirs. Rules name techniques by key, so that a renumbering touches this
-table only.
+Release 19 (April 2026) brought sub-techniques to the ICS matrix. It revoked nine techniques and issued them anew as
+sub-techniques with other ids; all others kept their ids. Rules name techniques by key, so that a renumbering changes only this
+table.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-#: Where the nine new ids stand.
+#: The source of the nine new ids.
 _CROSSWALK: Final = "ics-sub-techniques-crosswalk.json of attack.mitre.org, 2026-04-28: became "
-#: The others.
+#: The source of the other ids.
 _KEPT: Final = "MITRE ATT&CK for ICS v18; no renumbering in v19 is known"
 
 
 class Technique:
-    """A technique: the ``key`` rules use, its v18 ``name``, its ids in both releases, and where the v19 id is from."""
+    """A technique: the ``key`` that rules use, its v18 ``name``, its ids in both releases, and the source of the v19 id."""
 
     __slots__ = ("key", "name", "source", "v18", "v19")
 
@@ -29,7 +29,7 @@ class Technique:
 
     @property
     def ids(self) -> str:
-        """The id, and the one of v19 beside it when that is another: ``T0855 (v19: T1692.001)``."""
+        """The v18 id, and the v19 id where it differs: ``T0855 (v19: T1692.001)``."""
         return self.v18 if self.v18 == self.v19 else f"{self.v18} (v19: {self.v19})"
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ _ROWS: Final = (
     ("system_firmware", "System Firmware", "T0857", "T1693.001", _CROSSWALK + "Modify Firmware: System Firmware"),
     ("hardcoded_credentials", "Hardcoded Credentials", "T0891", "T1694.002",
      _CROSSWALK + "Insecure Credentials: Hardcoded Credentials"),
-    # The same in both.
+    # The same id in both.
     ("monitor_process", "Monitor Process State", "T0801", "T0801", _KEPT),
     ("brute_force_io", "Brute Force I/O", "T0806", "T0806", _KEPT),
     ("data_destruction", "Data Destruction", "T0809", "T0809", _KEPT),

@@ -1,4 +1,4 @@
-"""What is worth saying about an operation: that it failed or stopped, and where it contradicts itself (reference 7.3)."""
+"""Findings about operations: those that failed or stopped early, and those that contradict themselves (reference 7.3)."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from dissect.transactions.results import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, Transaction
 
 _TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND, LONG_ANSWER))
-#: An answer in parts that is longer than this does not end: no list of a device has so much.
+#: An answer in parts that is longer than this is called endless: no list of a device is so long.
 _ENDLESS_OCTETS: Final = 1 << 20
-#: At the end of the capture, a transfer whose last step is older than this stopped before.
+#: At the end of the capture: a transfer whose last step is older than this had stopped before.
 _STOPPED_NS: Final = 1_000_000_000
-#: At the end of the capture, a block that was loaded longer ago than this should have been activated.
+#: At the end of the capture: a block that was loaded longer ago than this should have been activated by then.
 _FORGOTTEN_NS: Final = 30_000_000_000
 _SYSTEM_DATA: Final = "SDB "
 _ODDITIES: Final = {
@@ -41,7 +41,8 @@ _ODDITIES: Final = {
 def judge_operation(reporter: Reporter, operation: Operation) -> None:
     """Note what is odd about an operation that is over.
 
-    That a single request was refused or not answered is said of its transaction; here it counts what had begun before.
+    A single request that was refused or not answered is reported with its transaction. The findings here are about operations
+    that had begun already.
     """
     for oddity in operation.oddities:
         _note(reporter, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)
@@ -55,7 +56,7 @@ def judge_operation(reporter: Reporter, operation: Operation) -> None:
 
 
 def _ought_to_end(operation: Operation) -> bool:
-    """Return whether the end is missing for another reason than the capture's."""
+    """Return whether the operation should have ended within what was captured."""
     tcp = operation.connection.tcp
     if operation.reason == HOLE or tcp.has_holes:
         return False
@@ -66,9 +67,10 @@ def _ought_to_end(operation: Operation) -> bool:
 
 
 def judge_loaded(reporter: Reporter, connection: Connection, reason: str) -> None:
-    """Note blocks that were loaded and neither activated nor deleted before their connection was over.
+    """Note blocks that were neither activated nor deleted after they were loaded, before their connection was over.
 
-    Nothing is said where the request may be in a gap, or after the end of the capture. System data take effect with a restart.
+    Nothing is noted where a gap may hide the activation, or the capture may have ended before it. System data blocks are left
+    out: they take effect with a restart.
     """
     if connection.tcp.has_holes:
         return
@@ -81,7 +83,7 @@ def judge_loaded(reporter: Reporter, connection: Connection, reason: str) -> Non
 
 
 def judge_strays(reporter: Reporter, transaction: Transaction) -> None:
-    """Note a push without a subscription, and the activation of a block that was not loaded."""
+    """Note a push that no captured subscription asked for, and the activation of a block that was not loaded."""
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
     if transaction.flags & STRAY_PUSH and connection.traits.first("operation.stray_push"):

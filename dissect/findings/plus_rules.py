@@ -1,6 +1,6 @@
-"""S7comm-plus transactions as events of security, with the rules of S7comm; and what they tell of client and CPU.
+"""Findings about S7comm-plus transactions, mostly by the security rules of S7comm, and the programs of CPUs.
 
-Which transaction means what is known to `dissect.s7plus.events`; here its facts become findings.
+`dissect.s7plus.events` knows what a transaction means; this module makes findings of these events.
 """
 
 from __future__ import annotations
@@ -63,23 +63,23 @@ _SLUGS: Final[dict[str, str]] = {
 }
 #: Reported once per connection.
 _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
-#: Commands of which is said that they were accepted.
+#: The kind of area that an event of this kind writes to.
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
-#: Return value that says that a client lacks the rights for a request: access denied.
+#: Return value "access denied": the client lacks the rights for a request.
 _PROTECTED: Final = 0xFF9C
-#: Explore requests of a connection that make it a reconnaissance, when its client subscribes to nothing at that CPU.
+#: From so many Explore requests on, a connection is a reconnaissance, unless its client subscribes to anything at that CPU.
 _EXPLORES: Final = 3
 _SUBSCRIBING: Final = frozenset((SUBSCRIBED, SUBSCRIBED_ALARMS))
-#: Clients with subscriptions that are remembered.
+#: Subscribers that are remembered.
 MAX_SUBSCRIBERS: Final = 4096
-#: CPUs that are remembered; the one that was met first leaves.
+#: CPUs that are remembered; beyond that the one seen first is forgotten.
 MAX_CPUS: Final = 256
-#: Characters of what an event is about.
+#: Longest text of an event in a finding, in characters.
 _TEXT: Final = 200
 
 
 class PlusWatch:
-    """Judges S7comm-plus transactions. One for a whole analysis: the program of a CPU passes on any of its connections."""
+    """Judges S7comm-plus transactions. One object per analysis: any connection of a CPU may carry parts of its program."""
 
     def __init__(self, reporter: Reporter, security: SecurityWatch, book: OperationBook) -> None:
         self._operations = PlusOperations(book)
@@ -131,7 +131,7 @@ class PlusWatch:
             self._security.tell("security.protected", transaction, transaction.function_name)
 
     def _subscribes(self, connection: Connection) -> None:
-        """Remember that the client of a connection subscribes to something at that CPU, or did before the capture."""
+        """Remember that the client of ``connection`` subscribes to something at its CPU, or did before the capture began."""
         if len(self._subscribers) < MAX_SUBSCRIBERS:
             self._subscribers.add(_stations(connection))
 
@@ -142,7 +142,7 @@ class PlusWatch:
         self._reporter.note(slug, transaction.connection.number, frames, time_ns, detail)
 
     def _malformed(self, transaction: Transaction, facts: Facts) -> None:
-        """Say what is wrong first in each half, with its packet: which of the two lies is not seen from the place alone."""
+        """Report the first fault of the request and of the response, each with its packet."""
         asked, told = facts.malformed[: facts.in_request], facts.malformed[facts.in_request :]
         frames = [int(transaction.request_frame)] if asked else []
         said = [f"request: {asked[0]}"] if asked else []
@@ -170,7 +170,7 @@ class PlusWatch:
         return session
 
     def _tell(self, session: PlusSession, event: Event, transaction: Transaction, code: int) -> None:
-        """Report an event; ``code`` is the error that it got, 0 for none."""
+        """Report an event; ``code`` is its error, 0 for none."""
         kind = event.kind
         if kind == PASSWORD:
             self._security.password(transaction, code)
@@ -187,7 +187,7 @@ class PlusWatch:
     def _wrote(
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
     ) -> None:
-        """A write to areas of a kind that this connection did not write before, or that was refused."""
+        """Report a write that was refused, or that goes to a kind of area that this connection did not write before."""
         traits = transaction.connection.traits
         what = shortened(event.text, _TEXT)
         if code in {0, PARTIAL_ERROR}:
@@ -198,11 +198,11 @@ class PlusWatch:
             self._security.tell("security.write_refused", transaction, what, code)
 
     def programs(self) -> dict[str, Program]:
-        """Return what passed of the programs of CPUs, by their hosts; those of which nothing did are left out."""
+        """Return the programs of CPUs by host, as far as they were captured; those without any captured part are left out."""
         return {host: program for host, (program, _) in self._cpus.items() if program.count}
 
     def end(self, connection: Connection) -> None:
-        """A connection is over: a client that explored and subscribed to nothing looked around."""
+        """A connection is over: a client that explored and subscribed to nothing was looking around."""
         self._operations.end(connection)
         session = connection.plus
         if session is None or session.explores < _EXPLORES:
@@ -217,11 +217,11 @@ class PlusWatch:
 
 
 def _code_of(event: Event, transaction: Transaction) -> int:
-    """Return the error that an event got: that of its own item, where the answer does not refuse everything."""
+    """Return the error of an event: that of its own item, unless the answer refuses the whole request."""
     code = int(transaction.error_code)
     return event.refusal if event.refusal >= 0 and code in {0, PARTIAL_ERROR} else code
 
 
 def _stations(connection: Connection) -> tuple[str, str]:
-    """Return who asks and who is asked, as `server_of` names them."""
+    """Return client and CPU of a connection, as `server_of` names them."""
     return within(str(connection.client.host), connection.tcp.vlan), server_of(connection)

@@ -1,4 +1,4 @@
-"""What S7comm-plus clients do with sessions: do they authenticate themselves, use TLS, and use a session of their own."""
+"""Findings about S7comm-plus sessions: whether clients authenticate themselves, use TLS, and keep to their own session."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.octets import u32
 
-#: Where the session stands in a request of version 1 and 2, and how much further behind the digest of version 3.
+#: Offset of the session id in a request of protocol versions 1 and 2; in version 3 the digest stands before it.
 _SESSION: Final = 13
-#: Where the object stands that a request is about.
+#: Offset of the id of the object that a request is about.
 _OBJECT: Final = 18
-#: Ids up to here are no session: that of a client that has none yet is 288.
+#: Ids up to this one are not sessions: a client that has none yet sends 288.
 _NO_SESSION: Final = 288
-#: Sessions that are remembered; the one that was given first leaves.
+#: Sessions that are remembered; beyond that the one given first is forgotten.
 MAX_GIVEN: Final = 4096
-#: By the beginning of its order number: the first firmware with secure PG/HMI communication (TIA Portal V17).
+#: The first firmware with secure PG/HMI communication (TIA Portal V17), by how an order number begins.
 _TLS_SINCE: Final[dict[str, tuple[int, int]]] = {"6ES7 21": (4, 5), "6ES7 51": (2, 9)}
-#: Digits of one number of a firmware version that are read.
+#: Longest number within a firmware version that is read, in digits.
 _VERSION_DIGITS: Final = 4
 _ERROR: Final = 0x8000
 
 
 class PlusSessions:
-    """Judges sessions. One for a whole analysis: a session belongs to the connection that it was given to."""
+    """Judges sessions. One object per analysis: a session must not be used on a connection other than its own."""
 
     def __init__(self, security: SecurityWatch) -> None:
         self._security = security
         self._given: dict[tuple[str, int], int] = {}  # the number of the connection, by CPU and session
 
     def take(self, session: PlusSession, transaction: Transaction) -> None:
-        """Take a transaction before its contents are looked at."""
+        """Judge the use of a session; call this before the contents of the transaction are looked at."""
         octets = transaction.request_octets
         if transaction.function == INIT_SSL:
             session.tls = transaction.outcome == ANSWERED and transaction.error_code < _ERROR
@@ -61,7 +61,7 @@ class PlusSessions:
             self._judge_authentication(number, transaction)
 
     def opened(self, session: PlusSession, number: int, transaction: Transaction) -> None:
-        """A client has got the session ``number``, 0 when it was refused."""
+        """A client got the session ``number``, or was refused one (0)."""
         connection = transaction.connection
         if number:
             if len(self._given) >= MAX_GIVEN:
@@ -77,7 +77,11 @@ class PlusSessions:
             self._security.tell("security.clear_text", transaction, text)
 
     def _judge_owner(self, number: i64, transaction: Transaction) -> None:
-        """A session of another connection. Who was there when the capture began, or in a gap, may have got it then."""
+        """Report a session that was given to another connection.
+
+        Nothing is reported where the capture began in the middle of this connection or has a gap: it may have got the session
+        there.
+        """
         connection = transaction.connection
         if len(self._given) == 0 or _incomplete(connection):
             return
@@ -89,7 +93,7 @@ class PlusSessions:
             self._security.tell("security.session_reused", transaction, text)
 
     def _judge_authentication(self, number: i64, transaction: Transaction) -> None:
-        """A request that is neither the set-up of the session nor its end, and that the CPU carries out all the same."""
+        """Report a request that the CPU carried out without authentication; requests that set up or end a session need none."""
         octets = transaction.request_octets
         if transaction.function in {CREATE_OBJECT, DELETE_OBJECT, INIT_SSL} or octets[1] == V3:
             return
@@ -104,7 +108,7 @@ class PlusSessions:
 
 
 def _in_tls(session: PlusSession, connection: Connection) -> bool:
-    """Tell whether the client asked for TLS, or TLS was seen: InitSSL may be missing from the capture."""
+    """Return whether the connection uses TLS: the client asked for it, or it was seen (InitSSL may not have been captured)."""
     return session.tls or connection.tls is not None
 
 
@@ -118,7 +122,7 @@ def _offers_tls(identity: Identity) -> bool:
 
 
 def _part(digits: str) -> int:
-    """Return one number of a firmware version, -1 where the wire says something else: no version has that many digits."""
+    """Return one number of a firmware version, -1 if the text is not a plausible number."""
     return int(digits) if digits.isascii() and digits.isdecimal() and len(digits) <= _VERSION_DIGITS else -1
 
 
@@ -127,5 +131,5 @@ def _incomplete(connection: Connection) -> bool:
 
 
 def server_of(connection: Connection) -> str:
-    """Return the CPU of a connection: its address, and its network where that has a number."""
+    """Return the address of the CPU of a connection, with its VLAN if it has one."""
     return within(str(connection.server.host), connection.tcp.vlan)

@@ -1,7 +1,7 @@
-"""A client tries one TSAP after another: a scan for racks and slots (reference 7.1).
+"""A client that tries one TSAP after another: a scan for racks and slots (reference 7.1).
 
-What is remembered is bounded: pairs of client and server, and TSAPs of each. A pair is looked at for `WINDOW_NS` at a time, so
-that a client that talks to every module of a rack over several days is not reported as a scan.
+A bounded number of pairs of client and server is remembered, with a bounded number of TSAPs each. The TSAPs of a pair are
+counted for `WINDOW_NS` at a time, so that a client that talks to every module of a rack over several days is not reported.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from dissect.transactions.connection import Connection
 from dissect.wire.text import duration_text
 
 WINDOW_NS: Final = 60_000_000_000
-#: Pairs of client and server that are remembered, and TSAPs of each.
+#: Pairs of client and server that are remembered, and TSAPs that are remembered of each pair.
 MAX_PAIRS: Final = 1024
 MAX_TSAPS: Final = 32
-#: A scan is so many TSAPs of one server within the window, or so many of which it refused.
+#: So many TSAPs of one server within the window are a scan, or so many refused ones.
 TSAPS: Final = 6
 REFUSED: Final = 3
-#: TSAPs and packets that a finding names.
+#: How many TSAPs and packets a finding names.
 _NAMED: Final = 8
 
 
 class _Pair:
-    """What a client asked a server for lately. ``asked`` has the packet of each called TSAP."""
+    """The connect requests of a client to a server within the window. ``asked``: the packet of each called TSAP."""
 
     __slots__ = ("asked", "first_ns", "refused", "told")
 
     def __init__(self, first_ns: i64) -> None:
         self.first_ns: i64 = first_ns
         self.asked: dict[bytes, int] = {}
-        self.refused: set[bytes] | None = None  # made with the first: most requests are confirmed
+        self.refused: set[bytes] | None = None  # made with the first refusal: most requests are confirmed
         self.told: bool = False
 
 
 class ScanWatch:
-    """Looks at the connect requests of all connections. ``forgotten`` counts pairs that had to leave: there were too many."""
+    """Looks at the connect requests of all connections. ``forgotten``: how many pairs were dropped (`MAX_PAIRS`)."""
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter: Reporter = reporter
@@ -95,10 +95,10 @@ class ScanWatch:
 
 
 def _key(connection: Connection) -> bytes:
-    """Return the pair that a connection belongs to."""
+    """Return the key of the pair of client and server."""
     return connection.client.address + connection.server.address
 
 
 def _lately(pair: _Pair, time_ns: i64) -> bool:
-    """Return whether a pair is still within its window."""
+    """Return whether the window of a pair is still open."""
     return 0 <= time_ns - pair.first_ns <= WINDOW_NS

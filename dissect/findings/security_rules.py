@@ -1,7 +1,7 @@
-"""Events that matter for security (reference 7.4): who stopped, loaded, read out, wrote, forced, guessed or looked around.
+"""Findings that matter for security (reference 7.4): who stopped, loaded, read out, wrote, forced, guessed or looked around.
 
-What is said of a connection is said of requests that were answered well, or attempts where the attempt is the event. The
-sentence of a finding names who did what to whom, and what became of it.
+Most rules are about requests that were carried out; where the attempt matters, the attempt is reported. The detail of a finding
+says who did what to whom, and with which result.
 """
 
 from __future__ import annotations
@@ -56,66 +56,67 @@ from dissect.wire.codes import coded
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, hex_number, titled
 
-#: SZL lists that tell what a device is, apart from its state (reference 7.4): id lists, identification. What it can do in
-#: communication (0x31, 0x32) panels ask at each start.
+#: SZL lists that identify a device (reference 7.4): list of ids, identification. The lists of communication capabilities (0x31,
+#: 0x32) are not among them, because panels read them at each start.
 _TELLING: Final = frozenset((0x00, 0x11, 0x1C))
-#: Inquiries on one connection that make it a reconnaissance, the third, and distinct lists, the tenth.
+#: A connection is a reconnaissance from so many inquiries on, or so many distinct lists.
 _INQUIRIES: Final = 3
 _MANY_LISTS: Final = 10
 
-#: Failed passwords of one client at one server that make it guessing.
+#: So many refused passwords in a row, of one client at one server, are guessing.
 _GUESSES: Final = 3
-#: Errors that say that a protection level stands against a request.
+#: Error codes by which a protection level refuses a request.
 _PROTECTED: Final = frozenset((0xD241, 0xD602))
-#: What S7-1200/1500 say to reads and writes while PUT/GET access is off, and any device that does not support a request.
+#: The error of S7-1200/1500 for reads and writes while PUT/GET access is off; devices also use it for unsupported requests.
 _MAYBE_PROTECTED: Final = 0x8104
 _ACCESS_DENIED: Final = 0x03
-#: Refused reads and writes of a connection that are looked at.
+#: How many refused reads and writes of a connection are looked at.
 _LOOKED_AT: Final = 100
 
-#: PDUs of one connection within a second that are a flood: no PLC answers so many.
+#: So many PDUs of one connection within a second are a flood: no PLC answers so many.
 PACE: Final = 2048
-#: Writes of one connection that are judged together, and of which one in `SAMPLED` is looked at.
+#: Writes of one connection are judged in groups of this size; one write in `SAMPLED` is looked at.
 _WRITES: Final = 256
 SAMPLED: Final = 16
-#: They are a flood when they come within so long, are most of what the connection carries, repeat so few requests, and the
-#: client leaves the server no more time than that takes to answer: so no recipe is written and no heartbeat beats.
+#: A group of writes is a flood if it came within `_WRITES_NS`, is at least the share `_MOST` of what the connection carries,
+#: repeats at most `_FEW_VARIABLES` requests, and the server was busy answering for the share `_BUSY` of the time or more. The
+#: writing of a recipe and a heartbeat do not meet all of these.
 _WRITES_NS: Final = 5_000_000_000
 _MOST: Final = 0.75
 _FEW_VARIABLES: Final = 4
 _BUSY: Final = 0.5
-#: Without answers, as when only the client was captured, they are one when they come within so long: half of that is what the
+#: Without answers, as when only the client was captured, a group is a flood if it came within this time: half of what the
 #: fastest PLCs take to answer so many.
 _UNHEARD_NS: Final = 1_500_000_000
-#: Variables that the finding of a modification or force names, and return codes that one of a refused write does.
+#: How many variables a finding about modifying or forcing names, and how many return codes one about a refused write.
 _NAMED: Final = 8
 _SECOND_NS: Final = 1_000_000_000
 
-#: A diagnostic message so long before a STOP states its cause: a CPU sends it as it stops.
+#: A diagnostic message at most so long before a STOP states its cause: a CPU sends it as it stops.
 _CAUSE_NS: Final = 5_000_000_000
 
-#: What a PLC says of itself, whether it was asked for it or not.
+#: Events that a PLC reports about itself, whether it was asked or not.
 _REPORTS: Final = frozenset(("security.mode_changed", "security.stopped"))
 
-#: Kinds of areas that are written, and the slug of each.
+#: Kinds of areas, and the slug for writes to them.
 _WRITES_TO: Final = ((WRITTEN_IO, "security.write_outputs"), (WRITTEN_ELSEWHERE, "security.write"))
-#: Clients, servers and pairs of them that are remembered.
+#: Bound for each of the memories below: servers with their first writer, pairs of client and server.
 _MAX_REMEMBERED: Final = 4096
 
 
 class SecurityWatch:
-    """Judges transactions as events of security. One for a whole analysis: a new writer is one among several connections."""
+    """Judges transactions as security events. One object per analysis, because a new writer shows only across connections."""
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
         self._writers: dict[str, str] = {}  # server: the client that wrote first
-        self._pairs: set[tuple[str, str]] = set()  # (client, server): writers that were told
+        self._pairs: set[tuple[str, str]] = set()  # pairs of client and server that were reported, or need no report
         self._failures: dict[tuple[str, str], int] = {}
 
     # ---- writes -----------------------------------------------------------------------------------------------------
 
     def write(self, transaction: Transaction) -> None:
-        """A write to kinds of areas that this connection did not write before: what became of each item is what counts."""
+        """Judge a write to kinds of areas that this connection did not write before, by the result of each item."""
         traits = transaction.connection.traits
         unanswered = transaction.outcome == UNANSWERED
         if unanswered and not transaction.parameters.written & ~(traits.written | traits.sent):
@@ -136,9 +137,10 @@ class SecurityWatch:
     def wrote(
         self, slug: str, area: i64, transaction: Transaction, what: str, code: int = -1, sure: bool = True
     ) -> None:
-        """A write to areas of a kind, told when it is the first of this connection.
+        """Report a write to a kind of area, if it is the first of this connection.
 
-        One that is not ``sure`` to have been carried out is told as well, and hides none that was.
+        A write that may not have been carried out (``sure`` is False) is reported as well; the first sure one is reported after
+        it.
         """
         traits = transaction.connection.traits
         if (traits.written if sure else traits.written | traits.sent) & area:
@@ -152,21 +154,21 @@ class SecurityWatch:
             self._writer(transaction)
 
     def _writer(self, transaction: Transaction) -> None:
-        """Take a write: a client other than the first that wrote to a PLC is reported."""
+        """Report a client that writes to a PLC after another client did."""
         client, server = _ends(transaction)
         if len(self._writers) >= _MAX_REMEMBERED or len(self._pairs) >= _MAX_REMEMBERED:
             self._writers.clear()
             self._pairs.clear()
         first = self._writers.setdefault(server, client)
         if transaction.connection.mid_stream:
-            # Who was there when the capture began may have written long before.
+            # a client that was connected before the capture began may have written long before
             self._pairs.add((client, server))
         elif first != client and (client, server) not in self._pairs:
             self._pairs.add((client, server))
             self.tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
 
     def sample(self, transaction: Transaction) -> None:
-        """Take one write in `SAMPLED`; each `_WRITES` of a connection are judged by its own pace."""
+        """Take one write in `SAMPLED`; after each `_WRITES` of a connection, judge how fast they came."""
         connection = transaction.connection
         writes = connection.traits.writes
         now_ns = int(max(transaction.request_ns, transaction.response_ns))
@@ -184,11 +186,12 @@ class SecurityWatch:
         writes.variables = set()
 
     def _judge_writes(self, transaction: Transaction, writes: Writes, took_ns: int) -> None:
-        """Judge `_WRITES` writes of few variables that took so long."""
+        """Judge a group of `_WRITES` writes of few variables that came within ``took_ns``."""
         connection = transaction.connection
         answers = writes.answers_ns
         if not answers:
-            # What else passes, `end` knows; what answers alone are to, nobody does.
+            # The share of these writes in the traffic is known only at the `end`; of a capture of answers alone it is never
+            # known.
             if writes.hasty is None and took_ns <= _UNHEARD_NS and transaction.outcome == UNANSWERED:
                 writes.hasty = transaction
                 writes.hasty_ns = took_ns
@@ -208,7 +211,7 @@ class SecurityWatch:
             self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
 
     def end(self, connection: Connection) -> None:
-        """A connection is over, and all of its requests are known: hasty writes without answers may be most of them."""
+        """A connection is over, so that its requests are all counted: judge hasty writes without answers by their share."""
         writes = connection.hasty_writes
         if writes is None or writes.hasty is None:
             return
@@ -228,13 +231,13 @@ class SecurityWatch:
             self.tell("security.protected", transaction, transaction.function_name)
 
     def refused_items(self, transaction: Transaction) -> None:
-        """Judge a read or write of which something was refused: is it protection? Looks at the first refusals only."""
+        """Report a read or write that was refused by protection. Only the first refusals of a connection are looked at."""
         traits = transaction.connection.traits
         if traits.refusals >= _LOOKED_AT or not traits.first("security.protected"):
             return
         traits.refusals += 1
         codes = [result.return_code for result in transaction.results()]
-        # Where other items of it succeeded, it is these addresses that the device does not give.
+        # If other items of the request succeeded, access is not denied as a whole, only these addresses are refused.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
         perhaps = transaction.error_code == _MAYBE_PROTECTED
         if transaction.error_code in _PROTECTED or perhaps or denied:
@@ -291,7 +294,7 @@ class SecurityWatch:
             self.password(transaction)
 
     def loaded(self, operation: Operation) -> None:
-        """Take a download whose beginning was not captured: its pieces tell that a client loaded a block."""
+        """Report a download whose beginning was not captured: its pieces show that a client loaded a block."""
         number = operation.connection.number
         if self._reporter.wants("security.program_change", number):
             ends = operation.connection.tcp.ends
@@ -301,7 +304,7 @@ class SecurityWatch:
             self._reporter.detail("security.program_change", number, frames, operation.end_ns, f"{who}: {what}")
 
     def _mode(self, transaction: Transaction, head: UserdataHead) -> None:
-        """A PLC reports its mode; of a STOP it may just have stated the cause, by a diagnostic message."""
+        """Report the mode that a PLC sends; for a STOP, with the cause that a diagnostic message stated just before."""
         traits = transaction.connection.traits
         stated = traits.stop_event
         traits.stop_event = None
@@ -316,7 +319,7 @@ class SecurityWatch:
             self.tell("security.stopped", transaction, f"{what}; {cause}", before=frame)
 
     def _inquiry(self, transaction: Transaction, inquiry: int) -> None:
-        """A client asks what the device is, by SZL-ID or (negative) block function: reported once, unless routine."""
+        """Count inquiries about the device, and report too many once. ``inquiry``: an SZL-ID, or a block function, negated."""
         traits = transaction.connection.traits
         if "security.reconnaissance" in traits.told:
             return
@@ -331,7 +334,7 @@ class SecurityWatch:
             self.tell("security.reconnaissance", transaction, f"{which}: {_named(transaction)}")
 
     def password(self, transaction: Transaction, code: int = -1) -> None:
-        """Take a password that was sent, and count those that were refused; ``code`` as for `tell`."""
+        """Report a password that was sent; count the refused ones. ``code`` as for `tell`."""
         client, server = _ends(transaction)
         if not (transaction.error_code if code < 0 else code):
             self._failures.pop((client, server), None)
@@ -346,7 +349,7 @@ class SecurityWatch:
             self.tell("security.password_guessing", transaction, f"{failures} wrong passwords in a row", code)
 
     def pace(self, connection: Connection, frame: int, now_ns: int) -> None:
-        """Look at how long the latest `PACE` PDUs of a connection took; call it after each so many."""
+        """Judge how long the latest `PACE` PDUs of a connection took; call it once for each `PACE` PDUs."""
         since = connection.traits.pace_ns or int(connection.tcp.first_ns)
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
@@ -356,10 +359,10 @@ class SecurityWatch:
             self._reporter.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
-        """Note an event; unless ``what`` says it, it is what the request asks for.
+        """Report an event. ``what`` says what it is; by default, what the request asks for.
 
-        ``code`` is the error of what it is about, where that is one item of several: 0 for none, -1 for the transaction's.
-        ``before`` is a packet of an earlier transaction that ``what`` is about as well, 0 for none.
+        ``code`` is the error of the item that the event is about: 0 for none, -1 to use the transaction's. ``before`` is a
+        packet of an earlier transaction that belongs to the event as well, 0 for none.
         """
         number = transaction.connection.number
         if not self._reporter.wants(slug, number):
@@ -392,7 +395,7 @@ class SecurityWatch:
 
 
 class _Became:
-    """The items of a write by what became of them: written, refused, or without a word about it."""
+    """The items of a write by their result: written, refused, or unsure (no return code)."""
 
     __slots__ = ("refused", "unsure", "written")
 
@@ -402,7 +405,7 @@ class _Became:
         self.unsure: list[ItemResult] = []
         for result in transaction.results():
             if result.item is None:
-                continue  # a return code too many
+                continue  # a return code without an item
             if transaction.error_code or result.refused:
                 self.refused.append(result)
             elif result.return_code == SUCCESS:
@@ -412,28 +415,28 @@ class _Became:
 
 
 def _item_codes(refused: list[ItemResult]) -> str:
-    """Return with which return codes items were refused; empty where they have none, as the whole request was refused."""
+    """Return the return codes of refused items as text; empty if the whole request was refused and there are none."""
     codes = sorted({int(result.return_code) for result in refused if result.refused})
     said = [RETURN_CODES.coded(code) for code in codes[:_NAMED]]
     return f", refused: {', '.join(said)}" if said else ""
 
 
 def _asked(transaction: Transaction) -> bool:
-    """Tell whether a request was made: it was captured, or an answer says so whose request is missing from the capture."""
+    """Return whether a client made the request: it was captured, or the capture explains why it is missing."""
     return transaction.request_frame > 0 or (transaction.outcome == ORPHAN and half_captured(transaction))
 
 
 def _ends(transaction: Transaction) -> tuple[str, str]:
-    """Return who asked and who was asked, without their ports, each with its network where that has a number."""
+    """Return client and server of a transaction, without ports, each with its VLAN if it has one."""
     tcp = transaction.connection.tcp
     asking, asked = tcp.ends[transaction.asked_by], tcp.ends[1 - transaction.asked_by]
     return within(asking.host, tcp.vlan), within(asked.host, tcp.vlan)
 
 
 def _szl_id(transaction: Transaction) -> int:
-    """Return the SZL-ID that a request asks for, read in place because panels poll SZLs; -1 when there is none.
+    """Return the SZL-ID that a request asks for; -1 if it has no payload, like a request for a further part of an answer.
 
-    A request for a further part of an answer has no payload.
+    It is read in place, because panels poll SZLs.
     """
     at = transaction.request_offset + HEADER_SIZE + len(transaction.parameters.octets) + DATA_HEAD.size
     end = transaction.request_offset + transaction.request_size
@@ -441,7 +444,7 @@ def _szl_id(transaction: Transaction) -> int:
 
 
 def _pushed_event(transaction: Transaction) -> int:
-    """Return the event of a diagnostic message, which its payload begins with; -1 when it is cut before."""
+    """Return the event of a diagnostic message, the first word of its payload; -1 if the payload is shorter."""
     told = transaction.response_parameters
     if told is None:
         return -1
@@ -451,26 +454,26 @@ def _pushed_event(transaction: Transaction) -> int:
 
 
 def _named(transaction: Transaction) -> str:
-    """Return the function and what its request is about."""
+    """Return the name of the function, with what the request says."""
     body = transaction.request_body
     notes = ", ".join(body.notes[:3]) if body is not None else ""
     return titled(transaction.function_name, notes)
 
 
 def _forced(transaction: Transaction) -> str:
-    """Return the function, and which variables it sets to which value; empty where the request does not say it."""
+    """Return the function and the variables with the values that it sets; empty if the request does not name them."""
     said = items_said(transaction.connection.naming, transaction.results(), True, _NAMED)
     return f"{transaction.function_name} {said}" if said else ""
 
 
 def _is_cut_short(transaction: Transaction, name: str) -> bool:
-    """Return whether the name of a PI service is the beginning of one that is known, in a request that was captured in part."""
+    """Return whether a request was captured in part, and ``name`` is how the name of a known PI service begins."""
     request = transaction.request
     return request is not None and bool(request.malformed) and any([row.startswith(name) for row in PI_SERVICES])
 
 
 def _service_slug(name: str) -> str:
-    """Return what it is to call a PI service; empty for one that only reads, and for none."""
+    """Return the slug for calling a PI service; empty if the service only reads, or has no name."""
     row = PI_SERVICES.get(name)
     if row is not None:
         return "" if row.effect == READ else _SLUGS.get(row.effect, "security.nc_command")
@@ -479,7 +482,7 @@ def _service_slug(name: str) -> str:
     return "security.unknown_service" if name else ""
 
 
-#: Slugs of requests by what they do.
+#: Slugs of requests, by the effect of what they ask for.
 _SLUGS: Final[dict[str, str]] = {
     ALARM_CHANGE: "security.alarm_change",
     CLOCK: "security.clock_set",
@@ -492,11 +495,11 @@ _SLUGS: Final[dict[str, str]] = {
     START: "security.plc_start",
     STOP: "security.plc_stop",
 }
-#: Of these the detail says that they were accepted: what they ask for is done then.
+#: For these, the detail says that the request was accepted, because it is carried out then.
 _COMMANDS: Final = frozenset((
     "security.alarm_change", "security.clock_set", "security.flash_led", "security.force", "security.memory",
     "security.nc_command", "security.password", "security.plc_start", "security.plc_stop", "security.program_change",
     "security.unknown_service",
 ))  # fmt: skip
-#: Reported once per connection: what a session does repeatedly.
+#: Reported once per connection, because a session does them repeatedly.
 _ONCE: Final = frozenset(("security.debug", "security.alarm_change"))

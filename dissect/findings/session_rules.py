@@ -1,4 +1,4 @@
-"""What is worth saying about a connection: negotiation, sizes, number of open jobs, how it ended (reference 7.1 and 7.2)."""
+"""Findings about connections: negotiation, PDU sizes, number of open jobs, how it ended (reference 7.1 and 7.2)."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.codes import CodeTable
 
-#: The smallest PDU length a setup answer can mean: it has 20 octets itself, and no real device goes below 240.
+#: The smallest sensible PDU length: the setup answer itself has 20 octets, and no real device grants less than 240.
 _MIN_PDU_LENGTH: Final = 64
-#: A connection of which only one side was captured is called so from this many PDUs on.
+#: A connection must have so many PDUs to be reported as captured on one side only.
 _ONE_SIDED_PDUS: Final = 3
-#: A bit of `Connection.told` for side 0, and shifted by one for side 1; those below it belong to the transport rules.
+#: A bit of `Connection.told` for side 0, shifted by one for side 1; the bits below belong to the transport rules.
 _REDUNDANT: Final = 64
-#: From so many requests on that were open when a connection was cut, one finding sums them up.
+#: If so many requests were open when a connection was cut, one finding sums them up.
 _SEVERAL: Final = 2
-#: Reasons of a DR that give none: not specified, normal disconnect.
+#: Reasons of a DR that tell nothing: not specified, normal disconnect.
 _NO_REASON: Final = frozenset((0x00, 0x80))
 
 
 def judge_request(
     reporter: Reporter, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64
 ) -> None:
-    """A request before communication was set up, or one more than was granted."""
+    """Report a request before communication was set up, or more open requests than were granted."""
     connection = side.connection
     number = connection.number
     if parameters.function == SETUP_COMMUNICATION:
@@ -51,20 +51,24 @@ def judge_request(
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
         if allowed < FEW_JOBS:
-            # A request that is long without answer was given up by its client, and one before a hole may have its answer in it.
+            # Leave out requests that got no answer for so long that the client gave them up, and those whose answer a hole may
+            # hide.
             peer = side.peer
             hole_frame: i64 = 0
             if peer is not None:  # as an expression it would make int objects (mypyc)
                 hole_frame = peer.hole_frame
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, allowed + 1)
-        if open_now > allowed:
+        if open_now > allowed and side.told_jobs == frame:
+            reporter.count("session.too_many_jobs")  # what is said of the packet holds for each of its requests
+        elif open_now > allowed:
+            side.told_jobs = frame
             detail = f"more requests pending than the {allowed} granted (AmQ)"
             reporter.note("session.too_many_jobs", number, [frame], time_ns, detail)
 
 
 def _judge_again(reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
-    """Communication is set up once more on one connection."""
+    """Report that communication is set up again on one connection."""
     asked = parameters.setup
     before = connection.setup_asked
     if asked is not None and before is not None:
@@ -76,7 +80,7 @@ def _judge_again(reporter: Reporter, connection: Connection, parameters: Paramet
 def judge_length(
     reporter: Reporter, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
 ) -> None:
-    """A PDU longer than was granted, or a read whose answer will be."""
+    """Report a PDU that is longer than negotiated, or a read whose answer would be."""
     limit = connection.pdu_length
     if size > limit:
         detail = f"{size} bytes, {limit} negotiated"
@@ -89,7 +93,7 @@ def judge_length(
 def judge_header(
     reporter: Reporter, side: Side, rosctr: i64, extra: i64, redundancy: i64, frame: i64, time_ns: i64
 ) -> None:
-    """An S7 header with a redundancy id (reported once per side), or an Ack with more than a header."""
+    """Report an S7 header with a redundancy id (once per side), or an Ack with more than a header."""
     connection = side.connection
     who = connection.tcp.ends[side.index]
     told: i64 = _REDUNDANT << side.index
@@ -101,20 +105,20 @@ def judge_header(
 
 
 def _too_early(side: Side) -> bool:
-    """Return whether nobody set up communication yet, or the answer to the one who did is still to come."""
+    """Return whether a request comes before communication is set up: nobody asked for it, or the answer is still to come."""
     connection = side.connection
     if not connection.setup_seen:
         return True
     peer = side.peer
     if not connection.setup_open or peer is None:
         return False
-    # An answer that is acknowledged came, even if the capture shows it later or not at all.
+    # An acknowledged answer has arrived, even if the capture shows it later or not at all.
     unseen: i64 = (side.last_ack - peer.stream.next_seq) & MASK
     return peer.captured and peer.holes == 0 and peer.stream.held is None and not 0 < unseen < HALF_SPACE
 
 
 def judge_grant(reporter: Reporter, transaction: Transaction) -> None:
-    """A setup answer that grants more than was asked, or too little to work with."""
+    """Report a setup answer that grants more than was asked for, or a PDU length that is too small to work with."""
     transaction.connection.setup_open = False
     granted = transaction.response_parameters.setup if transaction.response_parameters is not None else None
     asked = transaction.parameters.setup
@@ -141,7 +145,7 @@ def judge_grant(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_port(reporter: Reporter, connection: Connection, frame: i64, time_ns: i64) -> None:
-    """S7 communication with neither end on port 102, that of ISO-on-TCP; reported once per connection."""
+    """Report S7 communication with neither end on the usual port (ISO-on-TCP: 102); once per connection."""
     ends = connection.tcp.ends
     usual = NETLINK_PORT if connection.protocol == IBH_NETLINK else ISO_TSAP_PORT
     if ends[0].port != usual and ends[1].port != usual:
@@ -150,7 +154,7 @@ def judge_port(reporter: Reporter, connection: Connection, frame: i64, time_ns: 
 
 
 def judge_disconnect(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-    """A DR: a refusal when it answers a connect request, else the end of the connection."""
+    """Report a DR: the refusal of a connect request, or the end of a connection."""
     connection = side.connection
     reason = _reason(DR_REASONS, tpdu.field("reason"))
     who = connection.tcp.ends[side.index]
@@ -166,18 +170,18 @@ def judge_disconnect(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, tim
 
 
 def _reason(codes: CodeTable, number: i64) -> str:
-    """Return the name of a reason; -1 is that of a TPDU which ends before it."""
+    """Return the name of a reason; -1 means that the TPDU ends before its reason."""
     return codes.name(number) if number >= 0 else "no reason given"
 
 
 def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
-    """Return whether a DR is how a client takes its leave, as python-snap7 does: for no special reason, with nothing open."""
+    """Return whether a DR is a client's normal leave, as of python-snap7: without a particular reason, and nothing is open."""
     leaves = connection.client_known and side.index == connection.client_side and tpdu.field("reason") in _NO_REASON
     return leaves and not connection.open_requests[0].count and not connection.open_requests[1].count
 
 
 def judge_error_tpdu(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-    """An ER: something the other side sent was rejected."""
+    """Report an ER TPDU: its sender rejected something that the other side sent."""
     cause = _reason(ER_CAUSES, tpdu.field("cause"))
     connection = side.connection
     words = f"ER from {connection.tcp.ends[side.index]}: {cause}"
@@ -186,9 +190,9 @@ def judge_error_tpdu(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, tim
 
 
 def judge_cut(reporter: Reporter, side: Side, ending: Ending) -> None:
-    """One side ended the connection with several requests open, or the connect request: one line for all of them.
+    """Report, in one finding, that a side ended the connection while several requests or the connect request were open.
 
-    A single request has its line anyway, `transaction.unanswered`, which tells who cut it off.
+    A single open request has its own finding, `transaction.unanswered`, which says who cut it off.
     """
     connection = side.connection
     peer = side.peer
@@ -210,11 +214,11 @@ def judge_cut(reporter: Reporter, side: Side, ending: Ending) -> None:
 
 
 def judge_end(reporter: Reporter, side: Side) -> None:
-    """The connection is over: report when only one side of it was captured."""
+    """The connection is over: report if only one side of it was captured."""
     connection = side.connection
     peer = side.peer
     if peer is None or connection.pdus < _ONE_SIDED_PDUS or connection.udp:
-        return  # over UDP one side may well say nothing
+        return  # over UDP it is normal that one side sends nothing
     if not side.captured or not peer.captured:
         tcp = connection.tcp
         frames = [int(tcp.first_frame), int(tcp.last_frame)]

@@ -1,4 +1,4 @@
-"""What stations say of themselves over time: it is remembered, and a contradiction is a finding."""
+"""Keeps what stations say about themselves; a contradiction to what was said before is a finding."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import printable
 
-#: The finding when a fact contradicts the one before it.
+#: The finding for a fact that contradicts the one before it.
 _SLUGS: Final[dict[str, str]] = {
     ORDER_NUMBER: "device.order_number_changed",
     FIRMWARE: "device.firmware_changed",
@@ -33,15 +33,15 @@ _SLUGS: Final[dict[str, str]] = {
     MAC: "device.mac_changed",
 }
 
-#: The source of what packets say without saying it.
+#: The source of facts that are read from the Ethernet header.
 _ETHERNET: Final = "Ethernet"
 
 
 class StationWatch:
-    """Reads facts, keeps them in ``book`` and judges them; what it returns is for the observer. One for a whole analysis.
+    """Reads facts, keeps them in ``book`` and judges them; its methods return them for the observer. One object per analysis.
 
-    Each network is judged for itself: machines that are alike use the same addresses in VLANs of their own.
-    Without ``book`` it keeps one of its own; a given one is an observer's, which need not note the facts again (`Book.filled`).
+    Each VLAN is judged for itself: machines of the same type may use the same addresses in VLANs of their own. ``book`` is the
+    observer's, which then need not note the facts again (`Book.filled`); None to keep one here.
     """
 
     def __init__(self, reporter: Reporter, book: Book | None = None) -> None:
@@ -49,25 +49,25 @@ class StationWatch:
         self.book.filled = True
         self._reporter = reporter
         self._evidence = Evidence()
-        self._macs: dict[bytes, str] = {}  # as text: each connection has two, most of them were there before
+        self._macs: dict[bytes, str] = {}  # texts of MAC addresses: most were made before
 
     def opened(self, connection: Connection, wanted: bool = True) -> list[Fact]:
-        """Take the Ethernet addresses that the ends of a connection sent with, when it is recognised.
+        """Take the source MAC addresses of both ends of a connection, when it is recognised.
 
-        One that was only sent to says nothing: a redundant router is sent to by a shared address and sends by its own. Unless
-        facts are ``wanted``, only those are returned that contradict what was known.
+        A destination address proves nothing: packets go to a redundant router by its shared address, but come from its own. If
+        facts are not ``wanted``, return only those that contradict what was known.
         """
         tcp = connection.tcp
         found: list[Fact] = []
         ends = tcp.ends
         if ends[0].address == ends[1].address:
-            return found  # a machine that talks to itself has no card; who captured it may have given each side one
+            return found  # loopback has no network card, and a capture may show any address for each side
         vlan = int(tcp.vlan)
         for side in range(2):
             if tcp.heard >> side & 1 and (mac := tcp.mac(side)):
                 host = ends[side].host
                 text = self._mac_text(mac)
-                # Not "*place": a call with arguments in a tuple takes several times as long, and each connection makes two.
+                # not as "*place": a call with a tuple of arguments takes several times as long, and each connection makes two
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
                 if wanted or not self.book.again(host, vlan, MAC_KEY, text, _ETHERNET, frame, time_ns):
                     found.append(Fact(host, "", MAC, text, _ETHERNET, number, [frame], time_ns, vlan))
@@ -82,15 +82,15 @@ class StationWatch:
         return text
 
     def take(self, transaction: Transaction) -> list[Fact]:
-        """Take a transaction of S7comm userdata."""
+        """Take the facts of an S7comm userdata transaction."""
         return self._noted(self._evidence.of_transaction(transaction), int(transaction.connection.tcp.vlan))
 
     def joined(self, operation: Operation) -> list[Fact]:
-        """Take an answer in parts that is whole."""
+        """Take the facts of an answer in several parts that is complete."""
         return self._noted(self._evidence.of_operation(operation), int(operation.connection.tcp.vlan))
 
     def identified(self, identity: Identity, transaction: Transaction) -> list[Fact]:
-        """Take what a CPU said of itself in S7comm-plus."""
+        """Take what a CPU said about itself in S7comm-plus."""
         told = identity.told
         identity.told = []
         frames = transaction.frames

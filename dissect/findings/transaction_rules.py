@@ -1,8 +1,8 @@
-"""What is worth reporting about a transaction and about the items it names (reference sections 7.2 and 7.3).
+"""Findings about transactions and about the items they name (reference sections 7.2 and 7.3).
 
-Parameter blocks are judged where they are first seen (`Parameters.unjudged`): codes that no table knows, addresses that
-cannot be right. Polling the same items for hours then costs nothing. Transactions come here only when the engine saw
-something odd in them.
+A parameter block is judged where it is first seen (`Parameters.unjudged`): unknown codes, impossible addresses. Polling the
+same items for hours costs nothing then. The engine calls `judge_transaction` only for transactions that it found something odd
+in.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
+from dissect.s7.clock import CLOCK
 from dissect.s7.items import Item, odd_data_code
 from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import Pdu
+from dissect.s7.message import Pdu, userdata_payload
 from dissect.s7.parameters import HEADER_SIZE, Parameters
 from dissect.s7.szl import SZL_HEAD, shortage
 from dissect.s7.szl_notes import extract
@@ -83,20 +84,20 @@ from dissect.transactions.transaction import (
 from dissect.wire.octets import u16
 from dissect.wire.text import count, duration_text, over_limit
 
-#: Jobs that are commands or begin and end transfers: few, unlike the pieces of blocks.
+#: Jobs that are commands, or that begin or end a transfer; the many jobs that carry pieces of blocks are left out.
 _COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, END_UPLOAD, PI_SERVICE, PLC_STOP))
-#: Areas that have an element of their own, by the transport size of the same number.
+#: Areas whose items need the transport size of the same number.
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
-#: Packets that are older by up to this than one before them are what two capture queues do; else the clock runs backwards.
+#: Two capture queues may swap packets that are so close in time; beyond that the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
-#: Groups of userdata whose payloads have one length on every CPU, or state it.
+#: Userdata groups whose payloads have the same length on every CPU, or state their length.
 _SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
-#: Faults of a block that a finding names.
+#: How many faults of a block a finding names.
 _NAMED: Final = 3
 
 
 def judge_parameters(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
-    """Look at a parameter block that was not seen before."""
+    """Judge a parameter block that is seen for the first time."""
     parameters.unjudged = False
     if parameters.malformed:
         return
@@ -122,14 +123,15 @@ def _note_items(
 
 
 def _unknown_codes(parameters: Parameters) -> list[str]:
-    """Name every code of a block that no table knows."""
+    """Return a text for each code of a parameter block that no table knows."""
     found: list[str] = []
     function: i64 = parameters.function
     head = parameters.userdata
     if head is not None:
         if head.group not in USERDATA_GROUPS:
             found.append(f"userdata group 0x{head.group:02x}")
-        elif head.group != GROUP_PBC or function != CPU_SERVICES:  # PBC has a PDU of its own in place of a subfunction
+        # PBC has its own PDU type in place of a subfunction
+        elif head.group != GROUP_PBC or function != CPU_SERVICES:
             subfunctions = USERDATA_SUBFUNCTIONS.get(head.group)
             if subfunctions is not None and head.subfunction not in subfunctions:
                 found.append(f"subfunction 0x{head.subfunction:02x} of {head.group_name}")
@@ -148,10 +150,10 @@ def _unknown_codes(parameters: Parameters) -> list[str]:
 
 
 def odd_address(item: Item) -> str:
-    """Say what is odd about the address of an S7ANY item, empty when nothing is (reference 3.5)."""
+    """Return what is odd about the address of an S7ANY item; empty if nothing is (reference 3.5)."""
     area: i64 = item.area
     if area == RECORD_AREA or area not in AREAS:
-        return ""  # a record has a logical id for an address, and of an area nobody knows nobody knows the rules
+        return ""  # a record has a logical id in place of an address; the rules of an unknown area are unknown
     if item.db and area not in DB_AREAS:
         return f"DB number {item.db} outside a DB"
     if area in NUMBERED_AREAS:
@@ -164,12 +166,12 @@ def odd_address(item: Item) -> str:
     return ""
 
 
-#: The bit of `Connection.told` for transport sizes of answers; those below it belong to the other rules.
+#: A bit of `Connection.told`: a wrong transport size in answers was reported. The bits below belong to other rules.
 _DATA_CODES: Final = 256
 
 
 def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64) -> None:
-    """Note what is odd about a transaction that is no longer open. Call it for odd ones only: it is the slow path."""
+    """Report what is odd about a transaction that is over. This is slow; call it only for transactions with something odd."""
     if transaction.outcome == ANSWERED:
         _judge_flags(reporter, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
@@ -177,20 +179,21 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
             _note(
                 reporter, "transaction.slow", transaction, over_limit(latency, int(slow_ns)) + _sent_again(transaction)
             )
-        elif -DISORDER_NS <= latency < 0 and not transaction.flags & REORDERED:  # else the step of the clock is told
+        elif -DISORDER_NS <= latency < 0 and not transaction.flags & REORDERED:  # else the clock stepped
             detail = f"by the times of the packets the answer precedes the request by {duration_text(-latency)}"
             _note(reporter, "transaction.reordered", transaction, detail)
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(reporter, "transaction.orphan", transaction, _orphan(transaction))
     if transaction.has_errors:
-        if transaction.outcome == PUSH:  # what was subscribed may be refused item by item; nothing was asked as a whole
+        # a push has no request that could be refused as a whole, but items that it subscribes may be refused
+        if transaction.outcome == PUSH:
             _judge_items(reporter, transaction)
         else:
             _judge_errors(reporter, transaction)
 
 
 def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
-    """Note an SZL answer, whole in one PDU, whose records do not fill it as its head states."""
+    """Report an SZL answer within one PDU that is shorter than the records that its head states."""
     head = transaction.parameters.userdata
     answer = transaction.response_parameters
     told = answer.userdata if answer is not None else None
@@ -205,7 +208,7 @@ def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
         return
     if told.last_data_unit != 0 or told.data_unit_ref != 0 or told.error_code or head.data_unit_ref > 0:
         return
-    # The data block of the answer, in place because panels poll.
+    # read in place, because panels poll SZLs
     buf = transaction.response_buf
     at: i64 = transaction.response_offset
     data_at: i64 = at + HEADER_SIZE + len(answer.octets)
@@ -221,13 +224,19 @@ def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_body(reporter: Reporter, transaction: Transaction) -> None:
-    """Note a command or service, or its answer, whose parts are shorter than they have to be, or state more than there is.
+    """Report a command or service, or its answer, with parts that are too short or that state more than is there.
 
-    What is only left over behind the parts is shown with the PDU and no finding: some servers fill up what they send.
+    Octets behind the last part are not reported, only shown with the PDU: some servers pad what they send.
     """
     head = transaction.parameters.userdata
     if transaction.parameters.function not in _COMMANDS if head is None else head.group not in _SERVICES:
         return
+    if (
+        head is not None
+        and head.group == GROUP_TIME
+        and len(userdata_payload(transaction.response_octets)) == CLOCK.size
+    ):
+        return  # a clock that was read, as panels do again and again
     response = transaction.response
     for pdu, body in (
         (transaction.request, transaction.request_body),
@@ -243,7 +252,7 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
-    """Note a request without answer, unless the capture is to blame or ends too soon to tell."""
+    """Report a request without an answer, unless the capture has a gap or ends too soon to tell."""
     _judge_request(reporter, transaction)
     if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
         return
@@ -255,11 +264,12 @@ def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, 
         reporter.note(
             "transaction.table_full", transaction.connection.number, transaction.frames, transaction.request_ns
         )
-    _note(reporter, "transaction.unanswered", transaction, _why(transaction) + _sent_again(transaction))
+    why = _why(transaction) + _sent_again(transaction) + reporter.doubt(transaction.request_ns)
+    _note(reporter, "transaction.unanswered", transaction, why)
 
 
 def _stays_encrypted(transaction: Transaction, side: i64) -> bool:
-    """True where nothing of ``side`` was decrypted while the other side was: half a key log."""
+    """Return whether ``side`` stays encrypted while the other side was decrypted: the key log is incomplete."""
     session = transaction.connection.tls
     return session is not None and session.is_open and not session.directions[side].content
 
@@ -270,7 +280,7 @@ def _orphan(transaction: Transaction) -> str:
 
 
 def _why(transaction: Transaction) -> str:
-    """Return why there is no answer, and who closed the connection if that is the reason."""
+    """Return why there is no answer; if the connection was closed, by whom."""
     if _stays_encrypted(transaction, 1 - transaction.asked_by):
         return "the answer, if there was one, stays encrypted"
     connection = transaction.connection
@@ -283,7 +293,7 @@ def _why(transaction: Transaction) -> str:
 
 
 def _sent_again(transaction: Transaction) -> str:
-    """Return what says that TCP sent the request again: then the network may be slow, or the device gone, not only busy."""
+    """Return a text if TCP sent the request again: the network may be slow or the device gone, and not only busy."""
     again = transaction.again
     return f"; {again.text(transaction.request_ns)} (packet {again.frame})" if again is not None else ""
 
@@ -397,7 +407,7 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
         if error.part == ALARM:
             what = f"{error.address or error.where}: {error.coded}"
             _note(reporter, "transaction.alarm_refused", transaction, what)
-        # An item without a return code was not refused: that the answer is too short is told as such.
+        # An item without a return code was not refused: the answer is too short, which has a finding of its own.
         if error.part == ITEM and error.code != NO_CODE and reporter.wants(slug, transaction.connection.number):
             reporter.detail(
                 slug,
@@ -409,7 +419,7 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def _asked(transaction: Transaction) -> str:
-    """Return what a request was about, of S7comm-plus with the variables and attributes that it names."""
+    """Return what was requested; for S7comm-plus with the names of variables and attributes."""
     labels = [item.label for item in transaction.plus_items()] if transaction.is_plus else []
     if not labels:
         return subject(transaction)
@@ -418,14 +428,14 @@ def _asked(transaction: Transaction) -> str:
 
 
 def _in_part(transaction: Transaction) -> bool:
-    """Tell whether an answer of S7comm-plus refuses some items, and the others were read or written."""
+    """Return whether an S7comm-plus answer refuses some items only."""
     if not transaction.is_plus or transaction.error_code != PARTIAL_ERROR:
         return False
     return any([error.part == ITEM for error in transaction.errors])
 
 
 def _about(transaction: Transaction, error: TransactionError) -> str:
-    """Return what an item is about: its tags where it has some, its address and length, or where it stands."""
+    """Return what an item is: its tags where it has some, else its address and length, or its position."""
     results = transaction.results()
     known = results[error.item - 1].item if 0 < error.item <= len(results) else None
     if known is not None and transaction.connection.naming is None and transaction.parameters.function != WRITE_VAR:

@@ -1,6 +1,6 @@
-"""What is worth saying about TPKTs and TPDUs (reference 7.1).
+"""Findings about TPKTs and TPDUs (reference 7.1).
 
-What stands between TPKTs, how a connection begins, what its confirm says, what follows its end.
+They are about octets between TPKTs, the beginning of a connection, the connect confirm, and data after the end.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from dissect.transactions.side import Side
 from dissect.transactions.stray import Stray
 from dissect.wire.text import count
 
-# What was looked at or told of a connection (`Connection.told`); each for side 0, and shifted by one for side 1.
+# Bits of `Connection.told` for what was judged or reported: for side 0; shifted by one for side 1.
 _BEGUN: Final = 1
 _NUMBERED: Final = 4
 _AFTER_END: Final = 16
 
-#: A stretch of stray octets longer than this is told before its end, which may not come for days on a line.
+#: A stretch of stray octets that is longer than this is reported before it ends, as on a live line that may take days.
 _LONG_STRAY: Final = 65536
 
-#: Without a size in it, a connect request asks for this one (RFC 1006).
+#: The TPDU size that a connect request without one asks for (RFC 1006).
 _LARGEST: Final = 65531
 
 
 def judge_stray(reporter: Reporter, side: Side, stray: Stray, skipped: i64, how: str) -> None:
-    """A stretch of stray octets up to where the framer of ``side`` has skipped so many in all; ``how`` it goes on."""
+    """Report a stretch of stray octets. ``skipped``: the octets the framer has skipped in all; ``how`` says how it went on."""
     if stray.garbage and not stray.told:
         stray.told = True
         who = side.tcp.ends[side.index]
@@ -41,7 +41,7 @@ def judge_stray(reporter: Reporter, side: Side, stray: Stray, skipped: i64, how:
 
 
 def follow_stray(reporter: Reporter, side: Side, stray: Stray, frame: i64, time_ns: i64) -> None:
-    """A packet was read inside a stretch of stray octets: it ends when the framer is in step again."""
+    """A packet was read within a stretch of stray octets: report the stretch if the framer is in step again."""
     framer = side.framer
     skipped: i64 = framer.skipped
     if skipped != stray.seen:
@@ -56,7 +56,7 @@ def follow_stray(reporter: Reporter, side: Side, stray: Stray, frame: i64, time_
 
 
 def end_stray(reporter: Reporter, side: Side) -> None:
-    """No more octets of ``side`` are read as TPKTs: a stretch of stray ones goes to the end."""
+    """No more octets of ``side`` are read as TPKTs: its stretch of stray octets, if any, has no end."""
     stray = side.stray
     if stray is not None:
         side.stray = None
@@ -64,7 +64,7 @@ def end_stray(reporter: Reporter, side: Side) -> None:
 
 
 def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
-    """A DT that is longer than `Connection.dt_limit`: too long, before the connection is set up, or after its end."""
+    """Judge a DT longer than `Connection.dt_limit`: it is too long, precedes the setup of the connection or follows its end."""
     connection = side.connection
     if 0 < connection.tpdu_size < size:
         detail = f"{size} bytes, {connection.tpdu_size} negotiated"
@@ -77,7 +77,7 @@ def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i
 
 
 def _watched(connection: Connection) -> bool:
-    """Return whether the order of what comes next is still worth a look."""
+    """Return whether the order of further TPDUs still has to be judged."""
     if connection.iso_ended_how == DISCONNECT:
         return not connection.told & (_AFTER_END << connection.iso_ended_by)
     begun: i64 = 3 * _BEGUN
@@ -85,7 +85,7 @@ def _watched(connection: Connection) -> bool:
 
 
 def judge_order(reporter: Reporter, side: Side, type_: i64, frame: i64, time_ns: i64) -> None:
-    """Hold a TPDU to the order there is: connect request, confirm or refusal, data, and nothing after a disconnect."""
+    """Judge the order of TPDUs: connect request, confirm or refusal, data, and nothing after a disconnect."""
     connection = side.connection
     ended: i64 = _AFTER_END << side.index
     if connection.iso_ended_how == DISCONNECT and connection.iso_ended_by == side.index and not connection.told & ended:
@@ -113,7 +113,7 @@ def judge_order(reporter: Reporter, side: Side, type_: i64, frame: i64, time_ns:
 
 
 def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
-    """A TPDU number other than 0, which class 0 does not have; reported once per side."""
+    """Report a TPDU number other than 0, which class 0 does not have; once per side."""
     connection = side.connection
     told: i64 = _NUMBERED << side.index
     if not connection.told & told:
@@ -123,7 +123,10 @@ def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_n
 
 
 def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-    """A connect confirm must fit its request: reference, class (-1 where a damaged request lacks them), TPDU size, TSAPs."""
+    """Report a connect confirm that does not fit its request: reference, class, TPDU size, TSAPs.
+
+    Reference and class of a damaged request are -1.
+    """
     connection = side.connection
     if not connection.cr_seen or tpdu.malformed or connection.client_side == side.index:
         return

@@ -6,7 +6,7 @@ from collections import deque
 from functools import lru_cache
 from typing import Final
 
-from dissect.golden.masking import mask_plus, mask_s7
+from dissect.golden.masking import mask_plus, mask_plus_answer, mask_s7
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import DataItem, Item, ItemResult, read_results, write_results
 from dissect.s7.message import Pdu, parse_pdu
@@ -112,7 +112,7 @@ class Exchange:
         self.kind = kind
         self.subscribed = mask(subscribed) if subscribed else b""
         self.request = mask(request)
-        self.response = mask(response)
+        self.response = mask_plus_answer(response, request) if kind == PLUS else mask(response)
         self.request_seen = bool(request) or seen[0]
         self.response_seen = bool(response) or seen[1]
         self.scd = scd

@@ -32,7 +32,7 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.s7.transfer import UPLOAD_HEAD
-from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.hiding import shown_answer, shown_contents
 from dissect.s7plus.layouts import DIGEST, INTEGRITY_ID
 from dissect.s7plus.layouts import NOTIFICATION as NOTIFICATION_HEAD
 from dissect.s7plus.layouts import REQUEST as REQUEST_HEAD
@@ -120,6 +120,15 @@ def _mask_userdata(masked: bytearray, octets: bytes) -> None:
 
 def _answers(octets: bytes) -> bool:
     return octets[_TYPE_AND_GROUP] & _TYPE == _RESPONSE
+
+
+def mask_plus_answer(octets: bytes, request: bytes) -> bytes:
+    """Return `mask_plus` of what answers a request: without its values where that reads an attribute that is not shown."""
+    masked = bytearray(mask_plus(octets))
+    if octets and request:
+        for begin, end in shown_answer(parse_plus(octets), parse_plus(request))[1]:
+            masked[begin:end] = bytes(end - begin)
+    return bytes(masked)
 
 
 def mask_plus(octets: bytes) -> bytes:

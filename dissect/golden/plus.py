@@ -8,7 +8,8 @@ from typing import Final
 from dissect.golden.phrases import octets_change, short
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.hiding import reads_secret, shown_contents, shown_half
+from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.summary import object_text, summary
 from dissect.s7plus.tables import NOTIFICATION
@@ -26,8 +27,10 @@ _NO_NAMES: Final[Names] = {}
 _PLAIN: Final = frozenset((id(OCTETS), id(SURPLUS), id(layouts.PIECE)))
 
 
-def plus_notes(octets: bytes) -> list[str]:
-    """Return what a PDU is about, safe to show; empty when its head says it all."""
+def plus_notes(octets: bytes, request: bytes = b"") -> list[str]:
+    """Return what a PDU is about, safe to show; empty when its head says it all. ``request`` is what it answers, if it does."""
+    if request and reads_secret(shown_half(parse_plus(request))):
+        return [HIDDEN]
     pdu = parse_plus(octets)
     return [short(text) for text in summary(pdu, shown_contents(pdu, shown=False)[0])]
 

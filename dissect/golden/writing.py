@@ -237,7 +237,8 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
     octets = exchange.request if name == "request" else exchange.response
     if exchange.kind != S7:
         yield f"  {name} {exchange.kind}" + (f" {hex_text(octets)}" if exchange.kind == PLUS else "")
-        for note in plus_notes(octets)[:_NOTES] if exchange.kind == PLUS and octets else []:
+        asked = exchange.request if name != "request" else b""
+        for note in plus_notes(octets, asked)[:_NOTES] if exchange.kind == PLUS and octets else []:
             yield f"    # {note}"
         return
     blocks = cut_blocks(octets)

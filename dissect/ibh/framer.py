@@ -1,9 +1,9 @@
-"""Framing of one direction of an IBH-NetLink connection, and what tells that a connection is one (docs/ibh.md).
+"""Framing of one direction of an IBH-NetLink connection, and how such a connection is recognised (docs/ibh.md).
 
-A packet begins with two channel numbers and states its length in the third octet. Neither is strong evidence, so that out of
-step only a packet is believed whose flags are known and whose MPI header, if it has one, agrees with the first header. In
-step a packet of any length counts, but where a certain one begins inside one that is not certain itself, the length was
-wrong and it ends there.
+A packet begins with two channel numbers and has its length in the third octet. That is weak evidence. So while the framer is
+out of step, a packet counts only if its flags are known and its MPI header, if it has one, agrees with the first header. In
+step, any length counts. But if a certain packet begins inside one that is not certain, the length of the outer one was wrong,
+and it ends there.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from dissect.ibh.packet import BEFORE_DATA, HEADER, little, mpi_head
 from dissect.ibh.tables import SERVICES
 from dissect.iso.upper import stated_size
 
-#: The longest packet: its length is one octet.
+#: Octets of the longest packet, whose length field is one octet.
 MAX_PACKET: Final = HEADER + 255
 _LENGTH_AT: Final = 2
 _CHANNELS: Final = frozenset((0x00, 0x01, 0x07, 0x10))
 _GATEWAY: Final = 0xFF
-#: What nearly every connection to a PLC begins with, and no channel: the version of a TPKT.
+#: The version of a TPKT, with which nearly every connection to a PLC begins; it is not a channel.
 _TPKT: Final = 3
 _DEVICE: Final = frozenset(((0x00, 0x10), (0x10, 0x00)))
-#: The claim of a connection number, behind the number itself: what a client sends first.
+#: The claim of a connection number, which a client sends first: this function and these octets after the number.
 _CLAIM: Final = 0x97
 _CLAIM_REST: Final = b"\xff\xf0\xf0\xf0\xf0"
 _CLAIM_SIZE: Final = 14
 
-# Answers of `judge_beginning`.
+# Results of `judge_beginning`.
 NO: Final = 0
 YES: Final = 1
 UNDECIDED: Final = 2
 
 
 def channels_fit(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether what is there of two channel numbers is a pair that packets have; ``octets[at]`` must be there."""
+    """Return whether the octets are a known pair of channel numbers, as far as they are there (at least one)."""
     first: i64 = octets[at]
     if end - at < 2:
         return first == _GATEWAY or first in _CHANNELS
@@ -47,7 +47,7 @@ def channels_fit(octets: bytes, at: i64, end: i64) -> bool:
 
 
 def flags_fit(octets: bytes, at: i64) -> bool:
-    """Return whether a header, which must be there, asks for a known service or answers one."""
+    """Return whether a header, which must be complete, requests a known service or answers one."""
     answered: i64 = little(octets, at + 4)
     asked: i64 = little(octets, at + 6)
     if asked:
@@ -56,10 +56,10 @@ def flags_fit(octets: bytes, at: i64) -> bool:
 
 
 def opens(octets: bytes, on_port: bool, at_start: bool) -> bool:
-    """Return whether the octets of a segment speak IBH-NetLink; ``at_start``: they are the first ones that their side sent.
+    """Return whether the octets of a segment are IBH-NetLink; ``at_start``: they are the first that their side sent.
 
-    ``on_port``, on the gateway's own port, a known pair of channels with known flags is enough, and at the start the
-    beginning of such a header. Elsewhere it has to be certain.
+    On the gateway's own port (``on_port``) a known pair of channels with known flags is enough; at the start, the beginning of
+    such a header. On other ports it must be certain.
     """
     end: i64 = len(octets)
     if not octets or octets[0] == _TPKT:
@@ -72,10 +72,10 @@ def opens(octets: bytes, on_port: bool, at_start: bool) -> bool:
 
 
 def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
-    """Return whether a packet certainly begins at ``at``: `YES`, `NO`, or `UNDECIDED` when more octets have to come.
+    """Return whether a packet certainly begins at ``at``: `YES`, `NO`, or `UNDECIDED` if more octets are needed.
 
-    Certain are a packet with an MPI header whose length agrees with that of the packet, and the claim of a connection number
-    that opens a connection.
+    A packet is certain if it has an MPI header whose length agrees with that of the packet, or if it is the claim of a
+    connection number, which opens a connection.
     """
     if not channels_fit(octets, at, end):
         return NO
@@ -107,8 +107,8 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
 def _size(octets: bytes, at: i64, end: i64) -> i64:
     """Return the size of the packet at ``at``, whose length must be there.
 
-    An MPI header may state less; that counts when what follows there looks like a packet, unless the S7 PDU in it says by its
-    own lengths that it ends where this one does.
+    An MPI header may state a smaller size. That counts if the octets after it look like a packet, unless the S7 PDU in the
+    packet ends, by its own lengths, where the packet ends.
     """
     size: i64 = HEADER + octets[at + _LENGTH_AT]
     head: i64 = mpi_head(little(octets, at + 6)) if end - at >= HEADER else 0
@@ -122,7 +122,7 @@ def _size(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def _find_certain(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
-    """Return where a certain packet begins inside the one at ``at``, before ``stop``; -1 for none, or if that is certain."""
+    """Return where a certain packet begins inside the one at ``at``, before ``stop``; -1 for none or if that is certain."""
     if judge_beginning(octets, at, end) != NO:
         return -1
     for place in range(at + 1, stop):
@@ -132,19 +132,19 @@ def _find_certain(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
 
 
 class PacketFramer:
-    """Finds packets in the octets of one direction. ``packets`` collects whole ones (header included), in order.
+    """Finds packets in the octets of one direction. ``packets`` collects complete ones, with their headers, in order.
 
-    Every octet given is accounted for: ``framed`` (in whole packets and in those reported as cut) + ``skipped`` + ``buffered``.
-    ``faults`` are first octets of what stood where a packet had to begin; ``hiding`` counts packets whose length covered
-    others. ``ends`` says of each packet how many octets were
-    given up to its end; who takes the packets deletes one with each.
+    Each octet is counted once: ``framed`` (in complete packets, and in packets reported as cut), ``skipped`` or ``buffered``.
+    ``faults`` are the first octets found where a packet should begin. ``hiding`` counts packets whose length covered others.
+    ``ends`` has, for each packet, the number of octets given up to its end; the caller deletes one entry with each packet that
+    it takes.
     """
 
     __slots__ = ("_held", "cut_packet", "ends", "faults", "framed", "hiding", "packets", "skip", "skipped", "synced")
 
     def __init__(self) -> None:
-        self._held: bytes = b""  # of a packet whose rest is to come; out of step, of what may become one
-        self.skip: i64 = 0  # octets still to come of a packet that a hole damaged
+        self._held: bytes = b""  # of an unfinished packet; out of step, of what may become one
+        self.skip: i64 = 0  # octets still to come of a packet with a hole in it
         self.synced: bool = False
         self.packets: list[bytes] = []
         self.ends: list[int] = []
@@ -161,13 +161,13 @@ class PacketFramer:
 
     @property
     def passed(self) -> int:
-        """Octets given up to the end of the packet being reported, without those in gaps."""
+        """Octets given up to the end of the current packet, without those in gaps."""
         if self.ends:
             return self.ends[0]
         return self.framed + self.skipped
 
     def push(self, octets: bytes) -> None:
-        """Take the octets of a segment; whole packets are appended to ``packets``."""
+        """Take the octets of a segment; append complete packets to ``packets``."""
         if self.ends and not self.packets:
             self.ends = []
         at: i64 = min(self.skip, len(octets))
@@ -184,7 +184,7 @@ class PacketFramer:
                 octets = self._held + octets
             self._held = b""
         elif not self.synced and at == 0:
-            # A segment usually begins with a packet: there, less is enough.
+            # A segment usually begins with a packet, so that less evidence is enough here.
             self.synced = len(octets) >= HEADER and channels_fit(octets, 0, HEADER) and flags_fit(octets, 0)
         end: i64 = len(octets)
         while at < end:
@@ -216,10 +216,10 @@ class PacketFramer:
         self._held = octets[at:end]
 
     def hole(self, size: i64, cut: bool) -> bool:
-        """``size`` octets are missing here. True when the end of the packet they fall into is still known.
+        """``size`` octets are missing here. Return True if the end of the packet with the hole is still known.
 
-        When ``cut`` (the capture cut the frame), the packet begun is left in ``cut_packet`` as far as it was captured;
-        otherwise its octets count as skipped.
+        If ``cut`` (the capture cut the frame), the captured part of the packet is left in ``cut_packet``; else its octets count
+        as skipped.
         """
         held = self._held
         self._held = b""
@@ -240,7 +240,7 @@ class PacketFramer:
         return self.synced
 
     def _begun_anew(self, octets: bytes) -> bool:
-        """Return whether a segment begins with a certain packet, so that the rest of the one held back does not come."""
+        """Return whether a segment begins with a certain packet, so that the packet held back stays unfinished."""
         end: i64 = len(octets)
         have: i64 = len(self._held)
         if judge_beginning(octets, 0, end) != YES:
@@ -250,7 +250,7 @@ class PacketFramer:
         return HEADER + octets[_LENGTH_AT] <= end
 
     def _search(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Return where the next packet certainly begins, being in step again, or the first place that may yet prove one."""
+        """Return where the next packet certainly begins, and be in step again; else the first place where one still may."""
         here: i64 = at
         while here < end:
             judged: i64 = judge_beginning(octets, here, end)

@@ -1,4 +1,4 @@
-"""The headers of IBH-NetLink as layouts (docs/ibh.md). Wireshark has no dissector for them, and so no names."""
+"""The headers of IBH-NetLink as layouts (docs/ibh.md). Wireshark has no dissector for them, so there are no names of it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dissect.wire.layout import Field, Layout
 
 
 class LittleEndian(Field):
-    """A number of several octets, the lowest first."""
+    """A little-endian number of several octets."""
 
     def read(self, octets: bytes, offset: int) -> int:
-        """Return the field's value in ``octets``, its octets starting at ``offset``."""
+        """Return the value of the field, whose octets begin at ``offset``."""
         return int.from_bytes(octets[offset : offset + self.size], "little")
 
 

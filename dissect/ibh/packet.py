@@ -1,4 +1,4 @@
-"""One IBH-NetLink packet: what kind it is and what it carries."""
+"""One IBH-NetLink packet: its kind and its content."""
 
 from __future__ import annotations
 
@@ -25,35 +25,35 @@ from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 
 HEADER: Final = 8
-#: MPI headers up to their length, which counts what follows it.
+#: Octets of MPI headers up to and including their length, which counts what follows.
 SHORT_HEAD: Final = 5
 LONG_HEAD: Final = 7
-#: Function and number: what stands between the length and the user data.
+#: Octets between the length and the user data: function and number.
 BEFORE_DATA: Final = 2
-#: Octets a receipt of the gateway has behind its header.
+#: Octets after the header in a receipt of the gateway.
 _RECEIPT_SIZE: Final = 5
 
 
 def little(octets: bytes, at: i64) -> i64:
-    """Return the two octets at ``at`` as a number, the low one first; IndexError when they are not there."""
+    """Return the little-endian number at ``at``. Raises IndexError if its two octets are not there."""
     low: i64 = octets[at]
     high: i64 = octets[at + 1]
     return (high << 8) | low
 
 
 def mpi_head(r_flags: i64) -> i64:
-    """Return the octets of the MPI header up to and with its length that a packet has; 0 for no such header."""
+    """Return the octets of the packet's MPI header, up to and including its length; 0 if it has none."""
     if r_flags == MPI_REQUEST:
         return SHORT_HEAD
     return LONG_HEAD if r_flags == MPI_INDICATION else 0
 
 
 class IbhPacket:
-    """A packet as it was read. ``kind`` is one of `dissect.ibh.tables`.
+    """A parsed packet. ``kind`` is one of `dissect.ibh.tables`.
 
-    ``function`` and ``mpi_number`` are -1 where the packet has none; so is ``acked``, the number of the data packet that an
-    acknowledgement names. ``data`` is what a data packet carries, as far as it is there; ``data_at`` is where it begins.
-    ``mpi`` is the layout of the MPI header behind the first one, None without.
+    ``function`` and ``mpi_number`` are -1 if the packet has none; so is ``acked``, the number of the data packet that is
+    acknowledged. ``data`` is the content of a data packet, as far as captured; ``data_at`` is its offset. ``mpi`` is the layout
+    of the MPI header, None if there is none.
     """
 
     __slots__ = (
@@ -93,7 +93,7 @@ class IbhPacket:
 
     @property
     def service(self) -> int:
-        """What the packet is about: what it asks for, or what it answers."""
+        """The service that the packet requests or answers."""
         return self.r_flags or self.s_flags
 
     @property
@@ -109,7 +109,7 @@ class IbhPacket:
 
 
 def parse_packet(octets: bytes) -> IbhPacket:
-    """Read a packet, header included: whole, or as far as it was captured. Never raises."""
+    """Read a packet with its header, complete or as far as captured. Never raises."""
     packet = IbhPacket(octets)
     size: i64 = len(octets)
     if size < HEADER:
@@ -133,7 +133,7 @@ def parse_packet(octets: bytes) -> IbhPacket:
 
 
 def _read_mpi(packet: IbhPacket, octets: bytes, head: i64, end: i64) -> None:
-    """Read the MPI header behind the first one; ``head`` are its octets up to and with the length."""
+    """Read the MPI header, which follows the first header; ``head`` is its size up to and including the length."""
     packet.kind = KIND_MPI_OTHER
     packet.mpi = MPI_SHORT if head == SHORT_HEAD else MPI_LONG
     there: i64 = end - HEADER

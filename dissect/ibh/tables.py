@@ -1,4 +1,4 @@
-"""What the codes of IBH-NetLink packets mean. There is no specification: docs/ibh.md says where each row comes from."""
+"""Meanings of the codes in IBH-NetLink packets. There is no specification: docs/ibh.md has the source of each row."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ NETLINK_PORT: Final = 1099
 #: The protocol of a connection (`Connection.protocol`).
 IBH_NETLINK: Final = "ibh_netlink"
 
-#: Values of the flags that have an MPI header behind them, and of the acknowledgement the gateway itself sends.
+#: Flags of packets that have an MPI header.
 MPI_REQUEST: Final = 0x0082
 MPI_INDICATION: Final = 0x02C2
 
-#: Flags: what is asked for stands in ``r_flags``, and an answer repeats it in ``s_flags``.
+#: Flags: a request has its service in ``r_flags``; an answer repeats it in ``s_flags``.
 SERVICES: Final = CodeTable("IBH service", 4, [
     (0x0000, "none", "The other flags of the packet apply."),
     (0x0001, "device", "The gateway itself: identification, reset."),
@@ -29,7 +29,7 @@ SERVICES: Final = CodeTable("IBH service", 4, [
 DATA_MORE: Final = 0xF0
 DATA: Final = 0xF1
 
-#: Functions of the MPI header. Connects, disconnects and data have the code of the COTP TPDU that does the same.
+#: Functions of the MPI header. Connects, disconnects and data have the code of the corresponding COTP TPDU.
 FUNCTIONS: Final = CodeTable("MPI function", 2, [
     (0x05, "go ahead", "After a connection is confirmed, from both sides; also requests the rest of a message."),
     (0x80, "disconnect", "Ends the connection to the station."),

@@ -8,6 +8,7 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.session import Run
+from dissect.source.packet import READING_FAILED
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import UNANSWERED, Transaction
 
@@ -47,6 +48,11 @@ class FileFacts:
     def backwards(self) -> bool:
         """True when packets are not in the order of their times."""
         return bool(self.findings.get("capture.time_backwards"))
+
+    @property
+    def broken_off(self) -> bool:
+        """True when the rest of the file was not read although it may be sound, so that nothing is known of it."""
+        return READING_FAILED in self.damage
 
 
 class FactsObserver(Observer):

@@ -93,20 +93,29 @@ class Store:
     def _prepare(self) -> None:
         base = self._base
         base.execute("PRAGMA foreign_keys = ON")
-        mark = base.execute("PRAGMA application_id").fetchone()[0]
-        tables = base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-        if mark != _MARK and tables:
-            raise StoreError(f"{self.path} is a database of another program: choose another name with --file")
-        if mark == _MARK and dict(base.execute("SELECT name, value FROM about")) == self._about:
+        if self._is_current():
             return
         if not self._changes:
             raise StoreError(f"{self.path} is not of this version: `s7dissect index` brings it up to date")
-        for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall():
-            base.execute(f'DROP TABLE "{name}"')
-        base.executescript(_TABLES)
-        base.executemany("INSERT INTO about VALUES (?, ?)", list(self._about.items()))
-        base.execute(f"PRAGMA application_id = {_MARK}")
+        # Another process may be about to do the same: who comes second finds it done.
+        base.execute("BEGIN IMMEDIATE")
+        if not self._is_current():
+            for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall():
+                base.execute(f'DROP TABLE "{name}"')
+            for statement in _TABLES.split(";"):
+                base.execute(statement)
+            base.executemany("INSERT INTO about VALUES (?, ?)", list(self._about.items()))
+            base.execute(f"PRAGMA application_id = {_MARK}")
         base.commit()
+
+    def _is_current(self) -> bool:
+        """Return whether the database is a catalogue of this version. `StoreError` for one of another program."""
+        tables = self._base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        # After the tables: whoever makes them meanwhile marks them in the same transaction.
+        mark = self._base.execute("PRAGMA application_id").fetchone()[0]
+        if mark != _MARK and tables:
+            raise StoreError(f"{self.path} is a database of another program: choose another name with --file")
+        return mark == _MARK and dict(self._base.execute("SELECT name, value FROM about")) == self._about
 
     def _failed(self, error: sqlite3.Error) -> StoreError:
         if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
@@ -116,7 +125,11 @@ class Store:
         if "disk is full" in str(error):
             return StoreError(f"{self.path}: {error}", errno.ENOSPC)
         if "readonly" in str(error) or "unable to open" in str(error):
+            if not self._changes:
+                return StoreError(f"{self.path} cannot be read")
             return StoreError(f"{self.path} cannot be written: choose another place with --file")
+        if "malformed" in str(error):
+            return StoreError(f"{self.path} is damaged: remove it, `s7dissect index` makes it again")
         return StoreError(f"{self.path}: {error}")
 
     def known(self) -> dict[str, tuple[int, int]]:

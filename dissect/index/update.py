@@ -98,8 +98,8 @@ def update(store: Store, folder: Path, read: Callable[[str, FileFacts], FileFact
         if found is None:
             changes.whole = False
             break
-        if isinstance(found, str):
-            changes.unreadable[name] = found
+        if isinstance(found, str) or found.broken_off:
+            changes.unreadable[name] = found if isinstance(found, str) else found.damage
             store.drop(name)
             continue
         store.put(found)

@@ -1,4 +1,4 @@
-"""What the blocks of a device do: which address is read and written by which, and which calls which."""
+"""The code of a device's blocks: which block reads and writes which address, and which block calls which."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from dissect.mc7.usage import BOTH, WRITE, cross_reference, cross_reference_valu
 from dissect.program.compare import versions
 from dissect.wire.text import shortened
 
-#: Uses and calls of one device that are listed as values.
+#: How many uses and calls of one device are listed as values.
 MAX_REFERENCES: Final = 10_000
-#: Blocks of a card, and addresses of a block on each side.
+#: Blocks on a card; addresses read or written by a block.
 _BLOCKS: Final = 8
 _ADDRESSES: Final = 6
 _TEXT: Final = 100
 
 
 def code_of(device: Device) -> list[Block]:
-    """Return the latest version of each block of a device whose instructions passed and can be read."""
+    """Return the latest version of each block of a device whose instructions were captured and can be read."""
     latest = [parse_block(row[-1].octets) for row in versions(device.code, by_plc=False).values()]
     return [block for block in latest if block.has_code]
 
 
 def code_lines(device: Device) -> Iterator[str]:
-    """Yield what each block calls, writes and reads, a line a block; `blocks --references` lists it by address."""
+    """Yield a line for each block: what it calls, writes and reads. `blocks --references` lists the same by address."""
     blocks = code_of(device)
     if not blocks:
         return
     found, calls = cross_reference(blocks)
-    # In the order of the addresses, each once.
+    # In the order of the addresses, each address once.
     called: dict[str, dict[str, None]] = {}
     written: dict[str, dict[str, None]] = {}
     read: dict[str, dict[str, None]] = {}
@@ -56,7 +56,7 @@ def code_lines(device: Device) -> Iterator[str]:
 
 
 def code_as_dict(device: Device) -> dict[str, object] | None:
-    """Return the cross-reference of a device as values, None where no code of it passed."""
+    """Return the cross-reference of a device as values; None if no code was captured."""
     blocks = code_of(device)
     if not blocks:
         return None

@@ -1,8 +1,8 @@
-"""Puts devices together from the events of a run: facts, transactions, operations, connections.
+"""Builds devices from the events of a run: facts, transactions, operations, connections.
 
-Bounded: `MAX_DEVICES` devices, `MAX_TALKS` pairs of client and server, `MAX_TARGETS` different requests whose addresses are
-looked at. What has no room is counted by the `Inventory`. A transaction costs a look-up or two; what it reads is looked at
-once.
+Everything is bounded: `MAX_DEVICES` devices, `MAX_TALKS` pairs of client and server, `MAX_TARGETS` distinct requests whose
+addresses are looked at. The `Inventory` counts what is beyond that. A transaction costs one or two look-ups; what it reads is
+parsed only once.
 """
 
 from __future__ import annotations
@@ -52,16 +52,16 @@ from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 MAX_DEVICES: Final = 4096
 MAX_TALKS: Final = 16_384
 MAX_TARGETS: Final = 65_536
-#: Bytes of the blocks of all devices whose code is looked at.
+#: Bytes of blocks of all devices whose code is looked at.
 MAX_CODE: Final = 1024 * 1024
 
 _VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
-#: What became of a block.
+#: What happened to a block.
 _BLOCKS: Final = {DOWNLOAD: "loaded", UPLOAD: "read out", DELETE: "deleted"}
 
 
 class Target:
-    """What requests with the same parameters are about, and how many there were; ``refused`` counts apart."""
+    """What requests with the same parameters are about; ``count`` of them were carried out, and ``refused`` were refused."""
 
     __slots__ = ("count", "places", "refused", "tags", "writes")
 
@@ -74,7 +74,7 @@ class Target:
 
 
 class Traffic:
-    """What passed on a connection that is open. Lists have an entry for each side."""
+    """What was transferred on an open connection. Lists have one entry per side."""
 
     __slots__ = (
         "answer_frames",
@@ -92,20 +92,20 @@ class Traffic:
     def __init__(self, latencies: list[Latencies | None]) -> None:
         self.latencies = latencies
         self.transactions = 0
-        self.asked = [Asked(), Asked()]  # by who asked
+        self.asked = [Asked(), Asked()]  # by the side that asked
         self.pushes = 0
         self.answer_frames = [0, 0]  # the first answer of each side
         self.deeds = Deeds()
-        self.plus_number = 0  # of the latest transaction of S7comm-plus, and the packet that completes its request
+        self.plus_number = 0  # the latest S7comm-plus transaction, and the packet that completed its request
         self.plus_frame = 0
         self.targets: dict[tuple[int, bytes], Target] = {}
         self.operations: dict[str, int] = {}  # by kind: how many
 
 
 class Inventory(Observer):
-    """Devices of a run. Fill it through a pipeline, then `take` it.
+    """The devices of a run. Give it to a pipeline as observer, then call `take`.
 
-    ``devices`` are sorted, the CPUs first; ``talks`` are in the order of their ends. The other numbers count what had no room.
+    ``devices`` are sorted, CPUs first; ``talks`` are sorted by their ends. The other numbers count what is beyond the bounds.
     """
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class Inventory(Observer):
         self._book = Book()
         self._found: dict[str, Device] = {}
         self._talks: dict[tuple[str, str], Talk] = {}  # by the names of their ends
-        # By address and VLAN: the VLAN in which the same station was found before.
+        # By (address, VLAN): the VLAN in which the same station was found before.
         self._joined: dict[tuple[str, int], int] = {}
         self._open: dict[int, Traffic] = {}
         self._targets = 0
@@ -132,7 +132,7 @@ class Inventory(Observer):
         return f"Inventory({len(self.devices)} devices, {len(self.talks)} talks)"
 
     def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
-        """Take over the files that were read, when the run is over, and put the devices in order."""
+        """The run is over: take the list of read files, and sort the devices."""
         self.pipeline = pipeline
         self.files = files
         self.facts_not_kept = self._book.not_kept
@@ -155,13 +155,13 @@ class Inventory(Observer):
 
     @property
     def finding_counts(self) -> dict[str, int]:
-        """How often each finding was made, by slug, of a selection those that it let through; empty before `take`."""
+        """How often each finding was made, by slug; with a selection, those of the selected part. Empty before `take`."""
         if self.part is not None:
             return self.part.finding_counts
         return self.pipeline.finding_counts if self.pipeline is not None else {}
 
     def merge(self, later: Inventory) -> None:
-        """Take what ``later`` found in packets behind these, neither of them taken yet; it is used up."""
+        """Add what ``later`` found in later packets; call `take` on neither before. ``later`` must not be used any more."""
         self._book.merge(later._book)
         for theirs in later._found.values():
             device = self._device(theirs.address, theirs.vlan)
@@ -182,7 +182,7 @@ class Inventory(Observer):
             self.part.merge(later.part)
 
     def _add_talk(self, talk: Talk) -> None:
-        """Take a talk of which it is not known whether its ends talked before."""
+        """Add a talk; its ends may have talked before."""
         if not all(name in self._found for name in talk.ends):
             self.devices_not_listed += talk.connections
             return
@@ -193,7 +193,7 @@ class Inventory(Observer):
             self.talks_not_listed += talk.connections
 
     def _same(self, address: str, one: int, other: int) -> None:
-        """A connection of a station was seen in two VLANs: there it is the same station, known by the lower number."""
+        """A connection of a station was seen in two VLANs: it is one station, listed with the lower number."""
         low, high = sorted((self._root(address, one), self._root(address, other)))
         if low != high and len(self._joined) < MAX_DEVICES:
             self._joined[address, high] = low
@@ -204,7 +204,7 @@ class Inventory(Observer):
         return vlan
 
     def _join(self) -> None:
-        """Make one card of those that are of one station, seen in several VLANs."""
+        """Join the cards of stations that were seen in several VLANs."""
         if not self._joined:
             return
         found, talks, stations = self._found, self._talks, self._book.stations
@@ -229,7 +229,7 @@ class Inventory(Observer):
     # ---- observer ---------------------------------------------------------------------------------------------------
 
     def transaction(self, transaction: Transaction) -> None:
-        """Count a transaction, and look at what it reads or writes when that is new."""
+        """Count a transaction; look at what it reads or writes if that is new."""
         traffic = self._open.get(transaction.connection.number)
         if traffic is None:
             traffic = self._begin(transaction.connection)
@@ -278,14 +278,14 @@ class Inventory(Observer):
             target.count += 1
 
     def operation(self, operation: Operation) -> None:
-        """Count an operation, and take the block that it loads, reads out or deletes."""
+        """Count an operation, and note the block that it loads, reads out or deletes."""
         traffic = self._open.get(operation.connection.number)
         if traffic is None:
             traffic = self._begin(operation.connection)
         traffic.operations[operation.kind] = traffic.operations.get(operation.kind, 0) + 1
         frame = operation.first_frame
         if traffic.plus_frame and operation.transactions[:1] == [traffic.plus_number]:
-            frame = traffic.plus_frame  # a request in several frames begins in one that says nothing by itself
+            frame = traffic.plus_frame  # the first packet of a request in several frames shows nothing by itself
         traffic.deeds.does(operation, frame)
         done = _BLOCKS.get(operation.kind)
         if done is None or operation.result in {REFUSED, FAILED}:
@@ -316,11 +316,11 @@ class Inventory(Observer):
             device.code.append(block)
 
     def fact(self, fact: Fact) -> None:
-        """Keep what a station said of itself."""
+        """Keep what a station said about itself."""
         self._book.note(fact)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Add a connection to the talk of its ends, and to what both of them are."""
+        """Add a closed connection to the talk of its ends, and to the evidence about both ends."""
         traffic = self._open.pop(connection.number, None)
         if traffic is None:
             traffic = self._begin(connection, keep=False)
@@ -377,7 +377,7 @@ class Inventory(Observer):
         return talk
 
     def _target(self, transaction: Transaction) -> Target:
-        """Look at what a request reads or writes; it is the first of its kind on its connection."""
+        """Look at what a request reads or writes; it is the first with these parameters on its connection."""
         self._targets += 1
         if transaction.is_plus:
             return _plus_target(transaction)
@@ -395,7 +395,7 @@ class Inventory(Observer):
         return target
 
     def _add_areas(self, talk: Talk, traffic: Traffic, client_side: int) -> None:
-        """Add what was read and written, to the talk of who asked."""
+        """Add what was read and written to the talks of those who asked."""
         for (asked_by, _), target in traffic.targets.items():
             whose: Talk | None = talk
             if asked_by != client_side:
@@ -422,10 +422,10 @@ class Inventory(Observer):
 
 
 def _blocks_of(operation: Operation) -> list[str]:
-    """Return what the blocks of an operation are called; a transfer of S7comm-plus carries several."""
+    """Return the names of the blocks of an operation; a transfer in S7comm-plus may carry several."""
     name = operation.subject.removeprefix("block ")
     if operation.connection.plus is None:
-        name = name.partition(",")[0]  # active or passive: it is the same block
+        name = name.partition(",")[0]  # without ", active" or ", passive": both are the same block
     elif operation.content and operation.kind in TRANSFERS:
         named = [f"{block.label}{f' {block.name!r}' if block.name else ''}" for block in carve(operation)]
         if named:
@@ -434,7 +434,7 @@ def _blocks_of(operation: Operation) -> list[str]:
 
 
 def _place(item: Item) -> tuple[str, int, int]:
-    """Return the area of an item with its first and last byte, or timer or counter; -1 where they are not known."""
+    """Return the area of an item with its first and last byte (or timer or counter); -1 if they are not known."""
     area = int(item.area)
     if area < 0:
         return item.address.partition(" ")[0], -1, -1
@@ -446,7 +446,7 @@ def _place(item: Item) -> tuple[str, int, int]:
 
 
 def _plus_body(transaction: Transaction) -> bytes:
-    """Return of a request what is the same when the same is asked again: its function and body without numbers and ids."""
+    """Return the part of a request that is the same when it is repeated: the function, and the body without numbers and ids."""
     return transaction.function.to_bytes(2, "big") + addresses_in(transaction.request_octets)
 
 
@@ -484,7 +484,7 @@ def _add(talk: Talk, connection: Connection, traffic: Traffic) -> None:
 
 
 def _negotiated(connection: Connection, client: Device, server: Device) -> None:
-    """Keep what was agreed on with the server, and the TSAPs by which both ends were called."""
+    """Note what was negotiated with the server, and the TSAPs of both ends."""
     granted = connection.granted
     if granted is not None:
         server.pdu_lengths.add(str(granted.pdu_length))
@@ -496,6 +496,6 @@ def _negotiated(connection: Connection, client: Device, server: Device) -> None:
 
 
 def talks_between(talks: Sequence[Talk], clients: Sequence[str], servers: Sequence[str]) -> list[list[int]]:
-    """Return how many transactions each of ``clients`` had with each of ``servers``, by their names: a row a client."""
+    """Return how many transactions each client had with each server, by name; one row for each client."""
     known = {talk.ends: talk.transactions for talk in talks}
     return [[known.get((client, server), 0) for server in servers] for client in clients]

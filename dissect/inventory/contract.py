@@ -15,12 +15,12 @@ from dissect.tcp.link import vlan_ids
 from dissect.wire.text import Clock, encodable
 
 DEVICES_SCHEMA: Final = "s7dissect.devices/1"
-#: Facts that have keys of their own.
+#: Facts that have their own keys in the JSON object.
 _APART: Final = frozenset((facts.MAC, facts.CLOCK))
 
 
 def inventory_as_dict(inventory: Inventory, interrupted: bool = False) -> dict[str, object]:
-    """Return an inventory as the object `devices -T json` writes. ValueError when it was not filled by a run."""
+    """Return an inventory as the object that `devices -T json` writes. Raises ValueError if it was not filled by a run."""
     pipeline = inventory.pipeline
     if pipeline is None:
         raise ValueError("this Inventory is empty: call take() first, or use dissect.devices()")
@@ -110,7 +110,7 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
 
 
 def talk_as_dict(talk: Talk, places: Places) -> dict[str, object]:
-    """Return what a client and a server had to do with each other."""
+    """Return the talk of a client and a server."""
     clock = Clock()
     return {
         "client": talk.client,
@@ -182,7 +182,7 @@ def _stretch(stretch: Stretch, places: Places) -> dict[str, object]:
 
 
 def _packet(prefix: str, frame: int, places: Places) -> dict[str, object]:
-    """Return the number of a packet, null for none, and with several files its file."""
+    """Return the number of a packet, null for none; with several files also its file."""
     if not places.several:
         return {f"{prefix}frame": frame or None}
     name, number = places.locate(frame) if frame else (None, None)

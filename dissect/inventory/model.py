@@ -1,4 +1,4 @@
-"""What `devices` says: a device, whom it talks to, what is read and written there, and why it is taken for what it is."""
+"""What `devices` reports: devices, their talks, what is read and written, and the reasons for their roles."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ ENGINEERING: Final = "engineering"
 OPC: Final = "OPC"
 PANEL: Final = "panel"
 UNKNOWN: Final = "unknown"
-#: In the order in which one is preferred where the evidence weighs the same.
+#: Roles, in order of preference if their evidence has the same weight.
 ROLES: Final = (CPU, ENGINEERING, OPC, PANEL, UNKNOWN)
 
-# How sure a role is: the device says so itself; it does what only such a device does; its TSAP is one of such a device.
+# How sure a role is: the device states it; it behaves as only such a device does; its TSAP is that of such a device.
 STATED: Final = "stated"
 BEHAVIOUR: Final = "behaviour"
 TSAP: Final = "tsap"
-#: In the order of their weight.
+#: The same, the most certain first.
 CERTAINTIES: Final = (STATED, BEHAVIOUR, TSAP)
 
 MAX_REASONS: Final = 32
 MAX_AREAS: Final = 128
-#: Tags and separate pieces of an area that was read, or written.
+#: Tags and separate pieces of an area that are kept, for reads and for writes.
 MAX_TAGS: Final = 64
 MAX_PIECES: Final = 16
 MAX_NAMES: Final = 16
 MAX_BLOCKS: Final = 1024
-#: Of what has no room, so many different texts are counted once each; no more than that are counted at all.
+#: Distinct texts beyond the other bounds that are counted; further texts are not counted.
 MAX_BEYOND: Final = 4096
 
 
 class Beyond:
-    """Distinct texts that had no room: only how many they were is said, `MAX_BEYOND` at most."""
+    """Counts distinct texts that had no room elsewhere; up to `MAX_BEYOND`."""
 
     __slots__ = ("_texts",)
 
@@ -52,19 +52,19 @@ class Beyond:
         return len(self._texts)
 
     def add(self, text: str) -> None:
-        """Count a text that was not counted yet."""
+        """Count a text, unless it was counted before."""
         if len(self._texts) < MAX_BEYOND:
             self._texts.add(text)
 
     def merge(self, later: Beyond, known: Container[str]) -> None:
-        """Count what ``later`` counted, but for what has room here."""
+        """Count the texts that ``later`` counted, unless they are in ``known``."""
         for text in later._texts:
             if text not in known:
                 self.add(text)
 
 
 class Names:
-    """A few distinct texts in order; ``more`` are those beyond `MAX_NAMES`."""
+    """A few distinct texts in order; ``more`` counts those beyond `MAX_NAMES`."""
 
     __slots__ = ("more", "texts")
 
@@ -73,7 +73,7 @@ class Names:
         self.more = Beyond()
 
     def add(self, text: str) -> None:
-        """Take a text, once."""
+        """Add a text, unless it is there already."""
         if not text or text in self.texts:
             return
         if len(self.texts) < MAX_NAMES:
@@ -82,17 +82,17 @@ class Names:
             self.more.add(text)
 
     def merge(self, later: Names) -> None:
-        """Take the texts of ``later`` as well."""
+        """Add the texts of ``later``."""
         for text in later.texts:
             self.add(text)
         self.more.merge(later.more, self.texts)
 
 
 class Reason:
-    """Why a device is taken for a role: how sure that makes it, in a few words, and a packet that shows it.
+    """A reason for the role of a device: how sure it makes the role, a short text, and a packet that shows it.
 
-    ``count`` are the connections on which it was seen. ``hint``: others do the same now and then, so that it counts less than
-    what else is of this certainty.
+    ``count`` is the number of connections on which it was seen. ``hint``: other devices do the same now and then, so that it
+    counts less than other reasons of the same certainty.
     """
 
     __slots__ = ("certainty", "count", "frame", "hint", "role", "text")
@@ -107,16 +107,16 @@ class Reason:
 
     @property
     def weight(self) -> tuple[int, bool, int, str]:
-        """What is preferred comes first."""
+        """Sort key: the most important reason comes first."""
         return CERTAINTIES.index(self.certainty), self.hint, ROLES.index(self.role), self.text
 
 
 class Use:
-    """What was read of an area, or written: in how many requests, which bytes of it, and which tags.
+    """What was read from an area, or written to it: the number of requests, the bytes, and the tags.
 
-    ``pieces`` are the bytes, first and last of each piece, in order. More than `MAX_PIECES` are joined to one that spans
-    them, and ``joined`` tells that there may be others between its ends. It is empty where no byte is known (symbols of
-    S7comm-plus). Requests that were ``refused`` are not in ``count``.
+    ``pieces`` are the (first, last) bytes of separate pieces, in order; empty if no byte is known (symbols of S7comm-plus).
+    More than `MAX_PIECES` pieces are joined to one that spans all; ``joined`` says that there may be unused bytes in it.
+    Requests that were ``refused`` are not in ``count``.
     """
 
     __slots__ = ("count", "joined", "more_tags", "pieces", "refused", "tags")
@@ -131,11 +131,11 @@ class Use:
 
     @property
     def whole(self) -> bool:
-        """True when all of it is one piece."""
+        """True if all of it is one piece."""
         return len(self.pieces) == 1 and not self.joined
 
     def reach(self, low: int, high: int) -> None:
-        """Bytes ``low`` to ``high`` belong to it as well."""
+        """Add the bytes ``low`` to ``high``."""
         apart: list[tuple[int, int]] = []
         for first, last in self.pieces:
             if last < low - 1 or first > high + 1:
@@ -149,7 +149,7 @@ class Use:
         self.pieces = apart
 
     def tag(self, name: str) -> None:
-        """A tag was among it."""
+        """Add a tag."""
         if name in self.tags:
             return
         if len(self.tags) < MAX_TAGS:
@@ -158,7 +158,7 @@ class Use:
             self.more_tags.add(name)
 
     def merge(self, later: Use) -> None:
-        """Add what packets behind these did."""
+        """Add what was read or written in later packets."""
         self.count += later.count
         self.refused += later.refused
         self.joined = self.joined or later.joined
@@ -170,9 +170,9 @@ class Use:
 
 
 class Area:
-    """A data block or another area at a device: what was ``read`` of it and ``written``; the other numbers are of both.
+    """A data block or another area of a device: what was ``read`` and ``written``; the other numbers are for both together.
 
-    ``low`` and ``high`` are the first and the last byte, -1 where no byte is known (symbols of S7comm-plus).
+    ``low`` and ``high`` are the first and the last byte; -1 if no byte is known (symbols of S7comm-plus).
     """
 
     __slots__ = ("name", "read", "written")
@@ -184,27 +184,27 @@ class Area:
 
     @property
     def reads(self) -> int:
-        """Requests that read there; those that were refused are not among them."""
+        """Requests that read there, without refused ones."""
         return self.read.count
 
     @property
     def writes(self) -> int:
-        """Requests that wrote there; those that were refused are not among them."""
+        """Requests that wrote there, without refused ones."""
         return self.written.count
 
     @property
     def refused(self) -> int:
-        """Requests of which something was refused."""
+        """Requests that were refused, completely or in part."""
         return self.read.refused + self.written.refused
 
     @property
     def low(self) -> int:
-        """The first byte that is known."""
+        """The first known byte."""
         return min([low for low, _ in self.read.pieces + self.written.pieces], default=-1)
 
     @property
     def high(self) -> int:
-        """The last byte that is known."""
+        """The last known byte."""
         return max([high for _, high in self.read.pieces + self.written.pieces], default=-1)
 
     @property
@@ -214,20 +214,20 @@ class Area:
 
     @property
     def more_tags(self) -> Beyond:
-        """Those that had no room."""
+        """Further tags, beyond the bounds."""
         found, known = Beyond(), self.tags
         for use in (self.read, self.written):
             found.merge(use.more_tags, known)
         return found
 
     def merge(self, later: Area) -> None:
-        """Add what was read and written of the same area in packets behind those of this one."""
+        """Add what was read and written of the same area in later packets."""
         self.read.merge(later.read)
         self.written.merge(later.written)
 
 
 class Asked:
-    """What became of requests: how many were answered, were missed because no answer came, and got an answer with an error."""
+    """What happened to requests: how many were answered, how many lack an answer, and how many got an error."""
 
     __slots__ = ("answered", "errors", "missed")
 
@@ -237,7 +237,7 @@ class Asked:
         self.missed = 0
 
     def add(self, other: Asked, sign: int = 1) -> None:
-        """Add the counts of ``other``, or take them off where ``sign`` is -1."""
+        """Add the counts of ``other``; subtract them if ``sign`` is -1."""
         self.answered += sign * other.answered
         self.errors += sign * other.errors
         self.missed += sign * other.missed
@@ -247,10 +247,10 @@ class Asked:
 
 
 class Talk:
-    """What a client and a server had to do with each other, over all their connections.
+    """All connections between a client and a server together.
 
-    ``client`` and ``server`` are their addresses, ``vlan`` the VLAN key of both. ``back`` are those of the requests that
-    the server sent, such as the ones by which it fetches a download.
+    ``client`` and ``server`` are addresses, ``vlan`` is the VLAN key of both. ``back`` counts requests by the server, such as
+    those with which it fetches a download.
     """
 
     __slots__ = (
@@ -282,11 +282,11 @@ class Talk:
 
     @property
     def ends(self) -> tuple[str, str]:
-        """The names of the client and of the server (`Device.name`)."""
+        """The names of client and server (`Device.name`)."""
         return within(self.client, self.vlan), within(self.server, self.vlan)
 
     def area(self, name: str) -> Area | None:
-        """Return an area by its name, made where there is room."""
+        """Return an area by name; a new one if there is room, else None."""
         found = self.areas.get(name)
         if found is None:
             if len(self.areas) >= MAX_AREAS:
@@ -296,7 +296,7 @@ class Talk:
         return found
 
     def merge(self, later: Talk) -> None:
-        """Add what the same two had to do with each other in packets behind those of this one."""
+        """Add what the same two did in later packets."""
         self.connections += later.connections
         self.protocols.merge(later.protocols)
         self.transactions += later.transactions
@@ -323,9 +323,9 @@ class Talk:
 class Device:
     """One station: an address in the network ``vlan``, a VLAN key (`link.find_ip`).
 
-    ``station`` holds its facts, each with source, packets and times; ``reasons`` why it has its role; ``latencies`` the answer
-    times of what it was asked, in nanoseconds. ``asked_by`` are the talks in which it is the server, ``asks`` those in which
-    it is the client. ``sessions`` are what it said of itself as a client of S7comm-plus. Texts are from the wire, not escaped.
+    ``station`` has its facts, each with source, packets and times. ``reasons`` are the reasons for its role. ``latencies`` are
+    its answer times in nanoseconds. ``asked_by`` are the talks in which it is the server, ``asks`` those in which it is the
+    client. ``sessions`` are what it said about itself as an S7comm-plus client. Texts are from the wire, not escaped.
     """
 
     def __init__(self, address: str, vlan: int = 0) -> None:
@@ -337,13 +337,13 @@ class Device:
         self.asked_by: list[Talk] = []
         self.asks: list[Talk] = []
         self.sessions = Names()
-        self.sent_to: Fact | None = None  # the network card that packets for it go to, where none of its own was seen
+        self.sent_to: Fact | None = None  # the MAC address to which packets for it go, if it was not seen to send any
         self.tsaps = Names()
         self.pdu_lengths = Names()
         self.parallel_jobs = Names()
         self.blocks: dict[str, Names] = {}
         self.more_blocks = Beyond()
-        self.code: list[CarvedBlock] = []  # blocks with instructions, each as it was loaded or read out
+        self.code: list[CarvedBlock] = []  # blocks with instructions, as loaded or read out
         self.more_code = 0
         self.first_frame = 0
         self.first_ns = 0
@@ -355,23 +355,23 @@ class Device:
 
     @property
     def name(self) -> str:
-        """What tells it from the others: its address, and its VLAN where that has a number."""
+        """Its unique name: the address, with the VLAN if it has one."""
         return within(self.address, self.vlan)
 
     @property
     def sort_key(self) -> tuple[int, int, int, int]:
-        """The CPUs come first, and within a role the addresses by their number."""
+        """CPUs come first; devices of the same role are sorted by address."""
         address = ip_address(self.address)
         return ROLES.index(self.role), address.version, int(address), self.vlan
 
     @property
     def role(self) -> str:
-        """What it is, as far as there is evidence."""
+        """The role for which there is the best evidence."""
         return self._best.role if self.reasons else UNKNOWN
 
     @property
     def certainty(self) -> str:
-        """How sure the role is, empty for an unknown one."""
+        """How sure the role is; empty if it is unknown."""
         return self._best.certainty if self.reasons else ""
 
     @property
@@ -380,7 +380,7 @@ class Device:
 
     @property
     def asked(self) -> Asked:
-        """What became of the requests that it was sent: by its clients, and by servers on connections that it opened."""
+        """What happened to the requests it was sent: by its clients, and by servers on connections that it opened itself."""
         found = Asked()
         for talk in self.asked_by:
             found.answered += talk.answered
@@ -392,7 +392,7 @@ class Device:
         return found
 
     def because(self, role: str, certainty: str, text: str, frame: int, hint: bool = False) -> None:
-        """Take a piece of evidence for a role."""
+        """Add a reason for a role."""
         known = self.reasons.get((role, text))
         if known is not None:
             known.count += 1
@@ -400,7 +400,7 @@ class Device:
             self.reasons[role, text] = Reason(role, certainty, text, frame, hint)
 
     def block(self, name: str) -> Names | None:
-        """Return what became of a block, made where there is room."""
+        """Return what happened to a block, a new entry if there is room; else None."""
         found = self.blocks.get(name)
         if found is None:
             if len(self.blocks) >= MAX_BLOCKS:
@@ -410,12 +410,12 @@ class Device:
         return found
 
     def addressed(self, fact: Fact | None) -> None:
-        """Packets for it went to the network card that ``fact`` names; the earliest counts."""
+        """Packets for it went to the MAC address in ``fact``; keep the earliest such fact."""
         if fact is not None and (self.sent_to is None or self.sent_to.time_ns > fact.time_ns):
             self.sent_to = fact
 
     def merge(self, later: Device) -> None:
-        """Add what was seen of the same device in packets behind these; both without ``station``, ``code`` and talks."""
+        """Add what was seen of the same device in later packets; neither may have ``station``, ``code`` and talks yet."""
         for key, reason in later.reasons.items():
             known = self.reasons.get(key)
             if known is not None:
@@ -438,28 +438,28 @@ class Device:
             self.seen((later.first_frame, later.first_ns), (later.last_frame, later.last_ns))
 
     def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
-        """It was seen from one packet to another, each with its time."""
+        """It was seen in packets from ``first`` to ``last``, each with its time."""
         if not self.first_frame or first < (self.first_frame, self.first_ns):
             self.first_frame, self.first_ns = first
         self.last_frame, self.last_ns = max((self.last_frame, self.last_ns), last)
 
     def history(self, key: str) -> list[Stretch]:
-        """Return the values of a kind of fact one after another, of all modules."""
+        """Return the values of a kind of fact over time, of all modules."""
         found = [stretch for (_, own), stretches in self.station.facts.items() if own == key for stretch in stretches]
         return sorted(found, key=lambda stretch: (stretch.first_frame, stretch.first_ns))
 
     def get(self, key: str) -> str:
-        """Return the latest value of a kind of fact, empty where there is none; keys are those of `dissect.stations.facts`."""
+        """Return the latest value of a kind of fact, empty if there is none. For keys see `dissect.stations.facts`."""
         return self.station.latest(key)
 
     @property
     def modules(self) -> list[str]:
-        """Racks and slots that were asked; an empty one stands for facts without."""
+        """Racks and slots that were asked; an empty text for facts without one."""
         return sorted({module for module, _ in self.station.facts})
 
     @property
     def clock_offset_ns(self) -> int | None:
-        """How far its clock is ahead of the capture's, nanoseconds; None where nobody asked. It has no zone: taken as UTC."""
+        """How far its clock is ahead of that of the capture, in nanoseconds; None if unknown. Its time is taken as UTC."""
         text = self.get(facts.CLOCK)
         return int(text) if text else None
 

@@ -1,4 +1,4 @@
-"""What `devices` came to, for the formats: as cards with a table of who talks to whom, as values, as rows."""
+"""The result of `devices` in all formats: cards and a table of who talks to whom, JSON, CSV rows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.wire.text import Clock
 
 
 class Devices(Outcome):
-    """An inventory. ``interrupted``: reading was broken off; ``hosts`` are names of hosts by address, for text and CSV."""
+    """An inventory. ``interrupted``: reading was aborted. ``hosts`` are host names by address, for text and CSV."""
 
     def __init__(
         self,
@@ -28,12 +28,12 @@ class Devices(Outcome):
 
     def text(self) -> Iterable[str | Line]:
         """Return the cards and the matrix."""
-        from dissect.inventory.text import device_lines  # late: values and rows do without it
+        from dissect.inventory.text import device_lines  # late, as JSON and CSV do not need it
 
         return device_lines(self)
 
     def rows(self) -> Iterable[list[str]]:
-        """Return a row for each device, the heading first."""
+        """Return the heading and a row for each device."""
         from dissect.inventory.rows import device_rows
 
         return device_rows(self.inventory.devices, self.places)

@@ -1,4 +1,4 @@
-"""What a device is, by what it says, what it does and which TSAP it uses; each piece of evidence with a packet."""
+"""Finds the role of a device from what it says, what it does, and its TSAP; each reason comes with a packet."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from dissect.transactions.operation import (
 )
 from dissect.transactions.transaction import ANSWERED, Transaction
 
-#: Facts that only a PLC states, in the order of their weight.
+#: Facts that only a PLC states, the most important first.
 _OF_CPU: Final = (facts.ORDER_NUMBER, facts.OPERATING_MODE, facts.PROTECTION)
 _PG: Final = 1
 _OP: Final = 2
-#: What engineering stations do, in words, and what is said where the PLC did not let them.
+#: What engineering stations do, as text; and the text if the PLC refused it.
 _ENGINEERING: Final = {
     DOWNLOAD: ("loads blocks", "tried to load blocks"),
     UPLOAD: ("reads blocks out", "tried to read blocks out"),
@@ -38,31 +38,31 @@ _ENGINEERING: Final = {
     TEST_JOB: ("runs test functions", "tried to run test functions"),
     CONTROL: ("stops, starts or resets the PLC", "tried to stop, start or reset the PLC"),
 }
-#: The same of panels. A notification shows as well as a request that there is a subscription.
+#: The same for panels. A notification shows a subscription as well as a request does.
 _PANEL: Final = {
     CYCLIC: ("is subscribed to values", "tried to subscribe to values"),
     MESSAGES: ("is subscribed to alarms", "tried to subscribe to alarms"),
 }
 _LISTS_BLOCKS: Final = "asks which blocks there are"
 _BLOCK_INFO: Final = "asks what is known of a block"
-#: What panels may do as well, seldom: some show diagnostics.
+#: What some panels do as well, but seldom, to show diagnostics.
 _DIAGNOSTICS: Final = "subscribes to diagnostics, not to alarms"
 _BUFFER: Final = "reads the diagnostic buffer"
-#: The diagnostic buffer and its extracts are partial list 0xA0.
+#: The partial list of the diagnostic buffer and its extracts.
 _BUFFER_LIST: Final = 0xA0
-#: In the text of a TSAP of S7comm-plus or of a configured connection.
+#: Parts of TSAP texts, in S7comm-plus or in configured connections.
 _TSAP_TEXTS: Final = (("OPC", OPC), ("ROOT-ES", ENGINEERING), ("ROOT-HMI", PANEL))
-#: The application of SIMATIC NET's OPC server in a session of S7comm-plus.
+#: The application name of SIMATIC NET's OPC server in an S7comm-plus session.
 _SIMATIC_NET: Final = "SIMATIC NET"
 #: Names of roles in S7comm-plus sessions.
 _SESSIONS: Final = {"engineering": ENGINEERING, "HMI": PANEL}
 
 
 class Deeds:
-    """What the client of a connection did that tells what it is, each with the first packet that shows it.
+    """What the client of a connection did that shows its role, each with the first packet that shows it.
 
-    ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it did; ``texts`` are in words what is
-    no operation. A hint is what others do now and then as well.
+    ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it refused; ``texts`` describe what is
+    not an operation. ``hints`` are what other devices do now and then as well.
     """
 
     __slots__ = ("done", "hints", "texts", "tried")
@@ -74,14 +74,14 @@ class Deeds:
         self.hints: dict[str, int] = {}
 
     def does(self, operation: Operation, frame: int) -> None:
-        """Take an operation; packet ``frame`` shows it."""
+        """Note an operation, which packet ``frame`` shows."""
         kind = operation.kind
         if kind == MESSAGES and operation.connection.plus is None:
-            return  # of which events, its requests tell
+            return  # the events it subscribes to are judged from its request
         (self.tried if operation.result == REFUSED else self.done).setdefault(kind, frame)
 
     def asks(self, transaction: Transaction) -> None:
-        """Take a request by userdata."""
+        """Note a userdata request."""
         head = transaction.parameters.userdata
         frame = int(transaction.request_frame)
         if head is None or not frame:
@@ -97,7 +97,7 @@ class Deeds:
             self._subscribes(transaction, frame)
 
     def _subscribes(self, transaction: Transaction, frame: int) -> None:
-        """Take a subscription to events. All sorts of clients want to know of mode transitions, which say nothing."""
+        """Note a subscription to events. One to mode transitions is ignored, because clients of all kinds have one."""
         body = transaction.request_body
         asked = body.find(MESSAGE_REQUEST) if body is not None else None
         if asked is None:
@@ -110,7 +110,7 @@ class Deeds:
 
 
 def judge_server(device: Device) -> None:
-    """Look at what a device said of itself."""
+    """Add reasons from what a device said about itself."""
     for key in _OF_CPU:
         found = device.history(key)
         if found:
@@ -126,7 +126,7 @@ def judge_client(
     deeds: Deeds,
     answer_frames: Sequence[int],
 ) -> None:
-    """Look at a connection that is over: what both ends did there."""
+    """Add reasons from what both ends of a closed connection did."""
     answered = answer_frames[1 - connection.client_side]
     if answered and connection.protocol in {"s7comm", "s7comm_plus"}:
         protocol = "S7comm" if connection.protocol == "s7comm" else "S7comm-plus"

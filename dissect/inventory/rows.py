@@ -1,4 +1,4 @@
-"""Devices as CSV: a row for each, no cell that a spreadsheet runs as a formula."""
+"""Devices as CSV rows, without cells that a spreadsheet would run as formulas."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.stations import facts
 from dissect.tcp.link import vlan_text
 from dissect.wire.text import Clock, cell
 
-#: The columns; with several files ``first_file`` and ``last_file`` stand behind them.
+#: The columns; with several files, ``first_file`` and ``last_file`` follow them.
 COLUMNS: Final = (
     "address", "host_name", "role", "certainty", "mac", "vendor", "order_number", "hardware", "firmware", "serial_number",
     "station_name", "module_name", "module_type", "plant", "location", "operating_mode", "protection_level", "max_connections",
@@ -29,7 +29,7 @@ _SAID: Final = frozenset((
 
 
 def device_row(device: Device, places: Places) -> dict[str, str]:
-    """Return a device as cells by column, as they are: not made safe for a spreadsheet."""
+    """Return a device as cells by column, not yet made safe for spreadsheets."""
     clock = Clock()
     times = device.latencies.as_dict()
     mac = device.get(facts.MAC)
@@ -70,7 +70,7 @@ def device_row(device: Device, places: Places) -> dict[str, str]:
 
 
 def device_rows(devices: Iterable[Device], places: Places) -> Iterator[list[str]]:
-    """Yield devices as rows of cells that are safe for spreadsheets, the names of the columns first."""
+    """Yield the heading, then a row for each device, with cells that are safe for spreadsheets."""
     columns = COLUMNS + FILE_COLUMNS if places.several else COLUMNS
     yield list(columns)
     for device in devices:

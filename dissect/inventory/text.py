@@ -1,4 +1,4 @@
-"""Devices for a person: a card for each, and a matrix of who talks to whom. What has no room is counted."""
+"""Devices as text: a card for each, and a matrix of who talks to whom. What does not fit is counted."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from dissect.tcp.link import within
 from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, duration_text, printable, shortened
 
-#: Cards, talks of one device, areas of a talk, tags of an area, values over time, rows and columns of the matrix.
+#: Bounds: cards, talks of a device, areas of a talk, tags of an area, values over time, rows and columns of the matrix.
 _CARDS: Final = 50
 _TALKS: Final = 8
 _AREAS: Final = 8
@@ -53,7 +53,7 @@ _NUMBERED: Final = re.compile(r"([A-Za-z]+) ?([0-9]{1,9})\b")
 #: What a device with one of these roles is.
 _NOUNS: Final = {CPU: "a CPU", ENGINEERING: "an engineering station", OPC: "an OPC server", PANEL: "a panel"}
 
-#: Facts that a module's line names, in this order.
+#: Facts on the line of a module, in this order.
 _OF_MODULE: Final = (
     facts.ORDER_NUMBER, facts.HARDWARE, facts.FIRMWARE, facts.SERIAL_NUMBER, facts.MODULE_TYPE, facts.CARD_SERIAL,
 )  # fmt: skip
@@ -97,13 +97,13 @@ def device_lines(outcome: Devices) -> Iterator[Line]:
 
 
 def _shared(devices: Sequence[Device]) -> Mapping[str, int]:
-    """Return the MAC addresses that several stations send with, and how many do."""
+    """Return the MAC addresses that several stations send with, and how many stations each."""
     counts = Counter([mac for device in devices for mac in {stretch.value for stretch in device.history(facts.MAC)}])
     return {mac: count for mac, count in counts.items() if count > 1}
 
 
 def card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int] | None = None) -> Iterator[Line]:
-    """Yield what is known of a device. ``shared`` counts the stations behind a MAC address that has several."""
+    """Yield the lines about a device. ``shared``: how many stations share a MAC address."""
     what = [
         device.role + _HOW_SURE.get(device.certainty, ""),
         *[device.get(key) for key in (facts.ORDER_NUMBER, facts.FIRMWARE)],
@@ -147,7 +147,7 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
         yield "sessions", _some(device.sessions)
     if device.asked_by or device.asked:
         yield "answers", _answers(device)
-    asks = [talk for talk in device.asks if talk.server != talk.client]  # to itself: shown as asked by itself
+    asks = [talk for talk in device.asks if talk.server != talk.client]  # talks with itself are shown with "asked by"
     for title, talks, client in (("asked by", device.asked_by, True), ("asks", asks, False)):
         for talk in talks[:_TALKS]:
             yield title, f"{_host(talk.client if client else talk.server, places)}: {_talk(talk)}"
@@ -158,7 +158,7 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
 
 
 def _reasons(device: Device, places: Places) -> str:
-    """Return what speaks for the role of a device, and then what speaks for each other one."""
+    """Return the reasons for the role of a device, then those for other roles."""
     by_role: dict[str, list[Reason]] = {device.role: []}
     for reason in sorted(device.reasons.values(), key=lambda reason: reason.weight):
         by_role.setdefault(reason.role, []).append(reason)
@@ -174,7 +174,7 @@ def _reason(reason: Reason, places: Places) -> str:
 
 
 def _said(device: Device, module: str, keys: tuple[str, ...], places: Places) -> str:
-    """Return facts of a module with the packet that the first of them stands in; what changed shows each value."""
+    """Return facts about a module with the packet of the first one; for a fact that changed, all its values."""
     said = []
     packets: list[int] = []
     for key in keys:
@@ -259,7 +259,7 @@ def _blocks(device: Device) -> Iterator[tuple[str, str]]:
 
 
 def _natural(name: str) -> tuple[str, int, str]:
-    """Return what sorts "DB 10" behind "DB 9", and "DB10 'Tank'" behind "DB9 'Pump'"."""
+    """Return a sort key that puts "DB 10" after "DB 9", and "DB10 'Tank'" after "DB9 'Pump'"."""
     found = _NUMBERED.match(name)
     return (found[1], int(found[2]), name) if found is not None else (name, 0, name)
 
@@ -278,7 +278,7 @@ def _answers(device: Device) -> str:
 
 
 def _talk(talk: Talk) -> str:
-    """Return what passed between two, in a line."""
+    """Return a line about the talk of two devices."""
     protocols = [PROTOCOLS.get(name, name) for name in talk.protocols.texts]
     said = [
         words.count(talk.connections, "connection") if talk.connections else "its own requests on the same connection"
@@ -304,7 +304,7 @@ def _talk(talk: Talk) -> str:
 
 
 def _area(area: Area, use: Use) -> str:
-    """Return what was read of an area, or written."""
+    """Return what was read from an area, or written to it."""
     if use.tags:
         more = len(use.tags) - _TAGS + len(use.more_tags)
         names = ", ".join([shortened(tag.removeprefix(f"{area.name}."), _TEXT) for tag in use.tags[:_TAGS]])
@@ -317,7 +317,7 @@ def _area(area: Area, use: Use) -> str:
 
 
 def _host(address: str, places: Places) -> str:
-    """Return an address, with the name that the settings give it in front."""
+    """Return an address, after the name from the settings if it has one."""
     name = places.name(address)
     return f"{name} ({address})" if name != address else address
 
@@ -329,7 +329,7 @@ def _some(names: Names) -> str:
 
 
 def matrix(inventory: Inventory, places: Places) -> Iterator[Line]:
-    """Yield who talks to whom: a row for each client, a column for each server, transactions in the cells."""
+    """Yield the matrix: a row for each client, a column for each server, numbers of transactions in the cells."""
     talks = [talk for talk in inventory.talks if talk.connections]
     if not talks:
         return

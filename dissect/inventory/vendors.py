@@ -1,19 +1,19 @@
-"""Vendors of network cards by MAC address, from Wireshark's list as Scapy ships it, read when the first one is asked for."""
+"""Vendors of network cards by MAC address, from Wireshark's list in Scapy, which is loaded with the first look-up."""
 
 from __future__ import annotations
 
 from functools import cache
 from typing import Final
 
-#: In the first octet: given by who runs the network, not by a vendor.
+#: Bit of the first octet: the address was assigned locally, not by a vendor.
 _LOCAL: Final = 2
 LOCALLY_ADMINISTERED: Final = "locally administered"
-#: Digits of a prefix that vendors are given, the longest first.
+#: Digits of the prefixes that are assigned to vendors, the longest first.
 _DIGITS: Final = (9, 7, 6)
 
 
 def vendor(mac: str) -> str:
-    """Return the vendor of a MAC address ("00:1b:1b:12:34:56"), `LOCALLY_ADMINISTERED`, or an empty text for an unknown one."""
+    """Return the vendor of a MAC address ("00:1b:1b:12:34:56"), or `LOCALLY_ADMINISTERED`; empty if it is unknown."""
     digits = mac.replace(":", "").upper()
     names = _names()
     for size in _DIGITS:
@@ -25,7 +25,7 @@ def vendor(mac: str) -> str:
 
 @cache
 def _names() -> dict[str, str]:
-    """Return vendors by the digits of their prefix; lines are prefix, tab, short name, tab, name."""
+    """Return vendors by the digits of their prefix; each line has prefix, tab, short name, tab, name."""
     from scapy.libs.manuf import DATA
 
     names: dict[str, str] = {}

@@ -16,6 +16,8 @@ from typing import IO, Final, NamedTuple
 
 from dissect.jobs.tasks import FileError
 
+#: What the name of a folder begins with that holds nothing but rows on their way, in the one for temporary files.
+ROWS_FOLDER: Final = "s7dissect-rows-"
 #: Compressed bytes of rows that one result may carry.
 MOST_CARRIED: Final = 64 * 1024 * 1024
 #: Bytes that are taken together.

@@ -295,6 +295,9 @@ class LiveRun:
         file.notes = list(source.notes)
         if file.loss:
             self.pipeline.note_damage(f"{file.name}: {file.loss}")
+        lost = source.stated_loss()
+        if lost:
+            self.pipeline.note_dropped(f"{file.name}: {lost}, as the file states")
         self._let_silence_count()
         self.pipeline.finish()
         for companion in self._companions:

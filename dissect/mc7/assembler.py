@@ -1,7 +1,8 @@
-"""STL as MC7: lines of a listing back to the bytes of the code.
+"""Assembles STL: turns the lines of a listing into the bytes of MC7 code.
 
-A line is ``label: NAME operand``. Behind a call of an FC or SFC the addresses of its parameters stand in brackets, empty ones
-for none. Where a form other than the one the assembler takes is meant, the bytes stand behind: ``L W#16#1 {30000001}``.
+A line is ``label: NAME operand``. After a call of an FC or SFC the addresses of its parameters follow in brackets; empty
+brackets if it has none. If the bytes are not those that the assembler would choose, they follow as well: ``L W#16#1
+{30000001}``.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _LABEL: Final = re.compile(r"([A-Za-z_]\w{0,20}):(?!\S)\s*(.*)")
 _EXACT: Final = re.compile(r"(.*?)\s*\{([0-9A-Fa-f]{2,})\}")
 _LIST: Final = re.compile(r"(.*?)\s*\(([^()]*)\)")
 _NAME: Final = re.compile(r"[A-Za-z_]\w*")
-#: Names of instructions in which a list of parameters may stand.
+#: Instructions that may have a list of parameters.
 _CALLS: Final = frozenset(("UC", "CC"))
 #: The longest line, and the longest code of a block.
 MAX_LINE: Final = 4096
@@ -31,7 +32,7 @@ MAX_CODE: Final = 0x10000
 
 
 class AssemblyError(ValueError):
-    """A line that is no instruction; ``line`` counts from 1."""
+    """A line that is not an instruction; ``line`` counts from 1."""
 
     def __init__(self, line: int, text: str) -> None:
         self.line = line
@@ -39,7 +40,7 @@ class AssemblyError(ValueError):
 
 
 class Encoded(NamedTuple):
-    """An instruction: its bytes, and the label it jumps to with the form of that jump, empty for none."""
+    """An instruction: its bytes, and for a jump the label of its target and the form of the jump."""
 
     octets: bytes
     label: str
@@ -47,7 +48,7 @@ class Encoded(NamedTuple):
 
 
 class Assembled(NamedTuple):
-    """Assembled code with the offsets that the tables of a block name: where networks begin, and every jump."""
+    """Assembled code, with the offsets that the tables of a block contain: beginnings of networks, and all jumps."""
 
     code: bytes
     networks: list[int]
@@ -55,7 +56,7 @@ class Assembled(NamedTuple):
 
 
 def encode_line(text: str, line: int = 0, german: bool = False, names: Names = NO_NAMES) -> Encoded:
-    """Return the instruction of one line without its label. Raises `AssemblyError`."""
+    """Return the instruction of a line without its label. Raises `AssemblyError`."""
     text = _uncommented(text)
     exact = _EXACT.fullmatch(text)
     if exact is not None and not len(exact[2]) % 2:
@@ -71,7 +72,7 @@ def encode_line(text: str, line: int = 0, german: bool = False, names: Names = N
         match = _LIST.fullmatch(rest)
         if match is not None:
             rest, listed = match[1], _pointers(match[2], line, german)
-    # Only names of parameters depend on the block; the rest is the same in each.
+    # Only names of parameters depend on the block; all other lines give the same bytes in every block.
     octets = _encoded(name, rest, german, names if "#" in rest else NO_NAMES)
     if octets is not None:
         return Encoded(octets + (_list_octets(listed) if listed is not None else b""), "", None)
@@ -86,7 +87,7 @@ def encode_line(text: str, line: int = 0, german: bool = False, names: Names = N
 
 @lru_cache(maxsize=8192)
 def _encoded(name: str, operand: str, german: bool, names: Names) -> bytes | None:
-    """Return an instruction without a list or a label, in the first form that holds it; None where none does."""
+    """Return an instruction without list and label, in the first form that can hold it; None if there is none."""
     rows = _BY_NAME[name]
     for meaning in parse_operand(operand, german, names):
         for row in rows:
@@ -104,7 +105,7 @@ def _uncommented(text: str) -> str:
 
 
 def _encode(row: Row, operand: Operand) -> bytes | None:
-    """Return an instruction of a row, None where the row does not hold the operand."""
+    """Return an instruction of a row; None if the row cannot hold the operand."""
     if operand.number < 0 and operand.kind not in {JUMP, JUMP_LIST}:
         return None
     encoded = row.shape.encode(operand, row.firsts)
@@ -140,9 +141,9 @@ def _list_octets(pointers: list[int]) -> bytes:
 
 
 def assemble(text: str, german: bool = False, names: Names = NO_NAMES) -> Assembled:
-    """Return the code of a listing. Raises `AssemblyError` with the line that is wrong.
+    """Return the code of a listing. Raises `AssemblyError` with the number of the wrong line.
 
-    ``NETWORK`` begins a network, with anything behind it; lines that begin with ``//`` and empty lines count for nothing.
+    ``NETWORK``, with any text after it, begins a network. Empty lines and lines that begin with ``//`` are ignored.
     """
     code = bytearray()
     networks: list[int] = []
@@ -190,7 +191,7 @@ def _distance(at: int, label: str, labels: dict[str, int], row: Row, line: int) 
 def instruction_text(
     instruction: Instruction, labels: dict[int, str], german: bool = False, names: Names = NO_NAMES
 ) -> str:
-    """Return an instruction as one line without its own label, that `encode_line` reads."""
+    """Return an instruction as one line without its own label, which `encode_line` can read."""
     operand = instruction.operand
     text = labels.get(instruction.target, "") if operand.kind in {JUMP, JUMP_LIST} else ""
     text = text or operand_text(operand, german, names)
@@ -203,7 +204,7 @@ def instruction_text(
 def source_lines(
     instructions: list[Instruction], labels: dict[int, str], german: bool = False, names: Names = NO_NAMES
 ) -> list[str]:
-    """Return instructions as lines that `assemble` makes the same bytes of."""
+    """Return instructions as lines that `assemble` turns into the same bytes."""
     lines: list[str] = []
     for instruction in instructions:
         text = instruction_text(instruction, labels, german, names)
@@ -215,7 +216,7 @@ def source_lines(
 
 
 def _is_canonical(instruction: Instruction, text: str, german: bool, names: Names) -> bool:
-    """Tell whether the assembler makes the same bytes of the text of an instruction."""
+    """Return whether the assembler turns the text of an instruction into the same bytes."""
     try:
         encoded = encode_line(text, 0, german, names)
     except AssemblyError:

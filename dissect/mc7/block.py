@@ -1,7 +1,7 @@
 """A block of S7-300 or S7-400 as it is transferred or stored: header, code, interface, tables, footer.
 
-`parse_block` never raises: what does not fit is a `Fact`, and everything that could be read is there.
-Source: reference sheet mc7.md, sections 2 to 4.
+`parse_block` never raises: a fault becomes a `Fact`, and everything that could be read is kept. Source: reference sheet mc7.md,
+sections 2 to 4.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from dissect.s7.tables import BLOCK_KINDS, BLOCK_LANGUAGES, CODE_BLOCKS
 from dissect.wire.part import Part
 
 MARK: Final = b"pp"
-#: The language whose code nobody outside the CPU reads.
+#: The language of encrypted code.
 ENCRYPTED: Final = 0x29
 SCL: Final = 4
-#: The final BE, which stands outside the networks.
+#: Bytes of the final BE, which is outside the networks.
 BE_SIZE: Final = 2
-#: No table has more entries than the additional information has words.
+#: A table cannot have more entries than the additional information has words.
 _MOST: Final = 0x8000
 
 
 class Fact(NamedTuple):
-    """What does not fit in a block: ``slug`` is its kind, ``offset`` where in the code (or -1), ``text`` a sentence."""
+    """A fault of a block: ``slug`` is its kind, ``offset`` its place in the code (or -1), ``text`` a sentence."""
 
     slug: str
     offset: int
     text: str
 
 
-#: Slugs of facts, and what each one says.
+#: Slugs of facts, and their meanings.
 FACTS: Final[dict[str, str]] = {
     "not_a_block": "The bytes are not a block of S7-300 or S7-400.",
     "cut": "Bytes of the block are missing.",
@@ -57,9 +57,9 @@ FACTS: Final[dict[str, str]] = {
 
 
 class Tables(NamedTuple):
-    """The additional information: bytes of each network, offsets of the jumps; ``rest`` is left over from the compiler.
+    """The additional information: bytes of each network, offsets of jumps; ``rest`` are octets left by the compiler.
 
-    ``present`` is False where a block has none; ``cut`` where it ends before its own counts.
+    ``present`` is False if a block has none; ``cut`` if it ends before the counts in it say.
     """
 
     networks: list[int]
@@ -73,7 +73,7 @@ NO_TABLES: Final = Tables([], [], b"", False, False)
 
 
 class Network(NamedTuple):
-    """A network: its number from 1 on, its bytes in the code, and its instructions."""
+    """A network: its number from 1 on, its offset and size in the code, and its instructions."""
 
     number: int
     start: int
@@ -82,7 +82,7 @@ class Network(NamedTuple):
 
 
 def parse_tables(octets: bytes) -> Tables:
-    """Return the network table and the jump list; numbers are little-endian, jumps counted in words."""
+    """Return the network table and the jump list; numbers are little-endian, jumps are counted in words."""
     if len(octets) < 2:
         return Tables([], [], octets, False, False)
     at = 2
@@ -107,7 +107,7 @@ def parse_tables(octets: bytes) -> Tables:
 
 
 def tables_octets(tables: Tables) -> bytes:
-    """Return the additional information of tables: what `parse_tables` read."""
+    """Return the octets of the additional information from which `parse_tables` read ``tables``."""
     if not tables.present:
         return tables.rest
     octets = len(tables.networks).to_bytes(2, "little")
@@ -119,10 +119,10 @@ def tables_octets(tables: Tables) -> bytes:
 class Block:
     """A block as far as it is there.
 
-    ``kind`` and ``number`` are what it is (``OB``, 1), ``header`` and ``footer`` the fields around it (`dissect.s7.blocks`),
-    None where they are not there. ``code`` are the MC7 bytes, or the actual values of a DB; ``interface_octets`` and
-    ``additional`` the raw parts behind. ``instructions`` and ``networks`` are empty for a DB or an encrypted block.
-    ``facts`` are what `parse_block` and the checks found.
+    ``kind`` and ``number`` identify it (``OB``, 1). ``header`` and ``footer`` have the fields around it (`dissect.s7.blocks`),
+    None if they are missing. ``code`` are the MC7 bytes, or the actual values of a DB; ``interface_octets`` and ``additional``
+    are the raw parts after it. ``instructions`` and ``networks`` are empty for a DB or an encrypted block. ``facts`` are the
+    faults that `parse_block` and the checks found.
     """
 
     def __init__(self, octets: bytes) -> None:
@@ -154,42 +154,42 @@ class Block:
 
     @property
     def protected(self) -> bool:
-        """True for know-how protection, which hides nothing of the code."""
+        """True for know-how protection, which does not hide the code."""
         return self.header is not None and self.header.number("security") > 0
 
     @property
     def encrypted(self) -> bool:
-        """True when the code is encrypted (block privacy)."""
+        """True if the code is encrypted (block privacy)."""
         return self.language == ENCRYPTED
 
     @property
     def has_code(self) -> bool:
-        """True when its bytes are instructions that can be read."""
+        """True if it has instructions that can be read."""
         return self.kind in CODE_BLOCKS and not self.encrypted
 
     def field(self, name: str) -> int:
-        """Return a number of the header or footer, -1 where it is not there."""
+        """Return a number of the header or footer, -1 if it is missing."""
         for part in (self.header, self.footer):
             if part is not None and part.find(name) is not None:
                 return part.number(name)
         return -1
 
     def said(self, name: str) -> str:
-        """Return the text of a field of header or footer (author, code_time …), empty where it is missing; not escaped."""
+        """Return the text of a field in header or footer (author, code_time …), empty if it is missing; not escaped."""
         for part in (self.header, self.footer):
             if part is not None and part.find(name) is not None:
                 return part.text(name)
         return ""
 
     def raw(self, name: str) -> bytes:
-        """Return the bytes of a field of the header or footer, empty where it is not there."""
+        """Return the bytes of a field in header or footer, empty if it is missing."""
         for part in (self.header, self.footer):
             if part is not None and part.find(name) is not None:
                 return part.octets(name)
         return b""
 
     def network_of(self, offset: int) -> int:
-        """Return the number of the network that an offset of the code lies in, 0 behind the last one."""
+        """Return the number of the network with this offset of the code, 0 after the last one."""
         if self._starts is None:
             self._starts = [network.start for network in self.networks]
         index = bisect_right(self._starts, offset) - 1
@@ -198,12 +198,12 @@ class Block:
         return self.networks[index].number
 
     def tell(self, slug: str, offset: int, text: str) -> None:
-        """Keep a fact."""
+        """Add a fact."""
         self.facts.append(Fact(slug, offset, text))
 
 
 def parse_block(octets: bytes) -> Block:
-    """Return the block in ``octets``, read as far as possible. Never raises; what does not fit is in ``facts``."""
+    """Return the block in ``octets``, read as far as possible. Never raises; faults are in ``facts``."""
     block = Block(octets)
     if len(octets) < HEADER.size or octets[:2] != MARK:
         block.tell("not_a_block", -1, _no_block(octets))
@@ -232,7 +232,7 @@ def _no_block(octets: bytes) -> str:
 
 
 def _cut(block: Block, header: Part) -> None:
-    """Cut a block into its parts by the lengths of its header."""
+    """Split a block into its parts by the lengths in its header."""
     octets = block.octets
     stated = header.number("load_length")
     code, ssb, add = (header.number(f"{part}_length") for part in ("mc7", "ssb", "add"))
@@ -254,7 +254,7 @@ def _cut(block: Block, header: Part) -> None:
 
 
 def block_of_parts(kind: str, number: int, language: int, code: bytes, interface: bytes, additional: bytes) -> Block:
-    """Return a block of parts without header and footer, as a STEP 7 project stores them."""
+    """Return a block from its parts, without header and footer, as a STEP 7 project stores them."""
     block = Block(b"")
     block.kind, block.number, block.language = kind, number, language
     block.code, block.interface_octets, block.additional = code, interface, additional
@@ -273,7 +273,7 @@ def _read_parts(block: Block) -> None:
 
 
 def _spans(block: Block) -> list[tuple[int, int]]:
-    """Return start and end of each network; what the table leaves out at the end is the last one's."""
+    """Return start and end of each network; bytes beyond the table belong to the last one."""
     spans: list[tuple[int, int]] = []
     at = 0
     for length in block.tables.networks:
@@ -287,7 +287,7 @@ def _spans(block: Block) -> list[tuple[int, int]]:
 
 
 def _networks(block: Block) -> list[Network]:
-    """Return the networks with their instructions; one that a wrong border cuts belongs to where it begins."""
+    """Return the networks with their instructions; an instruction across a wrong border belongs to where it begins."""
     networks: list[Network] = []
     instructions = block.instructions
     at = 0

@@ -1,8 +1,8 @@
-"""What changed between two versions of a block, in the words of its code (reference sheet mc7.md, section 11).
+"""Finds what changed between two versions of a block, and says it with the instructions (reference sheet mc7.md, section 11).
 
-Networks are compared, not bytes: one that was inserted is added, and all behind it are as they were. In an instruction labels
-stand for offsets, temporaries of the compiler are numbered by their first use, calls are folded, and an address in an open data
-block has the number of that block.
+Networks are compared, not bytes: if a network was inserted, only that is a change. Before instructions are compared, labels
+replace offsets, temporaries of the compiler are numbered by first use, calls are folded, and an address in an open data block
+gets the number of that block.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dissect.mc7.registers import OpenBlocks
 from dissect.mc7.values import block_data
 from dissect.wire.text import count, printable
 
-# What a change is about, in the order in which they are reported.
+# What a change is about, in the order in which changes are reported.
 HEADER: Final = "header"
 TIME: Final = "time"
 INTERFACE: Final = "interface"
@@ -28,7 +28,7 @@ NETWORK: Final = "network"
 CALLS: Final = "calls"
 VALUES: Final = "values"
 
-#: Longer stretches are not aligned line by line: both are reported as a whole.
+#: Stretches for which alignment would take more comparisons are not aligned line by line, but reported as a whole.
 MAX_ALIGNED: Final = 1_000_000
 #: Networks with at least this share of equal instructions are versions of each other.
 _SIMILAR: Final = 0.4
@@ -43,9 +43,9 @@ _TEXT_FIELDS: Final = ("author", "family", "name", "version")
 
 
 class Change(NamedTuple):
-    """One change: ``about`` is one of the constants above, ``network`` its number in the newer block, else in the older; or 0.
+    """A change: ``about`` is one of the constants above; ``network`` is its number in the newer, else the older block, or 0.
 
-    ``before`` is empty for what is new, ``after`` for what is gone. ``text`` is the sentence without the name of the block.
+    ``before`` is empty for something new, ``after`` for something gone. ``text`` is the sentence without the name of the block.
     """
 
     about: str
@@ -56,7 +56,7 @@ class Change(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """An instruction to compare: name and operand without addresses of code; ``target`` is where it jumps to, or -1."""
+    """An instruction to compare: name and operand without code addresses; ``target`` is where it jumps to, or -1."""
 
     name: str
     operand: str
@@ -78,9 +78,9 @@ class _Network(NamedTuple):
 
 
 def compare_blocks(before: Block, after: Block, lister: Lister | None = None) -> list[Change]:
-    """Return what changed from one version of a block to another, empty for equal ones.
+    """Return what changed from one version of a block to another, empty if they are equal.
 
-    ``lister`` says in which language, and which other blocks are known.
+    ``lister`` sets the language and knows other blocks.
     """
     changes = _compare_headers(before, after)
     changes += _compare_interfaces(before, after)
@@ -96,12 +96,12 @@ def compare_blocks(before: Block, after: Block, lister: Lister | None = None) ->
 
 
 def only_stamps(changes: list[Change]) -> bool:
-    """Tell whether nothing but time stamps and the checksum changed."""
+    """Return whether only time stamps and the checksum changed."""
     return bool(changes) and all(change.about == TIME for change in changes)
 
 
 def change_lines(label: str, changes: list[Change]) -> list[str]:
-    """Return the changes as lines for a person: ``OB1 network 2: L S5T#35S → S5T#10S``. Texts of the wire are escaped."""
+    """Return the changes as lines for a person: ``OB1 network 2: L S5T#35S → S5T#10S``. Texts from the wire are escaped."""
     if not changes:
         return [f"{label}: no change"]
     if only_stamps(changes):
@@ -168,12 +168,12 @@ def _compare_headers(before: Block, after: Block) -> list[Change]:
 
 
 def _stamp(block: Block, name: str) -> str:
-    """Return a time stamp, or its bytes where they are none."""
+    """Return a time stamp, or its bytes if it is not a valid time."""
     return block.said(name) or block.raw(name).hex()
 
 
 def _compare_interfaces(before: Block, after: Block) -> list[Change]:
-    """Compare declarations by section and position, as names do not travel; places that move with them are not repeated."""
+    """Compare declarations by section and position, as a block has no names; addresses that move with them are not reported."""
     old, new = before.interface.declarations, after.interface.declarations
     changes: list[Change] = []
     for place in range(1, 7):
@@ -193,7 +193,7 @@ def _compare_interfaces(before: Block, after: Block) -> list[Change]:
 
 
 def _whole_type(declaration: Declaration) -> str:
-    """Return a type with all its members, so that a change within a structure is one."""
+    """Return a type with all its members, so that a change within a structure is found."""
     members = ", ".join([_whole_type(member) for member in declaration.members])
     return f"{declaration.type_text} ({members})" if members else declaration.type_text
 
@@ -211,7 +211,7 @@ def _steps(block: Block, lister: Lister) -> list[_Network]:
     threshold = block.interface.temp_bits
     opened = OpenBlocks()
     by_offset = {instruction.offset: instruction for instruction in block.instructions}
-    # The BE that ends every block stands in its last network, whichever that is.
+    # The BE that ends every block is in its last network, whichever that is.
     final = block.instructions[-1] if block.instructions and block.instructions[-1].name == "BE" else None
     networks: list[_Network] = []
     for network in lister.networks(block):
@@ -247,7 +247,7 @@ def _steps(block: Block, lister: Lister) -> list[_Network]:
 
 
 def _renamed(text: str, threshold: int, temporaries: dict[str, str]) -> str:
-    """Return an operand with the compiler's temporaries, which lie behind the declared ones, called t0, t1 … by first use."""
+    """Return an operand with the compiler's temporaries, which follow the declared ones, named t0, t1 … by first use."""
     if threshold < 0:
         return text
 
@@ -303,7 +303,7 @@ def _new_network(network: _Network, gone: dict[tuple[str, ...], _Network]) -> Ch
 
 
 def _opcodes(old: list[tuple[str, ...]], new: list[tuple[str, ...]]) -> list[tuple[str, int, int, int, int]]:
-    """Return how to make the new list from the old one; equal begins and ends cost nothing, long rests are replaced whole."""
+    """Return edit steps from the old list to the new one; equal beginnings and ends are cheap, long rests replaced whole."""
     begin = 0
     while begin < min(len(old), len(new)) and old[begin] == new[begin]:
         begin += 1
@@ -343,7 +343,7 @@ def _paired(old: list[_Network], new: list[_Network]) -> list[tuple[_Network | N
 
 
 def _alike(old: _Network, new: _Network) -> bool:
-    """Tell whether two networks share enough to be versions of one; long ones by which instructions they have at all."""
+    """Return whether two networks have enough in common to be versions of each other; for long ones in any order."""
     matcher = SequenceMatcher(None, old.key, new.key, False)
     if matcher.quick_ratio() < _SIMILAR or not old.key:
         return False
@@ -351,7 +351,7 @@ def _alike(old: _Network, new: _Network) -> bool:
 
 
 def _places(pairs: list[tuple[_Network | None, _Network | None]]) -> dict[int, int]:
-    """Return which offset of the newer code stands for which of the older: those of instructions that are equal."""
+    """Return a map of offsets from the newer code to the older code, for equal instructions."""
     places: dict[int, int] = {}
     for network, other in pairs:
         if network is None or other is None:
@@ -405,7 +405,7 @@ def _compare_targets(mine: list[_Step], theirs: list[_Step], number: int, places
 
 
 def _compare_calls(before: Block, after: Block) -> list[Change]:
-    """Report blocks that are called now and were not, and the other way round."""
+    """Report blocks that are called only in one of the versions."""
     old = {f"{kind}{number}" for _, kind, number in calls(before)}
     new = {f"{kind}{number}" for _, kind, number in calls(after)}
     changes = [Change(CALLS, 0, "", label, f"{label} is called now") for label in sorted(new - old)]
@@ -413,7 +413,7 @@ def _compare_calls(before: Block, after: Block) -> list[Change]:
 
 
 def _compare_values(before: Block, after: Block) -> list[Change]:
-    """Compare actual values by declaration where both blocks declare the same, else say how many bytes differ."""
+    """Compare actual values by declaration if both blocks have the same declarations; else report how many bytes differ."""
     old, new = block_data(before), block_data(after)
     if [value[:3] for value in old] == [value[:3] for value in new] and old:
         return [

@@ -1,4 +1,4 @@
-"""Self-checks of a block: its tables say twice what its code says, so a block that no programming tool wrote shows.
+"""Self-checks of a block: its tables repeat what its code says, so that a block not written by a programming tool shows.
 
 Source: reference sheet mc7.md, sections 0, 4, 9 and 10.
 """
@@ -13,11 +13,11 @@ from dissect.mc7.instruction_tables import CALL_LIST
 from dissect.mc7.interface import TYPES, stated_start_length
 from dissect.mc7.operands import NUMBERED, PARAMETER
 
-#: The most facts of one kind about one block; the last of them counts the others.
+#: Most facts of one kind about one block; the last one counts the others.
 MAX_ALIKE: Final = 8
 
-#: Facts that say a programming tool did not write the block as it is: the finding `block.inconsistent`. Bytes that are no known
-#: instruction are not among them: it may be our table that lacks one.
+#: Facts that show that no programming tool wrote the block as it is: the finding `block.inconsistent`. Bytes that are not a
+#: known instruction are not among them, because our table may lack one.
 TAMPERED: Final = frozenset(
     (
         "lengths",
@@ -36,12 +36,12 @@ TAMPERED: Final = frozenset(
     )
 )
 
-#: The type of a parameter where an instruction takes it as such.
+#: The type of a parameter that an instruction uses in this way.
 _USED_AS: Final[dict[str, str]] = {"BOOL": "BOOL", "T": "TIMER", "C": "COUNTER"}
 
 
 def check_block(block: Block) -> list[Fact]:
-    """Return what is inconsistent in a block, beside what `parse_block` found."""
+    """Return what is inconsistent in a block, besides the facts of `parse_block`."""
     facts: list[Fact] = []
     _check_interface(block, facts)
     if block.has_code and not _is_cut(block):
@@ -52,14 +52,14 @@ def check_block(block: Block) -> list[Fact]:
 
 
 def all_facts(block: Block) -> list[Fact]:
-    """Return what `parse_block` found and the checks."""
+    """Return the facts of `parse_block` and of the checks."""
     return [*block.facts, *check_block(block)]
 
 
 def inconsistencies(block: Block) -> list[Fact]:
-    """Return the facts that say no programming tool wrote the block as it is (finding ``block.inconsistent``).
+    """Return the facts that show that no programming tool wrote the block as it is (finding ``block.inconsistent``).
 
-    Code that is nothing but zeros was masked, as `s7dissect anonymize` does it: of that there are none.
+    If the code is all zeros, as `s7dissect anonymize` leaves it, there are none.
     """
     if block.code and not any(block.code):
         return []
@@ -172,7 +172,7 @@ def _check_parameters(block: Block, facts: list[Fact]) -> None:
 
 
 def calls(block: Block) -> list[tuple[Instruction, str, int]]:
-    """Return each direct call of a block: the instruction, type and number of the callee."""
+    """Return each direct call in a block: the instruction, type and number of the callee."""
     found: list[tuple[Instruction, str, int]] = []
     for instruction in block.instructions:
         if instruction.name in {"UC", "CC"}:

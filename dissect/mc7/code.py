@@ -1,4 +1,4 @@
-"""The code of a block as instructions. Never raises and never loses step: what is no instruction is `DW` with its two bytes.
+"""Splits the code of a block into instructions. Never raises; bytes that are no instruction become `DW`, two at a time.
 
 Source: reference sheet mc7.md, sections 5, 6 and 9.
 """
@@ -18,7 +18,7 @@ for _row in INSTRUCTIONS:
 
 
 class _Unknown:
-    """The operand of what is no instruction: its bytes."""
+    """The operand of bytes that are no instruction: the bytes themselves."""
 
     title = "bytes of no instruction"
 
@@ -32,7 +32,7 @@ class _Unknown:
 
 
 class _Single:
-    """A byte that is left over behind the last word."""
+    """A single byte after the last word."""
 
     title = "one byte"
 
@@ -45,7 +45,7 @@ class _Single:
         return (operand.number, 0) if operand.kind == "data" and operand.width == 1 else None
 
 
-#: What stands for bytes that are no instruction.
+#: Rows for bytes that are no instruction.
 UNKNOWN: Final = Row(range(256), frozenset(range(256)), 2, "DW", _Unknown())
 LEFT_OVER: Final = Row(range(256), frozenset(range(256)), 1, "DB", _Single())
 
@@ -53,8 +53,8 @@ LEFT_OVER: Final = Row(range(256), frozenset(range(256)), 1, "DB", _Single())
 class Instruction:
     """One instruction.
 
-    ``offset`` is its first byte in the code, ``size`` its bytes with the parameter list, which is in ``list``: four bytes for
-    each parameter, None where the instruction has no list. ``value`` is what follows its first word.
+    ``offset`` is the offset of its first byte in the code; ``size`` is in bytes, with the parameter list. ``list`` is that
+    list, four bytes for each parameter, None if there is none. ``value`` is what follows its first word.
     """
 
     __slots__ = ("list", "offset", "row", "size", "value", "word")
@@ -74,7 +74,7 @@ class Instruction:
 
     @property
     def operand(self) -> Operand:
-        """What it works on."""
+        """The operand."""
         return self.row.shape.decode(self.word, self.value)
 
     @property
@@ -84,7 +84,7 @@ class Instruction:
 
     @property
     def octets(self) -> bytes:
-        """The instruction as it stands in the code."""
+        """The bytes of the instruction."""
         if self.row.size == 1:
             return bytes((self.word,))
         octets = self.word.to_bytes(2, "big")
@@ -102,7 +102,7 @@ class Instruction:
 
     @property
     def target(self) -> int:
-        """Where it jumps to, or for a jump list the place behind the list; -1 where it does not jump."""
+        """Where it jumps to (for a jump list the place after the list), -1 if it does not jump."""
         operand = self.operand
         if operand.kind == JUMP:
             return self.offset + 2 * operand.number
@@ -126,7 +126,7 @@ _rows: Final[dict[int, Row]] = {}
 
 
 def row_of(word: int) -> Row:
-    """Return the instruction that begins with ``word``, `UNKNOWN` where there is none."""
+    """Return the row of the instruction that begins with ``word``, `UNKNOWN` if there is none."""
     row = _rows.get(word)
     if row is None:
         row = _rows[word] = _find(word)
@@ -136,8 +136,8 @@ def row_of(word: int) -> Row:
 def decode(code: bytes, borders: Sequence[int] = ()) -> list[Instruction]:
     """Return the instructions of ``code``, without a gap.
 
-    ``borders`` are offsets where an instruction should begin (of networks, of jumps). They count only where the code alone
-    leaves bytes that are no instruction, and leave fewer: tables that are wrong must not hide code that is right.
+    ``borders`` are offsets at which an instruction should begin (networks, jumps). They are used only if otherwise some bytes
+    are no instruction, and if they leave fewer such bytes: wrong tables must not hide correct code.
     """
     plain = _decode(code, frozenset())
     unknown = unknown_octets(plain)
@@ -194,7 +194,7 @@ def _decode(code: bytes, borders: frozenset[int]) -> list[Instruction]:
 
 
 def jumps(instructions: list[Instruction]) -> list[Instruction]:
-    """Return the jumps, those over parameter lists not counted."""
+    """Return the jumps, without those over parameter lists."""
     kinds = (JUMP, JUMP_LIST)
     return [
         instruction

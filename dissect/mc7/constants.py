@@ -1,6 +1,6 @@
-"""Constants of MC7 as STL writes them, and back (reference sheet mc7.md, section 5.3).
+"""Constants of MC7 as STL text, and back (reference sheet mc7.md, section 5.3).
 
-What cannot be written in its own form (a BCD digit above 9, a REAL that is not a number) is written in hexadecimal digits.
+A constant that is invalid in its own form (a BCD digit above 9, a REAL that is not a number) is written in hexadecimal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MS: Final = (86_400_000, 3_600_000, 60_000, 1000, 1)
 
 
 def constant_text(operand: Operand) -> str:
-    """Return a constant as STL writes it."""
+    """Return a constant as STL text."""
     number, width, kind = operand.number, operand.width, operand.area
     text = _TEXTS[kind](number, width) if kind in _TEXTS else ""
     return text or f"{'D' if width == 4 else ''}W#16#{number:X}"
@@ -38,7 +38,7 @@ def _characters(number: int, width: int) -> str:
 
 
 def _bcd(number: int) -> int:
-    """Return three decimal digits, -1 where one of them is none."""
+    """Return the number of three BCD digits, -1 if one of them is invalid."""
     digits = f"{number & 0xFFF:03x}"
     return int(digits) if digits.isdecimal() else -1
 
@@ -111,7 +111,7 @@ _TEXTS: Final = {
 
 
 def parse_constants(text: str) -> list[Operand]:
-    """Return what a constant can be, the usual meaning first; empty where it is none. Case counts, as in a listing."""
+    """Return what a constant can be, the usual meaning first; empty if it is not a constant. Upper and lower case differ."""
     for prefix, widths in (("B#16#", (1,)), ("DW#16#", (4,)), ("W#16#", (2,))):
         if text.startswith(prefix):
             return _numbers(prefix, text[len(prefix) :], 16, widths)
@@ -165,7 +165,7 @@ def _digits(kind: str, digits: str, high: int = 0) -> list[Operand]:
 
 
 def _ms(text: str) -> int:
-    """Return the milliseconds of ``1H2M3S4MS``, -1 where it is none."""
+    """Return the milliseconds of ``1H2M3S4MS``, -1 if the text is not valid."""
     found = _TIME.fullmatch(text)
     if found is None or not text or len(text) > 40:
         return -1

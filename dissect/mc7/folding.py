@@ -1,6 +1,6 @@
-"""Calls folded back into one line: what STEP 7 expands a CALL to stands between two BLDs (reference sheet mc7.md, section 6).
+"""Folds calls back into one line: STEP 7 expands a CALL to instructions between two BLDs (reference sheet mc7.md, section 6).
 
-Nothing is guessed: where the instructions between the two do anything else than such an expansion does, they stay as they are.
+Nothing is guessed: if the instructions between the two do anything that such an expansion does not do, they are not folded.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from dissect.mc7.labels import parameter_names
 from dissect.mc7.notation import Names, operand_text, pointer_text
 from dissect.mc7.operands import CONSTANT, COUNT, FIXED, MEMORY, NUMBERED, POINTER, Operand
 
-#: Finds a block that is called: by type and number, None where it was not seen.
+#: Returns a called block by type and number, None if it was not captured.
 Callee = Callable[[str, int], "Block | None"]
 
-#: The number of a BLD that begins a call; the next number ends it. 14 and 16 are multi-instances.
+#: The number of a BLD that begins a call; the next number ends it. 14 and 16 are for multi-instances.
 _BEGINS: Final = frozenset((1, 3, 7, 9, 14, 16))
-#: A BLD that only says that the RLO is kept.
+#: The number of the BLD that only says that the RLO is kept.
 _KEPT: Final = 103
-#: The longest call that is looked at.
+#: The longest call that is folded, in instructions.
 _MOST: Final = 2000
 _SECTION_IN: Final = frozenset((1, 3))
 _SECTION_OUT: Final = frozenset((2, 3, 6))
-#: The number of the instance that is open.
+#: The number of the open instance.
 _OWN: Final = Operand(FIXED, "DINO")
-#: Bits of a type whose parameter is addressed as a bit, byte, word or double word.
+#: How a parameter of a type is addressed: as bit (0), or in bytes (1, 2, 4).
 _WIDTHS: Final[dict[str, int]] = {
     "BOOL": 0,
     **dict.fromkeys(("BYTE", "CHAR"), 1),
@@ -37,7 +37,7 @@ _WIDTHS: Final[dict[str, int]] = {
     **dict.fromkeys(("DWORD", "DINT", "REAL", "TIME_OF_DAY", "TIME"), 4),
 }
 
-#: How constants of a type are written, and their bytes.
+#: The prefix of constants of a type, and their bytes.
 _FORMS: Final[dict[str, tuple[str, int]]] = {
     "WORD": ("W#16#", 2),
     "INT": ("", 2),
@@ -52,12 +52,12 @@ _FORMS: Final[dict[str, tuple[str, int]]] = {
 
 
 def no_block(_kind: str, _number: int) -> Block | None:
-    """Know no block."""
+    """Return None: without known blocks."""
     return None
 
 
 class Argument(NamedTuple):
-    """A parameter of a call: its name, what goes in and what comes out; empty for nothing."""
+    """A parameter of a call: its name, what is passed in and what is passed out; empty for nothing."""
 
     name: str
     given: str
@@ -81,11 +81,11 @@ class Call(NamedTuple):
 
     @property
     def offset(self) -> int:
-        """Where it begins in the code."""
+        """Its offset in the code."""
         return self.instructions[0].offset
 
     def operand_text(self) -> str:
-        """Return what stands behind CALL."""
+        """Return the text after CALL."""
         instance = f", {self.instance}" if self.instance else ""
         return f"{self.kind} {self.number}{instance} ({', '.join([argument.text for argument in self.arguments])})"
 
@@ -93,7 +93,7 @@ class Call(NamedTuple):
 def fold(
     instructions: list[Instruction], targets: set[int], callee: Callee, block: Block, german: bool = False
 ) -> list[Instruction | Call]:
-    """Return the instructions of a network with each call that can be folded in the place of its instructions."""
+    """Return the instructions of a network, in which each call that can be folded replaces its instructions."""
     names = parameter_names(block)
     folded: list[Instruction | Call] = []
     at = 0
@@ -113,7 +113,7 @@ def fold(
 
 
 def _end_of_call(instructions: list[Instruction], at: int) -> int:
-    """Return the index of the BLD that ends a call, 0 where another call begins before or there is none."""
+    """Return the index of the BLD that ends a call, 0 if another call begins before it or there is none."""
     wanted = (instructions[at].word & 0xFF) + 1
     for index in range(at + 1, min(at + _MOST, len(instructions))):
         if instructions[index].name == "BLD":
@@ -126,7 +126,7 @@ def _end_of_call(instructions: list[Instruction], at: int) -> int:
 
 
 class _Expansion:
-    """What the instructions of one call do: values moved in and out, and the frame around them."""
+    """What the instructions of one call do: values that they move in and out, and the frame around them."""
 
     def __init__(self, names: Names, german: bool) -> None:
         self._names = names
@@ -142,7 +142,7 @@ class _Expansion:
         self._said = ""
 
     def text(self, operand: Operand) -> str:
-        """Return an operand, of a data block with the number that is open."""
+        """Return the text of an operand; in an open data block with the number of that block."""
         if operand.kind == MEMORY and operand.area == "DB" and self.db:
             return f"{self.db}.{operand_text(operand, self._german)}"
         if operand.kind == MEMORY and operand.area == "DI" and self.di not in {"", self.instance}:
@@ -150,7 +150,7 @@ class _Expansion:
         return operand_text(operand, self._german, self._names)
 
     def take(self, instruction: Instruction) -> bool:
-        """Follow one instruction; False where a call does not have it."""
+        """Follow one instruction; return False if it cannot be part of a call."""
         name, operand = instruction.name, instruction.operand
         if name == "OPN":
             return self._open(operand)
@@ -172,7 +172,7 @@ class _Expansion:
         if name == "BLD":
             return operand.kind == COUNT and operand.number == _KEPT
         if name == "+AR2" and self.call is None and not self.instance and operand.kind == POINTER:
-            self.instance = operand_text(operand)  # where the multi-instance lies in the instance of the caller
+            self.instance = operand_text(operand)  # where the multi-instance is in the instance of the caller
             return True
         return name in {"TAR2", "LAR2", "CDB"}
 
@@ -180,7 +180,7 @@ class _Expansion:
         if operand.kind != NUMBERED:
             return False
         if operand.via:
-            # A multi-instance opens the instance of its caller again, whose number was kept.
+            # After a multi-instance the instance of the caller is opened again, whose number was kept.
             kept = Operand(MEMORY, operand.via[:-1], 2, 8 * operand.number)
             return operand.area == "DI" and self.raw.pop(kept, None) == _OWN and self.given.pop(kept, "") != ""
         if operand.area == "DI":
@@ -191,7 +191,7 @@ class _Expansion:
         return True
 
     def _move(self, name: str, operand: Operand) -> bool:
-        """Follow what is done with a loaded value: it goes to one place."""
+        """Follow the use of a loaded value, which goes to one place."""
         source, said = self._loaded, self._said
         self._loaded, self._said = None, ""
         if name not in {"T", "="} or (name == "=" and source is not None and source.width):
@@ -206,19 +206,19 @@ class _Expansion:
 
     @property
     def open(self) -> bool:
-        """True when a value was loaded that went nowhere."""
+        """True if a value was loaded, but not used."""
         return self._loaded is not None or self._said != ""
 
 
 def _fold_one(
     instructions: list[Instruction], targets: set[int], callee: Callee, names: Names, german: bool
 ) -> Call | None:
-    """Return the call that instructions from BLD to BLD expand, None where they are more than that."""
+    """Return the call that instructions from BLD to BLD expand; None if they are anything else."""
     if any(instruction.offset in targets for instruction in instructions[1:]):
         return None
     expansion = _Expansion(names, german)
     inside = instructions[1:-1]
-    # The RLO is kept first.
+    # First, the RLO is kept.
     if inside and inside[0].name == "=":
         inside = inside[1:]
     for instruction in inside:
@@ -237,7 +237,7 @@ def _fold_one(
 
 
 def _of_list(call: Instruction, expansion: _Expansion, called: Block | None) -> list[Argument] | None:
-    """Return the parameters of an FC or SFC; None where values were moved that belong to none of them."""
+    """Return the parameters of an FC or SFC; None if values were moved that belong to none of them."""
     declared = called.interface.parameters if called is not None else []
     pointers = call.pointers
     if len(declared) != len(pointers):
@@ -259,7 +259,7 @@ def _argument(
     given: dict[Operand, str],
     taken: dict[Operand, str],
 ) -> Argument:
-    """Return one parameter by its pointer; what was moved for it is taken out of ``given`` and ``taken``."""
+    """Return one parameter by its pointer; remove what was moved for it from ``given`` and ``taken``."""
     if address.area == "V":
         moved_in = _at(given, address.number)
         moved_out = _at(taken, address.number)
@@ -280,7 +280,7 @@ def _argument(
 
 
 def _typed(value: Operand | None, declaration: Declaration) -> str:
-    """Return a constant by the declared type of its parameter, empty for what is none; calls load all of them as integers."""
+    """Return a constant by the declared type of its parameter, empty if it is not one; calls load all as integers."""
     form = _FORMS.get(TYPES.name(declaration.type))
     if value is None or form is None or value.kind != CONSTANT or value.width != form[1]:
         return ""
@@ -288,7 +288,7 @@ def _typed(value: Operand | None, declaration: Declaration) -> str:
 
 
 def _at(moved: dict[Operand, str], bit: int) -> Operand | None:
-    """Return the place in local data that a value was moved to or from."""
+    """Return the place in local data to or from which a value was moved."""
     for operand in moved:
         if operand.kind == MEMORY and operand.area == "L" and not operand.via and operand.number == bit:
             return operand
@@ -296,7 +296,7 @@ def _at(moved: dict[Operand, str], bit: int) -> Operand | None:
 
 
 def _any_text(given: dict[Operand, str], bit: int, expansion: _Expansion) -> str:
-    """Return a POINTER or ANY that was put together in local data, by its block and address; empty where it is none."""
+    """Return a POINTER or ANY that was built in local data, by block and address; empty if there is none."""
     for size, first in ((2, "POINTER"), (4, "ANY")):
         places = [Operand(MEMORY, "L", 2, bit + 16 * at) for at in range(size - 1)]
         places.append(Operand(MEMORY, "L", 4, bit + 16 * (size - 1)))
@@ -317,7 +317,7 @@ def _any_text(given: dict[Operand, str], bit: int, expansion: _Expansion) -> str
 
 
 def _place_text(address: Operand, declaration: Declaration | None, expansion: _Expansion) -> str:
-    """Return the place that a pointer names; its width is that of the parameter, where the callee was seen."""
+    """Return the place that a pointer refers to; its width is that of the parameter, if the callee was captured."""
     width = _WIDTHS.get(TYPES.name(declaration.type)) if declaration is not None else None
     area = address.area.removesuffix("X")
     if width is None or area not in {"I", "Q", "M", "DB", "DI", "L"} or (width and address.number & 7):

@@ -1,6 +1,6 @@
-"""What about the code of a block deserves a finding: calls that stop, delete or copy, new writes to outputs, skipped calls.
+"""Finds code that deserves a finding: calls that stop, delete or copy, new writes to outputs, skipped calls.
 
-Pure functions over blocks; the catalogue of findings says what each one means (reference sheet mc7.md, section 10).
+Pure functions over blocks; the catalogue of findings explains them (reference sheet mc7.md, section 10).
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ DELETES: Final = "deletes"
 COPIES: Final = "copies"
 CHANGES: Final = "changes"
 
-#: Lines that `summary` returns at most.
+#: Most lines that `summary` returns.
 MOST_LINES: Final = 3
 
-#: System functions whose call deserves a look: number, name, what it does, and to what.
+#: System functions whose calls are reported, by number: name, effect, and a text.
 SYSTEM_CALLS: Final[dict[int, tuple[str, str, str]]] = {
     0: ("SET_CLK", CHANGES, "sets the clock"),
     12: ("D_ACT_DP", CHANGES, "activates or deactivates a DP slave or IO device"),
@@ -47,7 +47,7 @@ SYSTEM_CALLS: Final[dict[int, tuple[str, str, str]]] = {
     109: ("PROTECT", CHANGES, "changes the protection level"),
 }
 
-#: The attribute of a block of a safety program.
+#: The attribute of a block that belongs to a safety program.
 _SAFETY: Final = 0x40
 _OUTPUTS: Final = frozenset(("Q", "PQ"))
 
@@ -65,7 +65,7 @@ class SystemCall(NamedTuple):
 
 
 class SkippedCall(NamedTuple):
-    """A call that a jump goes around: the jump, the callee, and whether that is a safety block."""
+    """A call that a jump skips: the jump, the callee, and whether that is a safety block."""
 
     block: str
     network: int
@@ -88,7 +88,7 @@ def system_calls(block: Block) -> list[SystemCall]:
 
 
 def new_system_calls(before: Block, after: Block) -> list[SystemCall]:
-    """Return the calls of system functions that only the newer version has: more of a function than the older one."""
+    """Return the calls of system functions of which the newer version has more than the older one."""
     left: dict[int, int] = {}
     for call in system_calls(before):
         left[call.number] = left.get(call.number, 0) + 1
@@ -107,7 +107,7 @@ def output_writes(block: Block) -> list[Use]:
 
 
 def new_output_writes(before: Block, after: Block) -> list[Use]:
-    """Return the writes to outputs that the older version has not, one for each address; an indirect one counts as its form."""
+    """Return writes to outputs that only the newer version has, one for each address; an indirect one counts by its text."""
     known = {use.address for use in output_writes(before)}
     found: dict[str, Use] = {}
     for use in output_writes(after):
@@ -117,12 +117,12 @@ def new_output_writes(before: Block, after: Block) -> list[Use]:
 
 
 def is_safety(block: Block) -> bool:
-    """Tell whether a block belongs to a safety program (attribute 0x40; one source)."""
+    """Return whether a block belongs to a safety program (attribute 0x40; one source)."""
     return block.header is not None and len(block.octets) > 3 and block.octets[3] & _SAFETY != 0
 
 
 def skipped_calls(block: Block, safety: frozenset[str] = frozenset()) -> list[SkippedCall]:
-    """Return the calls that a forward jump goes around, one a callee and network; ``safety`` are labels of safety blocks."""
+    """Return the calls that a forward jump skips, once per callee and network; ``safety`` are labels of safety blocks."""
     called = calls(block)
     found: dict[tuple[int, str], SkippedCall] = {}
     for jump in _forward_jumps(block):
@@ -146,7 +146,7 @@ def _forward_jumps(block: Block) -> list[Instruction]:
 
 
 def newly_skipped_calls(before: Block, after: Block, safety: frozenset[str] = frozenset()) -> list[SkippedCall]:
-    """Return the calls that were there before, and that only in the newer version a jump goes around."""
+    """Return calls of the older version that are skipped only in the newer version."""
     there = {f"{kind}{number}" for _, kind, number in calls(before)}
     old = {skipped.callee for skipped in skipped_calls(before, safety)}
     found = skipped_calls(after, safety)
@@ -154,7 +154,7 @@ def newly_skipped_calls(before: Block, after: Block, safety: frozenset[str] = fr
 
 
 def code_stamp(block: Block) -> int:
-    """Return the time stamp of the code in milliseconds since 1984-01-01, -1 where there is none."""
+    """Return the time stamp of the code in milliseconds since 1984-01-01, -1 if there is none."""
     raw = block.raw("code_time")
     if len(raw) < 6:
         return -1
@@ -162,7 +162,7 @@ def code_stamp(block: Block) -> int:
 
 
 def older_than(before: Block, after: Block) -> str:
-    """Return a sentence when the code of the newer block is stamped earlier than that of the one it replaces, else empty."""
+    """Return a sentence if the newer block's code has an earlier time stamp than that of the replaced block; else empty."""
     old, new = code_stamp(before), code_stamp(after)
     if old < 0 or new < 0 or new >= old:
         return ""
@@ -170,12 +170,12 @@ def older_than(before: Block, after: Block) -> str:
 
 
 def logic_changes(changes: list[Change]) -> list[Change]:
-    """Return the changes that can change what a program does: not those of header, time stamps and checksum."""
+    """Return the changes that can affect what a program does: all but header, time stamps and checksum."""
     return [change for change in changes if change.about not in {HEADER, TIME}]
 
 
 def summary(label: str, changes: list[Change]) -> list[str]:
-    """Return what changed in at most `MOST_LINES` lines; the last one counts the others."""
+    """Return the changes in at most `MOST_LINES` lines; the last line counts the rest."""
     logic = logic_changes(changes)
     lines = change_lines(label, logic) if logic else []
     if len(lines) > MOST_LINES:

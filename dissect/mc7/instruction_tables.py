@@ -1,8 +1,7 @@
-"""The instructions of MC7, each written once: disassembler, assembler, docs and tests read these rows.
+"""The instructions of MC7, one row each; disassembler, assembler, docs and tests all use these rows.
 
-The order decides which form the assembler takes where several hold an operand: the short ones come first,
-        as STEP 7 has them.
-Source: reference sheet mc7.md, section 5; names in both languages: section 7; what was met in real blocks: section 5.6.
+If several forms can hold an operand, the assembler takes the first one: short forms come first, as in STEP 7. Source: reference
+sheet mc7.md, section 5; names in both languages: section 7; what real blocks contain: section 5.6.
 """
 
 from __future__ import annotations
@@ -32,11 +31,11 @@ from dissect.mc7.operands import (
     Wide,
 )
 
-# What a parameter list or a jump list needs to know of an instruction.
+# Whether an instruction has a parameter list or a jump list.
 NO_LIST: Final = 0
 CALL_LIST: Final = 1  # a jump over the addresses of parameters follows
 
-#: How sure a row is: "C" true in all real blocks of the sheet, "2" two sources agree, "1" one source.
+#: How sure a row is: "C" confirmed by all real blocks of the sheet, "2" two sources agree, "1" one source.
 SURE: Final = "C"
 TWO_SOURCES: Final = "2"
 ONE_SOURCE: Final = "1"
@@ -45,9 +44,8 @@ ONE_SOURCE: Final = "1"
 class Row(NamedTuple):
     """One instruction in one operand form.
 
-    ``firsts`` are its first bytes (eight of them where they hold a bit number),
-            ``seconds`` the second ones. ``size`` is its
-    bytes without a parameter list; ``list`` is one of the constants above.
+    ``firsts`` are its first bytes (eight of them if they hold a bit number), ``seconds`` the second ones. ``size`` is in bytes,
+    without a parameter list; ``list`` is one of the constants above.
     """
 
     firsts: range
@@ -71,7 +69,7 @@ _TESTS: Final = ("A", "AN", "O", "ON", "X", "XN")
 _TIMERS: Final = (*_TESTS, "L", "", "FR", "LC", "SF", "SE", "SD", "SS", "SP", "R")
 _COUNTERS: Final = (*_TESTS, "L", "", "FR", "LC", "CD", "S", "CU", "", "", "R")
 _SETTERS: Final = ((0, "S"), (1, "R"), (2, "="), (4, "FP"), (5, "FN"))
-#: Low nibble of a load, its transfer four further, and the width.
+#: Low nibble of a load (a transfer has 4 more), and the width in bytes.
 _MOVES: Final = ((1, 1), (2, 2), (3, 4))
 
 
@@ -100,7 +98,7 @@ def _word(first: int, second: int, name: str, shape: Shape, size: int = 4, liste
 
 
 def _short_rows() -> list[Row]:
-    """Section 5.1: the operand is the second byte."""
+    """Section 5.1: the operand is in the second byte."""
     rows: list[Row] = []
     for first, name, area in (
         (0x02, "L", "T"), (0x04, "FR", "T"), (0x0C, "LC", "T"), (0x14, "SF", "T"), (0x1C, "SE", "T"), (0x24, "SD", "T"),
@@ -273,7 +271,7 @@ def _object_rows() -> list[Row]:
     return rows
 
 
-#: The jumps whose target stands in the jump list of a block.
+#: Jumps whose targets are in the jump list of a block.
 JU: Final = "JU"
 JL: Final = "JL"
 
@@ -294,7 +292,7 @@ def _jump_rows() -> list[Row]:
 #: Every instruction.
 INSTRUCTIONS: Final = (*_short_rows(), *_bit_rows(), *_word_rows(), *_move_rows(), *_object_rows(), *_jump_rows())
 
-#: Second bytes met in real blocks, of the first bytes that have many instructions (section 5.6).
+#: Second bytes seen in real blocks, for first bytes that have many instructions (section 5.6).
 _MET: Final[dict[int, frozenset[int]]] = {
     0x60: frozenset((*range(0x08), 0x09, 0x0A, 0x0B, 0x0D, 0x0E, 0x0F, 0x13, 0x1C)),
     0x68: frozenset((0x06, 0x07, 0x08, 0x0A, 0x0C, 0x0D, 0x12, 0x13, *range(0x1A, 0x1F), 0x22, 0x23, 0x24, 0x2C,
@@ -312,21 +310,21 @@ _MET: Final[dict[int, frozenset[int]]] = {
                      0xA1, 0xAA, 0xAB, 0xAC, 0xAF, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xCB, 0xD0, 0xD2, 0xD8, 0xD9,
                              0xE0, 0xEC)),
 }
-#: First bytes never met.
+#: First bytes never seen in real blocks.
 _UNMET: Final = frozenset((0x04, 0x0C, 0x44, 0x55, 0x71, 0x74, 0xB8, 0xB9, 0xBC, 0xBD, 0xD2, 0xD7, 0xF2, 0xF3, 0xF7))
-#: One source only.
+#: Instructions known from one source only.
 _SINGLE: Final = frozenset((0xFBCA,))
 
 
 def confidence(first: int, second: int) -> str:
-    """Return how sure the meaning of a first word is (`SURE`, `TWO_SOURCES`, `ONE_SOURCE`)."""
+    """Return how sure the meaning of the two first bytes is (`SURE`, `TWO_SOURCES`, `ONE_SOURCE`)."""
     if first << 8 | second in _SINGLE:
         return ONE_SOURCE
     met = _MET.get(first)
     return SURE if (first not in _UNMET if met is None else second in met) else TWO_SOURCES
 
 
-#: English names and the German ones, where they differ.
+#: English names and the German ones, if these differ.
 GERMAN: Final[dict[str, str]] = {
     "A": "U", "AN": "UN", "A(": "U(", "AN(": "UN(", "OPN": "AUF", "JU": "SPA", "JC": "SPB", "JCN": "SPBN",
             "JCB": "SPBB",

@@ -1,6 +1,6 @@
-"""The interface of a block (SSB): what it declares, with types and places. Names do not travel with a block.
+"""The interface of a block (SSB): its declarations, with types and offsets, but without names, which a block does not have.
 
-A declaration is named by its section and its number there: ``IN0``, ``TEMP3``; a member of a structure by its number behind
+A declaration is named by its section and its number there: ``IN0``, ``TEMP3``; a member of a structure by its number after
 that: ``STAT1.m0``. Source: reference sheet mc7.md, section 3; numbers are little-endian.
 """
 
@@ -21,7 +21,7 @@ SECTIONS: Final = CodeTable(
     1,
     [(1, "IN", ""), (2, "OUT", ""), (3, "IN_OUT", ""), (4, "STAT", ""), (5, "TEMP", ""), (6, "RET_VAL", "")],
 )
-#: Sections whose declarations a caller gives.
+#: Sections of parameters, which a caller passes.
 PARAMETERS: Final = (1, 2, 3, 6)
 TEMP: Final = 5
 
@@ -62,7 +62,7 @@ ARRAY: Final = 0x10
 STRUCT: Final = 0x11
 STRING: Final = 0x13
 INSTANCES: Final = frozenset((0x15, 0x1B))
-#: Types of one bit and of bytes that need no even address; bytes of the others.
+#: Types of whole bytes that need no even address; then the bytes of each type of fixed size.
 _BYTES: Final = frozenset((0x02, 0x03))
 _SIZES: Final[dict[int, int]] = {
     **dict.fromkeys((0x02, 0x03), 1),
@@ -77,7 +77,7 @@ HEAD: Final = 7
 _HAS_START: Final = 0x08
 _HAS_ATTRIBUTE: Final = 0x10
 
-#: Most declarations and levels of one interface: an interface is 65535 bytes at most, two for each declaration.
+#: Most declarations and levels of an interface: it has at most 65535 bytes, two for each declaration.
 MAX_DECLARATIONS: Final = 32768
 MAX_DEPTH: Final = 16
 
@@ -85,10 +85,10 @@ MAX_DEPTH: Final = 16
 class Declaration:
     """One declaration.
 
-    ``section`` is its section byte, -1 where it has none (multi-instances); ``attribute`` the byte behind that, -1 for none.
-    ``bounds`` are the dimensions of an array and ``members`` its element, or the members of a structure. ``extra`` is the
-    length of a STRING or the number of an FB. ``wide`` tells that the number of members is written in 16 bits. ``start`` is its
-    first bit within its section's memory, -1 where that is open; ``bits`` its size, -1 where that is open.
+    ``section`` is its section byte, -1 if it has none (multi-instances); ``attribute`` is the byte after that, -1 for none.
+    ``bounds`` are the dimensions of an array; ``members`` are its element, or the members of a structure. ``extra`` is the
+    length of a STRING or the number of an FB. ``wide``: the number of members has 16 bits. ``start`` is its first bit in the
+    memory of its section and ``bits`` its size, both -1 if unknown.
     """
 
     __slots__ = (
@@ -125,12 +125,12 @@ class Declaration:
 
     @property
     def has_start(self) -> bool:
-        """True when a start value stands behind the declarations."""
+        """True if it has a start value after the declarations."""
         return self.section >= 0 and self.section & _HAS_START != 0
 
     @property
     def type_text(self) -> str:
-        """The type as STL declares it: ``ARRAY [0..9] OF INT``, ``STRING[20]``, ``FB 5``."""
+        """The type as STL text: ``ARRAY [0..9] OF INT``, ``STRING[20]``, ``FB 5``."""
         if self.type == ARRAY:
             bounds = ",".join([f"{low}..{high}" for low, high in self.bounds])
             return f"ARRAY [{bounds}] OF {self.members[0].type_text if self.members else '?'}"
@@ -144,8 +144,8 @@ class Declaration:
 class Interface:
     """The interface of a block, as far as it could be read.
 
-    ``used`` are the bytes of declarations that were read; ``fault`` says why reading ended before the stated end, empty
-    where it did not. ``starts`` are the start values, ``rest`` what stands behind them.
+    ``used`` are the bytes of declarations that were read; ``fault`` says why reading ended before the stated end, empty if it
+    did not. ``starts`` are the start values, ``rest`` what follows them.
     """
 
     def __init__(self) -> None:
@@ -165,11 +165,11 @@ class Interface:
 
     @property
     def parameters(self) -> list[Declaration]:
-        """What a caller gives, in the order of parameter positions: IN, OUT, IN_OUT, RET_VAL."""
+        """The parameters that a caller passes, in their order: IN, OUT, IN_OUT, RET_VAL."""
         return [declaration for section in PARAMETERS for declaration in self.of(section)]
 
     def name_at(self, temporary: bool, bit: int) -> str:
-        """Return the name of what stands at a bit of the temporary data or of the instance, empty where nothing begins."""
+        """Return the name of what begins at a bit of the temporary data or of the instance, empty if nothing does."""
         for declaration in self.declarations:
             if (declaration.place == TEMP) == temporary and declaration.start >= 0:
                 name = _name_at(declaration, bit - declaration.start)
@@ -179,12 +179,12 @@ class Interface:
 
     @property
     def temp_bits(self) -> int:
-        """Bits of the declared temporary data, -1 where that is open."""
+        """Bits of the declared temporary data, -1 if unknown."""
         return _end(self.of(TEMP))
 
 
 def _name_at(declaration: Declaration, bit: int) -> str:
-    """Return the name of the part of a declaration that begins ``bit`` bits behind its own begin."""
+    """Return the name of the part of a declaration that begins ``bit`` bits after the declaration."""
     if bit < 0 or (declaration.bits >= 0 and bit >= max(declaration.bits, 1)):
         return ""
     if declaration.type == STRUCT:
@@ -210,7 +210,7 @@ def _end(declarations: list[Declaration]) -> int:
 
 
 class _Reader:
-    """Walks over declarations; ``fault`` is why it stopped."""
+    """Reads declarations one after another; ``fault`` says why it stopped."""
 
     def __init__(self, octets: bytes) -> None:
         self._octets = octets
@@ -219,7 +219,7 @@ class _Reader:
         self.fault = ""
 
     def take(self, size: int, what: str) -> int:
-        """Return the next number; -1, and a fault, where its bytes are not there."""
+        """Return the next number; if its bytes are missing, return -1 and set ``fault``."""
         if self.at + size > len(self._octets):
             self.fault = self.fault or f"{what} at byte {HEAD + self.at} is cut off"
             return -1
@@ -228,7 +228,7 @@ class _Reader:
         return value
 
     def read(self, depth: int) -> Declaration | None:
-        """Return the next declaration, None where it cannot be read."""
+        """Return the next declaration; None if it cannot be read."""
         begin = self.at
         type_ = self.take(1, "a declaration")
         if type_ not in TYPES:
@@ -281,7 +281,7 @@ def _signed(value: int) -> int:
 
 
 def parse_interface(octets: bytes) -> Interface:
-    """Return the interface in an SSB, read as far as it can be. Never raises."""
+    """Return the interface in an SSB, read as far as possible. Never raises."""
     interface = Interface()
     if len(octets) < HEAD:
         interface.fault = f"the interface has {len(octets)} bytes, its head needs {HEAD}" if octets else ""
@@ -335,7 +335,7 @@ def _name_members(declaration: Declaration) -> None:
 
 
 def _lay_out(interface: Interface) -> None:
-    """Give each declaration its place: TEMP counts from 0, the other sections through one instance."""
+    """Set the offset of each declaration: TEMP counts from 0, the other sections together form one instance."""
     temporary = [declaration for declaration in interface.declarations if declaration.place == TEMP]
     kept = [declaration for section in (1, 2, 3, 4, 6) for declaration in interface.of(section)]
     for declarations in (temporary, kept):
@@ -343,7 +343,7 @@ def _lay_out(interface: Interface) -> None:
         place = -1
         for declaration in declarations:
             if declaration.place != place and at >= 0:
-                at = _even(at)  # each section begins on a word
+                at = _even(at)  # each section begins at an even address
                 place = declaration.place
             at = _lay(declaration, at)
 
@@ -353,7 +353,7 @@ def _even(bit: int) -> int:
 
 
 def _lay(declaration: Declaration, at: int) -> int:
-    """Place a declaration at bit ``at`` or behind; return the first bit behind it, -1 where that is open."""
+    """Set the offset of a declaration to bit ``at`` or later; return the first bit after it, -1 if unknown."""
     if at < 0:
         return -1
     size, begin = _size(declaration, at)
@@ -363,7 +363,7 @@ def _lay(declaration: Declaration, at: int) -> int:
 
 
 def _size(declaration: Declaration, at: int) -> tuple[int, int]:
-    """Return the bits of a declaration and where it begins; -1 bits where they are open."""
+    """Return the bits of a declaration (-1 if unknown), and where it begins."""
     type_ = declaration.type
     if type_ == BOOL:
         return 1, at
@@ -405,12 +405,12 @@ def _array_bits(declaration: Declaration) -> int:
 
 
 def element_step(element: Declaration) -> int:
-    """Return how many bits the elements of an array are apart: bits and bytes are packed, others stand on words."""
+    """Return the distance in bits of an array's elements: bits and bytes are packed, others begin at even addresses."""
     return element.bits if element.type in _BYTES or element.type == BOOL else _even(element.bits)
 
 
 def _take_starts(interface: Interface) -> None:
-    """Give each declaration its start value; only single values, as how arrays repeat theirs is open."""
+    """Set the start values of declarations with a single value; how arrays repeat theirs is not known."""
     at = 0
     for declaration in _starting(interface.declarations):
         size = start_size(declaration)
@@ -429,14 +429,14 @@ def _starting(declarations: list[Declaration]) -> Iterator[Declaration]:
 
 
 def start_size(declaration: Declaration) -> int:
-    """Return the bytes of a start value, -1 where that is open."""
+    """Return the bytes of a start value, -1 if unknown."""
     if declaration.type == BOOL:
         return 1
     return _SIZES.get(declaration.type, -1)
 
 
 def stated_start_length(interface: Interface) -> int:
-    """Return the bytes that the start values of the declarations take, -1 where a kind of them is open."""
+    """Return the bytes of all start values of the declarations, -1 if one of them is unknown."""
     total = 0
     for declaration in _starting(interface.declarations):
         size = start_size(declaration)
@@ -447,7 +447,7 @@ def stated_start_length(interface: Interface) -> int:
 
 
 def interface_octets(interface: Interface) -> bytes:
-    """Return the SSB of an interface: what `parse_interface` read."""
+    """Return the octets of an SSB that `parse_interface` reads as ``interface``."""
     declared = b"".join([_declaration_octets(declaration) for declaration in interface.declarations])
     head = bytes((interface.kind,)) + interface.number.to_bytes(2, "little")
     lengths = len(declared).to_bytes(2, "little") + len(interface.starts).to_bytes(2, "little")

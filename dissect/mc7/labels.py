@@ -1,4 +1,4 @@
-"""Labels of jumps and names of parameters, which do not travel with a block and are made here."""
+"""Makes labels of jumps and names of parameters, which a block does not contain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dissect.mc7.block import Block
 from dissect.mc7.interface import TYPES, Declaration
 from dissect.mc7.notation import NO_NAMES, Names
 
-#: What an instruction takes a parameter of a type for.
+#: How instructions use a parameter of this type.
 _USES: Final[dict[str, str]] = {
     "BOOL": "BOOL",
     "BYTE": "BYTE",
@@ -27,7 +27,7 @@ _USES: Final[dict[str, str]] = {
 
 
 def parameter_names(block: Block) -> Names:
-    """Return the names of the formal parameters of an FC; other blocks use theirs by address."""
+    """Return the names of the formal parameters of an FC; code of other blocks uses addresses instead."""
     if block.kind != "FC":
         return NO_NAMES
     parameters = block.interface.parameters
@@ -39,10 +39,10 @@ def _use(declaration: Declaration) -> str:
 
 
 def jump_labels(block: Block) -> dict[int, str]:
-    """Return a label for each place that a jump goes to and where an instruction begins: offset → name.
+    """Return a label for each offset to which a jump goes and where an instruction begins.
 
-    A label counts the targets within its network, ``M2_1`` being the first one of network 2, so that a change in one network
-    renames none in another.
+    Labels count the targets within a network (``M2_1`` is the first one of network 2), so that a change in one network does not
+    rename labels in another.
     """
     starts = {instruction.offset for instruction in block.instructions}
     targets = sorted(

@@ -1,4 +1,4 @@
-"""A block as STL or AWL: header, interface, networks with labels and folded calls; as lines of text and as JSON values."""
+"""A block as STL or AWL: header, interface, networks with labels and folded calls; as text lines and JSON values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dissect.mc7.registers import OpenBlocks
 from dissect.s7.tables import LETTER_AREAS
 from dissect.wire.text import count, printable
 
-#: Gives the name of an address: area code of S7comm, number of the data block or 0, first bit, bits. Empty for none.
+#: Returns the name of an address (S7comm area code, number of the data block or 0, first bit, bits); empty for none.
 Naming = Callable[[int, int, int, int], str]
 
 STL: Final = "STL"
@@ -39,12 +39,12 @@ _AREA_CODES: Final[dict[str, int]] = {
     "PI": 0x80,
     "PQ": 0x80,
 }
-#: The bits of a timer or counter, as tags count them.
+#: Bits of a timer or counter, as tags count them.
 _NUMBERED_BITS: Final = 16
 
 
 class Line(NamedTuple):
-    """A line of code: ``label`` is empty for none, ``comment`` the name of what it works on; ``call`` is a folded call."""
+    """A line of code: ``label`` is empty for none, ``comment`` is the name of its operand; ``call`` is a folded call."""
 
     offset: int
     label: str
@@ -56,7 +56,7 @@ class Line(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The line as it is shown, without its comment."""
+        """The line as text, without its comment."""
         return f"{self.label + ':' if self.label else '':<6} {self.name:<5} {self.operand}".rstrip()
 
 
@@ -68,12 +68,12 @@ class ListedNetwork(NamedTuple):
 
 
 def no_names(_area: int, _db: int, _bit: int, _bits: int) -> str:
-    """Know no tags."""
+    """Return an empty name: without tags."""
     return ""
 
 
 class Lister:
-    """Writes blocks as code: in one language, with the names and the other blocks that are known."""
+    """Writes blocks as code, in one language, with the known names and the other known blocks."""
 
     def __init__(
         self, language: str = STL, naming: Naming = no_names, callee: Callee = no_block, folded: bool = True
@@ -115,7 +115,7 @@ class Lister:
         return instruction_text(instruction, labels, self._german, names)[len(name) :].strip()
 
     def _comment(self, block: Block, operand: Operand, opened: OpenBlocks) -> str:
-        """Return the name of what an operand works on: a tag, or a declaration of the block itself."""
+        """Return the name of an operand: a tag, or a declaration of the block itself."""
         if operand.kind == NUMBERED and not operand.via and operand.area in {"T", "C"}:
             return self._naming(_AREA_CODES[operand.area], 0, operand.number * _NUMBERED_BITS, _NUMBERED_BITS)
         if operand.kind != MEMORY or operand.via not in {"", "AR2"}:
@@ -132,7 +132,7 @@ class Lister:
 
 
 def header_lines(block: Block) -> list[str]:
-    """Return what a block says of itself. Texts of the wire are escaped."""
+    """Return the lines about the header of a block. Texts from the wire are escaped."""
     name = printable(block.said("name"))
     title = f"{_KEYWORDS.get(block.kind, 'BLOCK')} {block.label}" + (f' "{name}"' if name else "")
     said = [block.language_text] if block.language >= 0 else []
@@ -164,7 +164,7 @@ def header_lines(block: Block) -> list[str]:
 
 
 def interface_lines(block: Block) -> list[str]:
-    """Return the declarations with types and places; names do not travel with a block, so they are numbered."""
+    """Return the declarations with types and addresses; they are numbered, because a block has no names."""
     interface = block.interface
     if not interface.declarations:
         return []
@@ -198,7 +198,7 @@ def _initial_text(declaration: Declaration) -> str:
 
 
 def block_lines(block: Block, lister: Lister) -> list[str]:
-    """Return a whole block as text: header, interface, networks, and what is inconsistent about it."""
+    """Return a whole block as text: header, interface, networks, and its inconsistencies."""
     lines = header_lines(block) + interface_lines(block)
     for network in lister.networks(block):
         lines += ["", f"NETWORK {network.number}"]

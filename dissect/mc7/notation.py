@@ -1,4 +1,4 @@
-"""Operands as STL (English) and AWL (German) write them, and back (reference sheet mc7.md, section 7)."""
+"""Operands as text in STL (English) and AWL (German), and back (reference sheet mc7.md, section 7)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dissect.mc7.operands import (
 
 _WIDTHS: Final = ("", "B", "W", "", "D")
 _SIZES: Final = {"B": 1, "W": 2, "D": 4}
-#: Areas, and names of counters and status bits, that are written differently in German.
+#: Areas, counters and status bits that have other names in German.
 _GERMAN_AREAS: Final[dict[str, str]] = {"I": "E", "Q": "A", "PI": "PE", "PQ": "PA", "C": "Z"}
 _ENGLISH_AREAS: Final = {german: english for english, german in _GERMAN_AREAS.items()}
 _GERMAN_FIXED: Final[dict[str, str]] = {"BR": "BIE"}
@@ -63,7 +63,7 @@ _UNNAMED: Final = "PAR"
 
 
 class Names:
-    """What the formal parameters of a block are called, and what an instruction takes each for."""
+    """Names of a block's formal parameters, and how instructions use each."""
 
     def __init__(self, names: list[str] | None = None, used: list[str] | None = None) -> None:
         self._names = names or []
@@ -78,7 +78,7 @@ class Names:
         return self._names[position - 1]
 
     def find(self, name: str) -> tuple[int, str]:
-        """Return twice the position of a parameter and what it is used as, -1 for an unknown one."""
+        """Return twice the position of a parameter, and how it is used; -1 if it is unknown."""
         position = self._positions.get(name)
         if position is not None:
             return 2 * position, self._used[position - 1] if position <= len(self._used) else ""
@@ -105,7 +105,7 @@ def area_text(area: str, german: bool) -> str:
 
 
 def operand_text(operand: Operand, german: bool = False, names: Names = NO_NAMES) -> str:
-    """Return an operand as it is written; a jump as its distance in words, as labels are not known here."""
+    """Return an operand as text; a jump as its distance in words, because labels are not known here."""
     kind = operand.kind
     if kind == MEMORY:
         return _memory_text(operand, german)
@@ -144,7 +144,7 @@ def _memory_text(operand: Operand, german: bool) -> str:
 
 
 def pointer_text(operand: Operand, german: bool = False) -> str:
-    """Return a pointer: ``P#M 0.0``; one with an unknown area byte has that as a number."""
+    """Return a pointer as text: ``P#M 0.0``; an unknown area byte is written as a number."""
     at, bit = divmod(operand.number, 8)
     area = operand.area
     if area and area not in POINTER_BYTES:
@@ -154,7 +154,7 @@ def pointer_text(operand: Operand, german: bool = False) -> str:
 
 
 def parse_operand(text: str, german: bool = False, names: Names = NO_NAMES) -> list[Operand]:
-    """Return what an operand can be, the usual meaning first; empty where it is none."""
+    """Return what an operand can be, the usual meaning first; empty if it is not an operand."""
     if not text:
         return [NO_OPERAND]
     found: list[Operand] = []

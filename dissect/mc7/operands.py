@@ -1,7 +1,7 @@
-"""What an MC7 instruction works on, and how each operand form lies in its bytes (reference sheet mc7.md, section 5).
+"""Operands of MC7 instructions, and how each operand form is encoded (reference sheet mc7.md, section 5).
 
-A form (`Shape`) turns the first word of an instruction and what follows it into an `Operand`, and back. Addresses are counted
-in bits (byte times 8 plus bit), widths in bytes; width 0 is a single bit.
+A form (`Shape`) converts the first word of an instruction and the value after it to an `Operand`, and back. Addresses are in
+bits (byte times 8 plus bit), widths in bytes; width 0 is a single bit.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ MEMORY: Final = "memory"  # an address
 NUMBERED: Final = "numbered"  # a timer, counter or block
 PARAMETER: Final = "parameter"  # of the block itself, by position
 JUMP: Final = "jump"  # a distance
-JUMP_LIST: Final = "jump list"  # a number of entries
+JUMP_LIST: Final = "jump list"  # number of entries
 
 
 class Operand(NamedTuple):
     """One operand.
 
-    ``area`` is the letters of an area (I, Q, M, DB, DI, L, PI, PQ; empty where a register holds it too), of a numbered object
-    (T, C, DB, FC …), the type of a constant, or what a parameter is used as. ``number`` is the bit address, number, position
-    or raw value. An indirect one has its pointer in ``via``: AR1 or AR2 with ``number`` as the offset in bits, else the letters
-    of a pointer in memory (MD, LW …) with ``number`` as its byte.
+    ``area`` has the letters of an area (I, Q, M, DB, DI, L, PI, PQ; empty if a register holds it as well) or of a numbered
+    object (T, C, DB, FC …), the type of a constant, or how a parameter is used. ``number`` is the bit address, number, position
+    or raw value. An indirect operand has its pointer in ``via``: AR1 or AR2, with the offset in bits in ``number``; or the
+    letters of a pointer in memory (MD, LW …), with its byte address in ``number``.
     """
 
     kind: str
@@ -39,9 +39,9 @@ class Operand(NamedTuple):
 
 NO_OPERAND: Final = Operand(NONE)
 
-#: Areas by the nibble in instructions; 0 is the periphery, where an instruction can address it.
+#: Areas by their nibble in instructions; 0 is the periphery, for instructions that can address it.
 AREAS: Final = ("P", "I", "Q", "M", "DB", "DI", "L")
-#: Where a pointer in memory may stand.
+#: Areas in which a pointer in memory may be.
 PLACES: Final[dict[int, str]] = {3: "M", 4: "DB", 5: "DI", 6: "L"}
 _PLACE_OF: Final = {letters: nibble for nibble, letters in PLACES.items()}
 _AREA_OF: Final = {letters: nibble for nibble, letters in enumerate(AREAS)} | {"PI": 0, "PQ": 0}
@@ -60,12 +60,12 @@ POINTER_AREAS: Final[dict[int, str]] = {
 }
 POINTER_BYTES: Final = {letters: number for number, letters in POINTER_AREAS.items()}
 
-#: The word of an instruction and the value behind it; None where the form cannot hold the operand.
+#: The first word of an instruction and the value after it; None if the form cannot hold the operand.
 Encoded = tuple[int, int] | None
 
 
 class Shape(Protocol):
-    """A form of operands. ``words`` are the first words of the row that has it, ``value`` what follows the first word."""
+    """A form of operands. ``firsts`` are the first bytes of the row that uses it; ``value`` is what follows the first word."""
 
     title: str
 
@@ -74,7 +74,7 @@ class Shape(Protocol):
         ...
 
     def encode(self, operand: Operand, firsts: range) -> Encoded:
-        """Return the first word and the value of an operand, None where this form cannot hold it."""
+        """Return the first word and the value for an operand; None if this form cannot hold it."""
         ...
 
 
@@ -113,7 +113,7 @@ class Fixed:
 
 
 class Count:
-    """A plain number in the second byte, from ``base`` on in steps of ``step``."""
+    """A plain number in the second byte, counted from ``base`` in steps of ``step``."""
 
     def __init__(self, base: int = 0, step: int = 1, most: int = 255) -> None:
         self._base = base
@@ -151,7 +151,7 @@ class ShortNumber:
 
 
 class LongNumber:
-    """The number of a timer, counter or block in the word behind."""
+    """The number of a timer, counter or block in the word after the first one."""
 
     def __init__(self, second: int, area: str) -> None:
         self._second = second
@@ -163,14 +163,14 @@ class LongNumber:
         return Operand(NUMBERED, self._area, 0, value)
 
     def encode(self, operand: Operand, firsts: range) -> Encoded:
-        """Return the word and the number behind it."""
+        """Return the first word and the number after it."""
         if operand.kind != NUMBERED or operand.area != self._area or operand.via:
             return None
         return firsts[0] << 8 | self._second, operand.number
 
 
 class NumberVia:
-    """A numbered object whose number stands in memory: ``T [MW 4]``. The place of the pointer is the high nibble."""
+    """A numbered object whose number is in memory: ``T [MW 4]``. The high nibble is the area of the pointer."""
 
     def __init__(self, low: int, area: str, high: int = 0) -> None:
         self._low = low
@@ -234,7 +234,7 @@ class ShortBit:
 
 
 class Bit:
-    """A bit with its area in the high nibble, its number in the low one, and its byte address behind."""
+    """A bit: its area in the high nibble, its number in the low one, its byte address in the word after it."""
 
     title = "I, Q, M, L, DBX, DIX 0.0 to 65535.7"
 
@@ -285,10 +285,10 @@ class Via:
 
 
 class Indexed:
-    """What stands at an address register plus an offset: ``M [AR1,P#0.0]``.
+    """An operand at an address register plus an offset: ``M [AR1,P#0.0]``.
 
-    High nibble: the area, plus ``high``; low nibble: ``low``. With ``crossing`` the register holds the area as well, and the
-    high nibble is fixed.
+    The high nibble is the area plus ``high``, the low nibble is ``low``. With ``crossing`` the register holds the area as well,
+    and the high nibble is fixed.
     """
 
     def __init__(
@@ -321,7 +321,7 @@ class Indexed:
 
 
 class Wide:
-    """A byte, word or double word with its area in the high nibble and its byte address behind."""
+    """A byte, word or double word: its area in the high nibble, its byte address in the word after it."""
 
     def __init__(self, width: int, low: int, periphery: str) -> None:
         self._width = width
@@ -379,7 +379,7 @@ class ShortConstant:
 
 
 class Constant:
-    """A constant of ``width`` bytes behind the first word; ``type_`` is how a person writes it (`dissect.mc7.constants`)."""
+    """A constant of ``width`` bytes after the first word; ``type_`` is its form in text (`dissect.mc7.constants`)."""
 
     def __init__(self, second: int, type_: str, width: int) -> None:
         self._second = second
@@ -392,14 +392,14 @@ class Constant:
         return Operand(CONSTANT, self._type, self._width, value)
 
     def encode(self, operand: Operand, firsts: range) -> Encoded:
-        """Return the word and the constant behind it."""
+        """Return the first word and the constant after it."""
         if operand[:3] != (CONSTANT, self._type, self._width):
             return None
         return firsts[0] << 8 | self._second, operand.number
 
 
 class Pointer:
-    """A pointer of ``width`` bytes behind the first word; one of 2 has no area."""
+    """A pointer of ``width`` bytes after the first word; one of 2 bytes has no area."""
 
     def __init__(self, second: int, width: int) -> None:
         self._second = second
@@ -407,13 +407,13 @@ class Pointer:
         self.title = "P#" if width == 2 else "P# with area"
 
     def decode(self, word: int, value: int) -> Operand:
-        """Return the pointer; one with an unknown area byte has the hexadecimal digits of it for letters."""
+        """Return the pointer; the letters of an unknown area byte are its hexadecimal digits."""
         if self._width == 2:
             return Operand(POINTER, "", 2, value)
         return pointer(value)
 
     def encode(self, operand: Operand, firsts: range) -> Encoded:
-        """Return the word and the pointer behind it."""
+        """Return the first word and the pointer after it."""
         if operand.kind != POINTER or operand.width != self._width:
             return None
         return firsts[0] << 8 | self._second, pointer_value(operand)
@@ -434,7 +434,7 @@ def pointer_value(operand: Operand) -> int:
 
 
 class Parameter:
-    """A formal parameter of an FC: twice its position. ``used`` is what the instruction takes it for."""
+    """A formal parameter of an FC: twice its position. ``used`` is how the instruction uses it."""
 
     def __init__(self, second: int, used: str) -> None:
         self._second = second
@@ -453,7 +453,7 @@ class Parameter:
 
 
 class Jump:
-    """A distance in words, signed, from the jump itself; or the number of entries of a jump list."""
+    """A signed distance in words from the jump itself; or the number of entries of a jump list."""
 
     def __init__(self, second: int, kind: str = JUMP) -> None:
         self._second = second

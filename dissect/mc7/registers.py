@@ -1,4 +1,4 @@
-"""Which data blocks are open where: followed through straight code, unknown behind each label and each jump list."""
+"""Finds out which data blocks are open: followed through straight code, unknown after each label and jump list."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ UNKNOWN_BLOCK = -1
 
 
 class OpenBlocks:
-    """The numbers in the DB and DI registers, `UNKNOWN_BLOCK` where they are open."""
+    """The numbers in the DB and DI registers, `UNKNOWN_BLOCK` if unknown."""
 
     def __init__(self) -> None:
         self.db = UNKNOWN_BLOCK
         self.di = UNKNOWN_BLOCK
 
     def forget(self) -> None:
-        """Know nothing any more: another way leads here."""
+        """Forget both numbers: code may be reached in another way here."""
         self.db = self.di = UNKNOWN_BLOCK
 
     def follow(self, instruction: Instruction) -> None:
-        """Follow an instruction. A call gives both registers back as they were."""
+        """Follow an instruction. A call restores both registers."""
         if instruction.name == "OPN":
             operand = instruction.operand
             direct = operand.kind == NUMBERED and not operand.via
@@ -34,7 +34,7 @@ class OpenBlocks:
             self.db, self.di = self.di, self.db
 
     def block_of(self, operand: Operand) -> int:
-        """Return the number of the data block that an operand lies in, `UNKNOWN_BLOCK` for none or an open one."""
+        """Return the number of an operand's data block, `UNKNOWN_BLOCK` if it is in none, or in an unknown one."""
         if operand.kind != MEMORY:
             return UNKNOWN_BLOCK
         if operand.area == "DB":

@@ -1,8 +1,8 @@
-"""A whole block as a text, and the block of such a text: what the assembler of code is for one part, this is for all of them.
+"""A whole block as text, and back: extends the assembler from code to all parts of a block.
 
-Sections: ``[header]`` and ``[footer]`` with ``field = value`` for the fields of `dissect.s7.blocks`, ``[interface]`` with a
-declaration a line, members indented below, ``[code]`` with the listing, ``[tables]`` with what the listing does not say.
-Lengths, networks and jumps follow from the rest; only where a block states others does its text name them.
+Sections: ``[header]`` and ``[footer]`` with ``field = value`` for the fields of `dissect.s7.blocks`; ``[interface]`` with one
+declaration a line and members indented below; ``[code]`` with the listing; ``[tables]`` with what the listing does not say.
+Lengths, networks and jumps are computed; the text has them only if those in the block are different.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _SECTION_OF: Final = {code.name: code.number for code in SECTIONS}
 
 
 def block_source(block: Block) -> str:
-    """Return a block as a text that `assemble_block` makes the same bytes of. The block has header and footer."""
+    """Return a block, which must have header and footer, as text that `assemble_block` turns into the same bytes."""
     lines = ["[header]", *_fields(block.header, _stated_lengths(block)), "", "[interface]"]
     lines += _interface_lines(block)
     code = code_lines(block) if block.has_code else []
@@ -54,7 +54,7 @@ def block_source(block: Block) -> str:
 
 
 def _stated_lengths(block: Block) -> frozenset[str]:
-    """Return the length fields that follow from the parts."""
+    """Return the length fields that are equal to the sizes of the parts."""
     sizes = (len(block.interface_octets), len(block.additional), len(block.code))
     found = {name for name, size in zip(_LENGTHS, sizes, strict=False) if block.field(name) == size}
     if block.field("load_length") == HEADER.size + FOOTER.size + sum(sizes):
@@ -119,7 +119,7 @@ def _declaration_lines(declaration: Declaration, depth: int) -> list[str]:
 
 
 def code_lines(block: Block) -> list[str]:
-    """Return the listing of the code that `assemble` makes the same bytes of."""
+    """Return the listing of the code, which `assemble` turns into the same bytes."""
     names, labels = parameter_names(block), jump_labels(block)
     lines: list[str] = []
     for network in block.networks:
@@ -151,7 +151,7 @@ def _made_tables(assembled: Assembled, rest: bytes, size: int) -> Tables:
 
 
 def assemble_block(text: str) -> bytes:
-    """Return the bytes of a block from its text. Raises `AssemblyError` with the line that is wrong."""
+    """Return the bytes of a block from its text. Raises `AssemblyError` with the number of the wrong line."""
     sections = _sections(text)
     pairs = {name: _pairs(lines) for name, lines in sections.items() if name in {"header", "footer", "tables"}}
     interface = _assemble_interface(sections.get("interface", []))
@@ -174,7 +174,7 @@ def assemble_block(text: str) -> bytes:
 
 
 def _padded(lines: list[tuple[int, str]]) -> str:
-    """Return lines as a text in which each one has its number."""
+    """Return lines as a text in which each has its original line number."""
     padded: list[str] = []
     for number, line in lines:
         padded += [""] * (number - 1 - len(padded))

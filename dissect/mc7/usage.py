@@ -1,4 +1,4 @@
-"""The cross-reference of blocks: which one reads and writes which address, and which calls which."""
+"""The cross-reference of blocks: which block reads and writes which address, and which block calls which."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from dissect.mc7.registers import OpenBlocks
 READ: Final = "read"
 WRITE: Final = "write"
 BOTH: Final = "read and write"
-#: Given to a block that is called, which may read or write it: its interface was not seen.
+#: Passed to a called block that may read or write it; the interface of that block was not captured.
 GIVEN: Final = "given to a block"
 
-#: Instructions that change what they work on; edges keep the last state of the bit in theirs.
+#: Instructions that change their operand; edges keep the last state of the bit in theirs.
 _WRITING: Final = frozenset(("T", "=", "S", "R", "SF", "SE", "SD", "SS", "SP", "CU", "CD", "TAR1", "TAR2"))
 _BOTH: Final = frozenset(("FP", "FN"))
-#: Areas of the block itself, which say nothing to others.
+#: Areas of the block itself, which do not matter to others.
 _OWN: Final = frozenset(("L", "V", ""))
 _ORDER: Final = ("I", "Q", "M", "PI", "PQ", "T", "C", "DB", "DI")
 
@@ -29,8 +29,8 @@ _ORDER: Final = ("I", "Q", "M", "PI", "PQ", "T", "C", "DB", "DI")
 class Use(NamedTuple):
     """One use of an address.
 
-    ``address`` is as STL writes it, with the number of the data block where that is known. ``area``, ``db`` (0 for none, -1 for
-    one that the code opens at run time), ``bit`` and ``bits`` place it; an indirect one has -1 for its bit.
+    ``address`` is STL text, with the number of the data block if that is known. ``area``, ``db`` (0 for none, -1 for one that
+    the code opens at run time), ``bit`` and ``bits`` locate it; an indirect use has -1 for its bit.
     """
 
     block: str
@@ -45,7 +45,7 @@ class Use(NamedTuple):
 
 
 class CallUse(NamedTuple):
-    """One call: who calls whom, where, and whether always or if the RLO is 1; ``callee`` is the place of a computed one."""
+    """One call: who calls whom, where, and whether always or only if the RLO is 1; ``callee`` of a computed call is a place."""
 
     block: str
     network: int
@@ -55,7 +55,7 @@ class CallUse(NamedTuple):
 
 
 def uses(block: Block, callee: Callee = no_block) -> list[Use]:
-    """Return every use of an address outside the block's own data, in the order of the code."""
+    """Return all uses of addresses outside the block's own data, in the order of the code."""
     found: list[Use] = []
     labels = jump_labels(block)
     opened = OpenBlocks()
@@ -93,7 +93,7 @@ def _use(block: Block, instruction: Instruction, operand: Operand, access: str, 
 
 
 def _given(block: Block, instruction: Instruction, opened: OpenBlocks, callee: Callee) -> list[Use]:
-    """Return the addresses that a call hands on, read or written as the interface of the callee says."""
+    """Return the addresses that a call passes on, as read or written by the interface of the callee."""
     operand = instruction.operand
     called = callee(operand.area, operand.number) if operand.kind == NUMBERED and not operand.via else None
     declared = called.interface.parameters if called is not None else []
@@ -106,7 +106,7 @@ def _given(block: Block, instruction: Instruction, opened: OpenBlocks, callee: C
         access = GIVEN
         if len(declared) == len(pointers):
             access = {1: READ, 2: WRITE, 6: WRITE}.get(declared[position].place, BOTH)
-        # Its width is that of the parameter: the first bit is what is certain.
+        # The width depends on the parameter; only the first bit is certain.
         place = Operand(MEMORY, "PI" if area == "P" else area, 0, address.number)
         found.append(_use(block, instruction, place, access, opened))
     return found
@@ -152,7 +152,7 @@ def _natural(label: str) -> tuple[str, int]:
 
 
 def cross_reference_lines(blocks: list[Block]) -> list[str]:
-    """Return the cross-reference as text: an address a line with who reads and writes it, then who calls whom."""
+    """Return the cross-reference as text: a line for each address with who reads and writes it, then who calls whom."""
     found, calls = cross_reference(blocks)
     lines: list[str] = []
     by_address: dict[str, list[Use]] = {}

@@ -1,4 +1,4 @@
-"""The actual values of a data block, member by member, by its own declarations (reference sheet mc7.md, section 3)."""
+"""The actual values of a data block by its declarations (reference sheet mc7.md, section 3)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from dissect.mc7.interface import ARRAY, BOOL, STRING, STRUCT, TYPES, Declaratio
 from dissect.mc7.operands import CONSTANT, Operand
 from dissect.wire.text import printable
 
-#: A block has at most as many values as bits; more than these are not shown.
+#: Most values that are shown; a block could have one for each bit.
 MAX_VALUES: Final = 100_000
-#: How values of a type are written.
+#: The prefix of values of a type.
 _FORMS: Final[dict[str, str]] = {
     "BYTE": "B#16#",
     "CHAR": "'",
@@ -30,7 +30,7 @@ _FORMS: Final[dict[str, str]] = {
 
 
 class Value(NamedTuple):
-    """A value: the name of its declaration, its first bit in the block, its type, and how STL writes it."""
+    """A value: the name of its declaration, its first bit in the block, its type, and its STL text."""
 
     name: str
     bit: int
@@ -39,7 +39,7 @@ class Value(NamedTuple):
 
 
 def block_data(block: Block) -> list[Value]:
-    """Return the actual values of a data block; those behind a declaration of open size, or cut off, are left out."""
+    """Return the actual values of a data block, without those after a declaration of unknown size, or cut off."""
     found: list[Value] = []
     for declaration in block.interface.declarations:
         if declaration.start < 0:
@@ -67,7 +67,7 @@ def _values(declaration: Declaration, name: str, bit: int, octets: bytes) -> Ite
 
 
 def _elements(declaration: Declaration, name: str, bit: int, octets: bytes) -> Iterator[Value]:
-    """Give the elements of an array of one dimension; one of more is shown in bytes, as its rows of bits are not certain."""
+    """Yield the elements of a one-dimensional array; others are shown as bytes, because the rows of bits are not certain."""
     element = declaration.members[0] if declaration.members else None
     if element is None or declaration.bits <= 0 or element.bits <= 0:
         return

@@ -139,7 +139,7 @@ class MonitorApp(App[bool]):
         self.foot = Bar("foot")
         self.connections = ConnectionsPane(places)
         self.entries = EntriesPane(clock, places)
-        self.findings = FindingsPane(clock)
+        self.findings = FindingsPane(clock, places)
         self._panes: tuple[ConnectionsPane, EntriesPane, FindingsPane] = (self.connections, self.entries, self.findings)
         self._input = Input(placeholder=_WORDS)
         self._asked_select = False

@@ -19,7 +19,7 @@ from dissect.report.text import connection_lines, finding_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.report.words import Places
 from dissect.report.writers.text import pdu_line, plus_line
-from dissect.s7plus.hiding import shown_contents
+from dissect.s7plus.hiding import shown_answer
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import PUSH, Transaction
@@ -86,9 +86,10 @@ def _halves(transaction: Transaction, clock: Clock, places: Places) -> Iterator[
         if pdu is not None:
             yield from _heading(title, pdu_line(pdu, connection, clock, places))
             yield from _plain(tree_lines(pdu, packet, connection.protocol == IBH_NETLINK))
-    for title, plus in (("Request", transaction.plus_request), (given, transaction.plus_response)):
+    request = transaction.plus_request
+    for title, plus, answers in (("Request", request, None), (given, transaction.plus_response, request)):
         if plus is not None:
-            contents = shown_contents(plus)
+            contents = shown_answer(plus, answers)
             yield from _heading(title, plus_line(plus, connection, clock, places, contents))
             yield from _plain(plus_tree_lines(plus, b"", "", contents))
 

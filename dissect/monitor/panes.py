@@ -176,11 +176,13 @@ class ConnectionsPane(Pane[ConnectionFacts]):
 
 
 class FindingsPane(Pane[FindingFacts]):
-    """The findings by their rules; ``clock`` writes times."""
+    """The findings by their rules; ``clock`` writes times, ``places`` names hosts."""
 
-    def __init__(self, clock: Clock | None = None) -> None:
+    def __init__(self, clock: Clock | None = None, places: Places = rows.PLACES) -> None:
         shown = clock or Clock()
-        super().__init__("findings", lambda row, width: rows.finding_row(row, width, shown), lambda row: row.key)
+        super().__init__(
+            "findings", lambda row, width: rows.finding_row(row, width, shown, places), lambda row: row.key
+        )
 
     @property
     def errors(self) -> int:

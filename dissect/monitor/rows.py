@@ -267,21 +267,21 @@ def _said(entry: Entry, narrow: bool = False) -> str:
 # ---- findings -------------------------------------------------------------------------------------------------------
 
 
-def finding_row(facts: FindingFacts, width: int, clock: Clock) -> list[Piece]:
-    """Return the findings of a rule in ``width`` columns: their number, and the latest one."""
+def finding_row(facts: FindingFacts, width: int, clock: Clock, places: Places = PLACES) -> list[Piece]:
+    """Return the findings of a rule in ``width`` columns: how many there are, and the last of them."""
     rule = facts.rule
     times = f"{facts.times}x" if facts.times > 1 else ""
     wide = width >= WIDE
     head = f"{fit(rule.severity, 7)} {fit(rule.slug, 34 if wide else 27)} {fit(times, 7 if wide else 5, True)} "
     last = facts.details[-1] if facts.details else None
-    said = rule.sentence if last is None else f"{clock.time_of_day(last.time_ns)[:8]} {_detail(last, wide)}"
+    said = rule.sentence if last is None else f"{clock.time_of_day(last.time_ns)[:8]} {_detail(last, wide, places)}"
     return [(head, SEVERITY.get(rule.severity, PLAIN)), (fit(said, max(width - cell_len(head), 0)), PLAIN)]
 
 
-def _detail(finding: Finding, wide: bool) -> str:
+def _detail(finding: Finding, wide: bool, places: Places) -> str:
     where = f"c{finding.connection} " if finding.connection else ""
     said = shortened(finding.detail, _LONG) if finding.detail else finding.rule.sentence
-    return where + (said if wide or not where else _WHO_TO_WHOM.sub("", said))  # the connection says who
+    return where + places.named(said if wide or not where else _WHO_TO_WHOM.sub("", said))  # the connection says who
 
 
 # ---- watched variables ----------------------------------------------------------------------------------------------

@@ -88,8 +88,10 @@ def _counts(comparisons: list[Comparison]) -> str:
     fields = sum(one.fields for one in comparisons)
     unexplained = sum(len(one.unexplained) for one in comparisons)
     known = sum(one.known.total() for one in comparisons)
-    kinds = ", ".join(f"{compared[kind]} {kind}s" for kind in (facts.TPDU, facts.PDU))
-    return f"{kinds}, {fields} fields; {unexplained} unexplained differences, {known} known"
+    kinds = ", ".join(words.count(compared[kind], kind) for kind in (facts.TPDU, facts.PDU))
+    return (
+        f"{kinds}, {words.count(fields, 'field')}; {words.count(unexplained, 'unexplained difference')}, {known} known"
+    )
 
 
 def _file(path: str, comparison: Comparison) -> dict[str, object]:

@@ -288,8 +288,14 @@ class Data:
                 stretch = (int(one.time_ns) - self._start) * stretches // (self._end - self._start + 1)
                 kept.setdefault((one.severity, stretch), one)
             found = list(kept.values())
+        named = self._of.rows.places.named
         marks = [
-            [self._seconds(int(one.time_ns)), one.severity, one.slug, shortened(one.detail or one.rule.sentence, _TEXT)]
+            [
+                self._seconds(int(one.time_ns)),
+                one.severity,
+                one.slug,
+                shortened(named(one.detail) or one.rule.sentence, _TEXT),
+            ]
             for one in found
         ]
         return {
@@ -398,6 +404,10 @@ class Data:
         ]  # fmt: skip
         return self._table("devices", "Devices", columns, rows, len(rows) + inventory.devices_not_listed)
 
+    def _s7comm(self, host: Station) -> str:
+        """Return the Wireshark filter for what a machine says in S7comm; for all it says where Wireshark may not know that."""
+        return host_filter(host[0]) if host in self._of.unusual else f"s7comm && {host_filter(host[0])}"
+
     def _all_functions(self) -> list[tuple[tuple[Station, str], SpreadOf]]:
         """Return the rows of the table of functions: PLC and function, the most frequent first."""
         return sorted(self._of.spreads.items(), key=lambda entry: (-entry[1].total, entry[0]))
@@ -418,9 +428,7 @@ class Data:
                         times.largest if times.count else None,
                     ],
                     "show": self._of.rows.command("transactions -Y " + quote(where)),
-                    "filter": f"s7comm && {host_filter(host[0])}"
-                    if not function.startswith(_NOT_READ)
-                    else host_filter(host[0]),
+                    "filter": self._s7comm(host) if not function.startswith(_NOT_READ) else host_filter(host[0]),
                 }
             )  # fmt: skip
         columns = [
@@ -481,7 +489,7 @@ class Data:
                 )
                 if printable(address) == address
                 else "",
-                "filter": f"s7comm && {host_filter(host[0])}",
+                "filter": self._s7comm(host),
             }
             for number, ((host, address), variable) in enumerate(order[:_VARIABLES], 1)
         ]
@@ -509,7 +517,7 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
                     "time": gathered.rows.clock.moment(int(one.time_ns)),
                     "connection": int(one.connection),
                     "packets": gathered.rows.places.phrase(one.frames),
-                    "detail": shortened(one.detail, _DETAIL),
+                    "detail": shortened(gathered.rows.places.named(one.detail), _DETAIL),
                     "show": show,
                     "filter": display,
                 }

@@ -26,7 +26,7 @@ from dissect.s7.tables import GROUP_MODE
 from dissect.session import CONTINUES_NS
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
-from dissect.transactions.connection import Connection
+from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.operation import CONNECT, Operation
 from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
@@ -161,6 +161,8 @@ class Gathered(Observer):
         self.further: set[tuple[Station, str]] = set()
         self.requests = Requests()
         self.talks = Talks()
+        #: Machines that speak on another port than that of ISO-on-TCP, or in IBH-NetLink: Wireshark does not look for S7 there.
+        self.unusual: set[Station] = set()
         self.tags = Tags(tags)
         self.gaps: list[Gap] = []
         self.gaps_not_drawn = 0
@@ -202,6 +204,8 @@ class Gathered(Observer):
         if len(analysis.connections) > listed:
             self.connections.append(self.rows.connection(connection))
         self.talks.over(connection)
+        if ISO_TSAP_PORT not in {connection.client.port, connection.server.port}:
+            self.unusual.update((station_of(connection, 0), station_of(connection, 1)))
         self.tags.closed(connection)
         self.inventory.connection_closed(connection)
         self._look_for_gap(connection, int(connection.tcp.last_ns))

@@ -12,6 +12,7 @@ from dissect.s7.parameters import Parameters
 from dissect.s7.tables import GROUP_CPU, READ_VAR, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.transactions.connection import Connection
+from dissect.transactions.results import HEADER, NO_CODE, TransactionError
 from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.text import titled
 
@@ -156,17 +157,30 @@ class Requests:
         return self._looked <= _MAX_LOOKED
 
     def _look(self, transaction: Transaction) -> None:
-        """Count which items were refused."""
+        """Count which items were refused: of a request that was refused as a whole, all."""
         self._looked += 1
         if self._looked > _MAX_LOOKED:
             return
-        server = station_of(transaction.connection)
         for error in transaction.errors:
+            if error.part == HEADER:
+                for asked in transaction.parameters.items:
+                    self._count(transaction, asked, error)
+                return
             results = transaction.results()
             item = results[error.item - 1].item if 0 < error.item <= len(results) else None
-            if item is not None and (len(self._refused) < 4 * MAX_REQUESTS or (server, item.label) in self._refused):
-                count, _ = self._refused.get((server, item.label), (0, ""))
-                self._refused[server, item.label] = (count + 1, error.name)
+            if item is not None:
+                self._count(transaction, item, error)
+
+    def _count(self, transaction: Transaction, item: Item, error: TransactionError) -> None:
+        """Count one item as refused; where the answer has no return code for it, nobody knows whether it was."""
+        place = (station_of(transaction.connection), item.label)
+        if len(self._refused) >= 4 * MAX_REQUESTS and place not in self._refused:
+            return
+        count, why = self._refused.get(place, (0, ""))
+        if error.code == NO_CODE:
+            self._refused[place] = (count, why or error.name)
+        else:
+            self._refused[place] = (count + 1, error.name)
 
     def _make_room(self) -> bool:
         """Forget requests that came too seldom to be polls; return False if there are none."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 from dissect.program.carved import CarvedBlock
@@ -23,7 +23,12 @@ from dissect.wire.text import Clock, encodable, printable, shortened
 _CELL: Final = 240
 #: Greatest number of characters that the names of all files may take in a command.
 _NAMES: Final = 160
-#: Greatest number of packets that a Wireshark filter names.
+#: Characters that options may take in a command.
+_OPTIONS: Final = 240
+#: Options that say where SCD travels, and commands that have none of them.
+SCD_OPTIONS: Final = ("--scd", "--bind")
+_NO_SCD: Final = frozenset(("devices", "operations"))
+#: Packets that a Wireshark filter names.
 _FRAMES: Final = 20
 
 
@@ -45,7 +50,7 @@ def selecting(field: str, station: Station) -> str:
 
 def host_filter(*hosts: str) -> str:
     """Return the Wireshark display filter for what these hosts exchange."""
-    return " && ".join([f"{_family(host)}.addr == {host}" for host in hosts])
+    return " && ".join([f"{_family(host)}.addr == {host}" for host in dict.fromkeys(hosts)])
 
 
 def _family(host: str) -> str:
@@ -55,17 +60,30 @@ def _family(host: str) -> str:
         return "ip"
 
 
+def _typed(options: Sequence[tuple[str, str]]) -> str:
+    """Return options as they follow a command; of those that take too much room their names, for the reader to complete."""
+    full = "".join([f" {name} {shlex.quote(printable(value))}" if value else f" {name}" for name, value in options])
+    return (
+        full if len(full) <= _OPTIONS else "".join([f" {name} …" if value else f" {name}" for name, value in options])
+    )
+
+
 class Rows:
     """Makes rows. ``files`` are the inputs as the user named them, empty for a live run; ``hosts`` are names by address.
 
-    Set ``places``, which gives the names of packets, before the first packet.
+    ``options`` are those of `s7dissect` that say how the files are read, as they were typed; commands on a file repeat them.
+    ``places`` names packets; it is set once the files are known, before the first packet.
     """
 
-    def __init__(self, files: list[str], clock: Clock, hosts: Mapping[str, str]) -> None:
+    def __init__(
+        self, files: list[str], clock: Clock, hosts: Mapping[str, str], options: Sequence[tuple[str, str]] = ()
+    ) -> None:
         self._files = [printable(name) for name in files]
         self.places = Places([], len(files) > 1, hosts)
         self.clock = clock
         self._hosts = hosts
+        self._options = _typed(options)
+        self._without_scd = _typed([one for one in options if one[0] not in SCD_OPTIONS])
 
     def host(self, address: str) -> str:
         """Return the name of a host from the settings, else its address; escaped."""
@@ -96,11 +114,13 @@ class Rows:
         """Return an `s7dissect` command for the file with packet ``frame`` (0: for all files); empty without files."""
         if not self._files:
             return ""
+        options = self._without_scd if what.partition(" ")[0] in _NO_SCD else self._options
         if frame and self.places.several:
             name, number = self.places.locate(frame)
-            return f"s7dissect {what.replace(f'--frame {frame}', f'--frame {number}')} {shlex.quote(printable(name))}"
+            what = what.replace(f"--frame {frame}", f"--frame {number}")
+            return f"s7dissect {what}{options} {shlex.quote(printable(name))}"
         names = " ".join([shlex.quote(name) for name in self._files])
-        return f"s7dissect {what} {names if len(names) <= _NAMES else 'FILE…'}"
+        return f"s7dissect {what}{options} {names if len(names) <= _NAMES else 'FILE…'}"
 
     def packets(self, frames: list[int]) -> tuple[str, str]:
         """Return (`show` command, Wireshark filter) for packets; both empty for none."""
@@ -182,6 +202,7 @@ class Rows:
     def connection(self, connection: Connection) -> dict[str, Any]:
         """Return the row of a connection."""
         client, server = connection.client, connection.server
+        port = "udp.port" if connection.udp else "tcp.port"
         calling, called = connection.tsap_calling, connection.tsap_called
         said = words.tsaps(calling, called, connection.protocol) if calling is not None or called is not None else ""
         return {
@@ -203,7 +224,7 @@ class Rows:
                 or (endings.phrase(connection, self.places) if connection.ending is not None else "open"),
             ],
             "show": self.command(f"{'transactions' if _asks(connection) else 'show'} --connection {connection.number}"),
-            "filter": f"{host_filter(client.host, server.host)} && tcp.port == {client.port} && tcp.port == {server.port}",
+            "filter": f"{host_filter(client.host, server.host)} && {port} == {client.port} && {port} == {server.port}",
         }
 
 

@@ -27,7 +27,9 @@ from dissect.wire.text import duration_text, shortened
 
 #: Kinds of findings in the order in which they are preferred among findings of equal severity.
 _KINDS: Final = (FUNCTION, OPERATION, NEGOTIATION, PROTOCOL, SECURITY, CAPTURE)
-#: Greatest number of characters of a detail, and of pairs of hosts that are named.
+#: What every plant with a panel has: of its severity and kind it is told last.
+_EVERYDAY: Final = frozenset(("security.write",))
+#: Characters of what was seen, and pairs of hosts that are named.
 _DETAIL: Final = 160
 _PAIRS: Final = 3
 
@@ -42,7 +44,7 @@ class Verdict:
 
 
 def by_weight(analysis: Analysis) -> list[Rule]:
-    """Return the rules that applied, the worst severity first; see `_KINDS` for those of equal severity."""
+    """Return the rules that applied, the heaviest first; of those that weigh the same the unusual, most frequent, earliest."""
     counts = analysis.finding_counts
     rules = [CATALOGUE[slug] for slug in counts]
     first: dict[str, int] = {}
@@ -53,6 +55,7 @@ def by_weight(analysis: Analysis) -> list[Rule]:
         key=lambda rule: (
             SEVERITIES.index(rule.severity),
             _KINDS.index(rule.kind),
+            rule.slug in _EVERYDAY,
             -counts[rule.slug],
             first.get(rule.slug, 0),
             rule.slug,
@@ -86,8 +89,8 @@ def _time(finding: Finding) -> tuple[int, int]:
 
 
 def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
-    """Return the sentence on what failed, with the packets that show it."""
-    detail = shortened(first.detail, _DETAIL).rstrip(".")
+    """What broke, with the packets that show it."""
+    detail = shortened(gathered.rows.places.named(first.detail), _DETAIL).rstrip(".")
     shown = gathered.rows.places.phrase(first.frames)
     # The detail is appended to the sentence of the rule: it is not a sentence, and may begin with a name in lower case.
     broke = rule.sentence[:-1]

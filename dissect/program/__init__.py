@@ -1,1 +1,1 @@
-"""Blocks of a PLC's program as they were transferred: what they say of themselves, their parts, what changed between two."""
+"""Blocks of a PLC's program as they were transferred: facts in their headers, their parts, changes between two versions."""

@@ -1,7 +1,7 @@
-"""Blocks put together from their transfer: a download or upload of S7comm carries one, one of S7comm-plus several.
+"""Builds blocks from their transfer: a download or upload of S7comm carries one block, one of S7comm-plus several.
 
-`carve` takes an operation that is over. What a block is called comes from its header where it has one, else from the request
-that named it; a client that is no STEP 7 (python-snap7) loads contents without a header.
+`carve` takes an operation that is over. The name of a block comes from its header, or without one from the request: a client
+that is not STEP 7 (python-snap7) loads contents without a header.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from dissect.wire.part import Part
 
 S7COMM: Final = "s7comm"
 S7COMM_PLUS: Final = "s7comm_plus"
-#: A transfer of what is not called by type and number, as files of an NC are.
+#: A transfer that has no block type and number, such as a file of an NC.
 FILE: Final = "file"
 
-# What the parts of a block are called; `compare` says which of them changed.
+# Names of the parts of a block; `compare` says which of them changed.
 HEADER: Final = "header"
 INTERFACE: Final = "interface"
 CODE: Final = "code"
@@ -32,13 +32,13 @@ _HEADER_ALONE: Final = ", header alone"
 
 
 class CarvedBlock:
-    """A block that was downloaded or uploaded, or one read from a file.
+    """A block that was downloaded, uploaded, or read from a file.
 
-    ``kind`` is its type (``DB``), ``number`` -1 for a file; ``label`` both together. ``octets`` are the block as far as it
-    passed, up to the first gap; ``missing`` says what it lacks, empty for a whole one. ``behind_gap`` are the octets that
-    passed behind it: nobody can say where in the block they belong. ``operation`` is the transfer, None for a block of a file.
-    ``activation`` says what became of one that was loaded. Texts are from the wire and not escaped, times ISO texts without a
-    zone, as the engineering station wrote them, or empty. ``checksum`` is -1 for none.
+    ``kind`` is its type (``DB``), ``number`` is -1 for a file; ``label`` is both together. ``octets`` are the block up to the
+    first gap; ``missing`` says what it lacks, empty for a complete one. ``behind_gap`` are octets that were captured after the
+    gap: their place in the block is unknown. ``operation`` is the transfer, None for a block from a file. ``activation`` says
+    what happened to a downloaded block. Texts are from the wire and not escaped. Times are ISO texts without a time zone, as
+    the engineering station wrote them, or empty. ``checksum`` is -1 for none.
     """
 
     __slots__ = (
@@ -48,7 +48,7 @@ class CarvedBlock:
     def __init__(self, kind: str, number: int, octets: bytes, protocol: str) -> None:
         self.kind = kind
         self.number = number
-        self.title = ""  # what the request called it, where that is no block
+        self.title = ""  # its name in the request, if that is not the name of a block
         self.octets = octets
         self.protocol = protocol
         self.missing = ""
@@ -63,22 +63,22 @@ class CarvedBlock:
 
     @property
     def label(self) -> str:
-        """Type and number: ``DB1``; of a file its name."""
+        """Type and number: ``DB1``; for a file its name."""
         return f"{self.kind}{self.number}" if self.number >= 0 else self.title or self.kind
 
     @property
     def direction(self) -> str:
-        """``download``, ``upload``, or empty for a block of a file."""
+        """``download``, ``upload``, or empty for a block from a file."""
         return self.operation.kind if self.operation is not None else ""
 
     @property
     def complete(self) -> bool:
-        """True when all of it passed."""
+        """True if nothing of it is missing."""
         return not self.missing
 
     @property
     def activated(self) -> bool | None:
-        """Whether a client activated it after the download; None for an upload, and where nothing has to be activated."""
+        """Whether a client activated it after the download; None for an upload, and if nothing has to be activated."""
         activation = self.activation
         if activation is None or not (activation.frame or activation.due or activation.deleted):
             return None
@@ -86,12 +86,12 @@ class CarvedBlock:
 
     @property
     def language(self) -> str:
-        """What it was written in, empty where nothing says so."""
+        """The language it was written in; empty if unknown."""
         return self._said("language")
 
     @property
     def name(self) -> str:
-        """Its name: of the header, or the symbol of S7comm-plus."""
+        """Its name: from the header, or the symbol in S7comm-plus."""
         return self._said("name")
 
     @property
@@ -111,17 +111,17 @@ class CarvedBlock:
 
     @property
     def code_time(self) -> str:
-        """When its code was last changed."""
+        """When its code was changed last."""
         return self._said("code_time")
 
     @property
     def interface_time(self) -> str:
-        """When its interface was last changed."""
+        """When its interface was changed last."""
         return self._said("interface_time")
 
     @property
     def checksum(self) -> int:
-        """The checksum in the footer: a fingerprint, its algorithm is not public."""
+        """The checksum in the footer, whose algorithm is not public."""
         return self.classic.checksum if self.classic is not None else -1
 
     @property
@@ -133,14 +133,14 @@ class CarvedBlock:
 
     @property
     def plc(self) -> str:
-        """Address of the PLC, empty for a block of a file."""
+        """Address of the PLC, empty for a block from a file."""
         operation = self.operation
         if operation is None:
             return ""
         return str(operation.connection.tcp.ends[1 - operation.asked_by].host)
 
     def parts(self) -> dict[str, bytes]:
-        """Return its parts by name: code (of a data block values), interface, and the header with all that is left."""
+        """Return its parts by name: code (for a data block values), interface, and the rest as header."""
         if self.classic is not None:
             code = VALUES if self.kind in _VALUES else CODE
             rest = _rest(self.octets, self.classic)
@@ -168,7 +168,7 @@ def _rest(octets: bytes, block: ClassicBlock) -> bytes:
 
 
 def carve(operation: Operation) -> list[CarvedBlock]:
-    """Return the blocks that an operation carried; empty for one that carried none, or was refused before it did."""
+    """Return the blocks that an operation carried; empty if it carried none, or was refused before."""
     if operation.kind not in TRANSFERS:
         return []
     if operation.connection.plus is not None and operation.transactions and not _classic_name(operation):
@@ -185,7 +185,7 @@ def carve(operation: Operation) -> list[CarvedBlock]:
 
 
 def _sure(operation: Operation) -> int:
-    """Return how many octets of a transfer stand where they belong: all, unless a piece is missing from the middle."""
+    """Return how many octets of a transfer are in their right place: all, unless a piece in the middle is missing."""
     content = operation.content
     got = len(content)
     if not 0 <= operation.gap < got:
@@ -193,11 +193,11 @@ def _sure(operation: Operation) -> int:
     size = operation.announced
     if size < 0 and is_header(content):
         size = Part(HEADER_LAYOUT, content, 0, HEADER_LAYOUT.size).number("load_length")
-    return got if 0 <= size <= got else operation.gap  # all there: what the gap held was no piece of this
+    return got if 0 <= size <= got else operation.gap  # complete: the gap had no piece of this transfer
 
 
 def block_of(octets: bytes, named: str = "") -> CarvedBlock:
-    """Return octets as a block; ``named`` is what the request called it (``DB 1, passive``), for octets without a header."""
+    """Return octets as a block; ``named`` is its name in the request (``DB 1, passive``), for octets without a header."""
     classic = read_classic(octets)
     name = _NAMED.match(named)
     if classic is not None:
@@ -217,7 +217,7 @@ def _classic_name(operation: Operation) -> bool:
 
 
 def _missing(operation: Operation, block: CarvedBlock) -> str:
-    """Return in words what a block of a transfer lacks."""
+    """Return what a transferred block lacks, as text."""
     lacks = _lacks(operation, block)
     if not block.behind_gap:
         return lacks
@@ -266,7 +266,7 @@ def _cut_short(block: PlusBlock) -> str:
 
 
 def plus_block(octets: bytes) -> CarvedBlock | None:
-    """Return octets that are one block of S7comm-plus, None where they are none."""
+    """Return octets that are one S7comm-plus block; None if they are not."""
     block = plus_block_of(octets)
     if block is None:
         return None

@@ -8,16 +8,16 @@ from dissect.s7.blocks import FOOTER, HEADER, is_header
 from dissect.s7.tables import BLOCK_KINDS
 from dissect.wire.part import Part
 
-#: What `Part.text` says of a time that is none.
+#: The text of `Part.text` for a time that is not set.
 _NO_DAY: Final = "1984-01-01 00:00:00.000"
 
 
 class ClassicBlock:
-    """A block as far as its octets are there; lengths that reach beyond them are cut, never an error.
+    """A block as far as its octets are there; lengths that reach beyond them are cut, without an error.
 
-    ``code`` are the MC7 octets, of a data block its values; ``interface`` the declarations with their start values;
-    ``networks`` the additional information: network and jump tables. Texts are from the wire and not escaped. ``missing``
-    counts the octets that the header announces and that are not there. ``checksum`` is -1 where the footer is not whole.
+    ``code`` are the MC7 octets, or the values of a data block. ``interface`` are the declarations with their start values.
+    ``networks`` is the additional information: network and jump tables. Texts are from the wire and not escaped. ``missing``
+    counts octets that the header announces but that are not there. ``checksum`` is -1 if the footer is incomplete.
     """
 
     __slots__ = (
@@ -53,7 +53,7 @@ class ClassicBlock:
 
 
 def read_classic(octets: bytes) -> ClassicBlock | None:
-    """Return the block that octets begin with, None where they begin with none. Never raises."""
+    """Return the block at the beginning of octets; None if there is none. Never raises."""
     return ClassicBlock(octets) if is_header(octets) else None
 
 

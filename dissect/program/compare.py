@@ -1,4 +1,4 @@
-"""What changed from one set of blocks to another: new, gone, moved to another number, changed, and in which part."""
+"""Compares two sets of blocks: which are new, gone, moved to another number or changed, and in which part."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Final
 
 from dissect.program.carved import CODE, HEADER, INTERFACE, VALUES, CarvedBlock
 
-# What became of a block.
+# What happened to a block.
 NEW: Final = "new"
 GONE: Final = "gone"
 MOVED: Final = "moved"
 CHANGED: Final = "changed"
-#: Each with a sentence.
+#: A sentence for each of these.
 STATES: Final[dict[str, str]] = {
     NEW: "Only B has the block.",
     GONE: "Only A has the block.",
@@ -21,7 +21,7 @@ STATES: Final[dict[str, str]] = {
 }
 #: The order in which parts are named.
 _PARTS: Final = (CODE, VALUES, INTERFACE, HEADER)
-#: What a header says, and how a person calls it.
+#: Facts in a header, and their names for a person.
 _FACTS: Final[dict[str, str]] = {
     "language": "language",
     "name": "name",
@@ -33,14 +33,14 @@ _FACTS: Final[dict[str, str]] = {
     "protected": "know-how protection",
 }
 
-#: One fact of a header that changed: what it is called, what it was, what it is.
+#: A changed fact of a header: its name, its value before, its value now.
 Fact = tuple[str, str, str]
 
 
 class BlockChange:
-    """What became of one block: ``was`` and ``now`` are its two versions, None where it was not there.
+    """What happened to one block: ``was`` and ``now`` are its two versions, None if it was not there.
 
-    ``parts`` are those that differ (`STATES` says what ``state`` means), ``facts`` what the headers say differently.
+    ``parts`` are the parts that differ (`STATES` explains ``state``), ``facts`` the differences between the headers.
     """
 
     __slots__ = ("facts", "now", "parts", "state", "was")
@@ -57,14 +57,14 @@ class BlockChange:
 
     @property
     def block(self) -> CarvedBlock:
-        """The block as it is now, or was last."""
+        """The block as it is now, or as it was last."""
         block = self.now if self.now is not None else self.was
         assert block is not None
         return block
 
     @property
     def comparable(self) -> bool:
-        """False when one of the two is not whole: what differs may not have passed."""
+        """False if one of the two is incomplete: differences may only be missing octets."""
         return all([block.complete for block in (self.was, self.now) if block is not None])
 
     def __repr__(self) -> str:
@@ -72,13 +72,13 @@ class BlockChange:
 
 
 def changed_parts(was: CarvedBlock, now: CarvedBlock) -> tuple[str, ...]:
-    """Return the parts in which two versions of a block differ; empty when none does."""
+    """Return the parts in which two versions of a block differ; empty if there are none."""
     before, after = was.parts(), now.parts()
     return tuple([name for name in _PARTS if before.get(name, b"") != after.get(name, b"")])
 
 
 def changed_facts(was: CarvedBlock, now: CarvedBlock) -> list[Fact]:
-    """Return what the headers of two versions say differently."""
+    """Return the facts in the headers of two versions that differ."""
     found = []
     for name, called in _FACTS.items():
         before, after = getattr(was, name), getattr(now, name)
@@ -94,9 +94,9 @@ def _shown(value: object) -> str:
 
 
 def versions(blocks: Iterable[CarvedBlock], by_plc: bool) -> dict[tuple[str, str], list[CarvedBlock]]:
-    """Return the versions of each block, in the order in which they passed, by PLC (empty unless ``by_plc``) and label.
+    """Return the versions of each block in the order of their transfers, by PLC (empty unless ``by_plc``) and label.
 
-    A version that is not whole is left out where one that is whole is there.
+    Incomplete versions are left out if there is a complete one.
     """
     found: dict[tuple[str, str], list[CarvedBlock]] = {}
     for block in blocks:
@@ -108,9 +108,9 @@ def versions(blocks: Iterable[CarvedBlock], by_plc: bool) -> dict[tuple[str, str
 
 
 def compare(first: list[CarvedBlock], second: list[CarvedBlock]) -> list[BlockChange]:
-    """Return what changed from one set to another, block by block; of each the latest version counts.
+    """Return what changed from one set to another, block by block; the latest version of each block counts.
 
-    Blocks of different PLCs are told apart where either set has blocks of several.
+    Blocks of different PLCs are kept apart if one of the sets has blocks of several PLCs.
     """
     by_plc = any([len({block.plc for block in blocks}) > 1 for blocks in (first, second)])
     before = {key: row[-1] for key, row in versions(first, by_plc).items()}
@@ -130,18 +130,18 @@ def compare(first: list[CarvedBlock], second: list[CarvedBlock]) -> list[BlockCh
 
 
 def over_time(blocks: list[CarvedBlock]) -> list[BlockChange]:
-    """Return what changed within one set: of each block from its first version to its latest."""
+    """Return what changed within one set: for each block from its first version to its latest."""
     by_plc = len({block.plc for block in blocks}) > 1
     found = [BlockChange(CHANGED, row[0], row[-1]) for row in versions(blocks, by_plc).values() if len(row) > 1]
     return [change for change in found if change.parts]
 
 
 def _moved(was: CarvedBlock, now: CarvedBlock) -> bool:
-    """Tell whether a block is another one under a different number: same type, code and interface, and not next to nothing."""
+    """Return whether a block moved to another number: same type, code and interface, and not nearly empty."""
     before, after = was.parts(), now.parts()
     same = all([before.get(name, b"") == after.get(name, b"") for name in (CODE, VALUES, INTERFACE)])
     return same and was.kind == now.kind and len(before.get(CODE, b"") or before.get(VALUES, b"")) >= _LEAST
 
 
-#: Octets of code or values below which two blocks that are the same say nothing.
+#: Octets of code or values below which equality of two blocks proves nothing.
 _LEAST: Final = 8

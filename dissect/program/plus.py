@@ -1,4 +1,4 @@
-"""Blocks in a PDU of S7comm-plus: objects with a block number, and what their attributes hold (docs/s7plus.md)."""
+"""Finds blocks in an S7comm-plus PDU: objects with a block number, and their attributes (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from dissect.s7plus.walk import FormatError, Walk
 
 _LANGUAGE: Final = 2523
 _PROTECTION: Final = 2524
-_PROTECTION_MODE: Final = 3448  # a member of that: 0 for none; 3 in captures, as in the header of an S7-300/400 block
+_PROTECTION_MODE: Final = 3448  # a member of it: 0 for none; 3 in captures, as in the header of an S7-300/400 block
 _CODE_TIME: Final = 2529
 _INTERFACE_TIME: Final = 2543
-#: Attributes of the code: its source as XML, what the CPU runs, what both refer to, the blocks that it calls and its constants.
+#: Attributes of the code: XML source, the code that the CPU runs, references of both, called blocks, constants.
 BODY: Final = 2533
 _CODE: Final = frozenset((BODY, 2580, 2583, 2586, 2591, 8190))
-#: Those of a data block: its initial and its actual values.
+#: Attributes of a data block: initial and actual values.
 _VALUES: Final = frozenset((2548, 2550))
-#: Attributes of the interface: its source as XML, and the types.
+#: Attributes of the interface: XML source, and types.
 INTERFACE: Final = 2544
 _INTERFACE: Final = frozenset((INTERFACE, 4578))
-#: Names of what a body refers to, as XML.
+#: The names that a body refers to, as XML.
 REFERENCES: Final = 2583
-#: Blobs that are files of their own, and what they hold.
+#: Blobs that are written as separate files, and what they contain.
 TEXTS: Final[dict[int, str]] = {BODY: "body", INTERFACE: "interface", REFERENCES: "references"}
-#: Blocks that are taken from one PDU: a CPU has a few thousand.
+#: How many blocks of one PDU are taken; a CPU has a few thousand.
 MAX_BLOCKS: Final = 8192
 
 
 class PlusBlock:
-    """A block of an S7-1200/1500: ``octets`` are its object as it stands in the PDU, up to what was read of it last.
+    """A block of an S7-1200/1500: ``octets`` are its object in the PDU, as far as it could be read.
 
-    ``whole`` is False for one whose end is not there. ``code``, which of a data block are its values, ``interface`` and
-    ``rest`` are its attributes, as they are sent, for a comparison; times are ISO texts.
+    ``whole`` is False if the end of the object is missing. ``code`` (for a data block its values), ``interface`` and ``rest``
+    are the octets of its attributes as sent, for comparisons. Times are ISO texts.
     """
 
     __slots__ = (
@@ -66,7 +66,7 @@ class PlusBlock:
         self.code, self.interface, self.rest = self._split(one, data)
 
     def _split(self, one: PlusObject, data: bytes) -> tuple[bytes, bytes, bytes]:
-        """Return the attributes of the code, those of the interface, and what is left of the object, as they were sent."""
+        """Return the octets of the code's attributes, of the interface's attributes, and of the rest of the object, as sent."""
         code_ids = _VALUES if one.rid >> 16 == DATA_BLOCK else _CODE
         code, interface, rest = bytearray(), bytearray(), bytearray()
         at = one.offset
@@ -81,7 +81,7 @@ class PlusBlock:
         return bytes(code), bytes(interface), bytes(rest)
 
     def blobs(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the compressed texts of body and interface: the id of the attribute and the octets, in wire order."""
+        """Yield the compressed texts of body and interface: (id of the attribute, octets), in wire order."""
         for element in self._object.elements:
             if isinstance(element, Attribute) and element.id in TEXTS:
                 for octets in _blobs(element.value):
@@ -95,7 +95,7 @@ def _is_protected(value: Value | None) -> bool:
 
 
 def _end_of(one: PlusObject) -> int:
-    """Return where the last attribute ends of an object whose end is not there; where it begins, if it has none."""
+    """Return where the last attribute of an object without an end ends; where the object begins, if it has no attribute."""
     ends = [element.value.end for element in one.elements if isinstance(element, Attribute)]
     return ends[-1] if ends else one.offset
 
@@ -117,7 +117,7 @@ def _time(ns: int) -> str:
 
 
 def plus_blocks(octets: bytes) -> list[PlusBlock]:
-    """Return the blocks in a PDU, in wire order, as far as it can be read. Never raises."""
+    """Return the blocks in a PDU in wire order, as far as it can be read. Never raises."""
     pdu = parse_plus(octets)
     found = parse_contents(pdu, False)
     every = every_object(found.objects or found.begun)
@@ -126,13 +126,13 @@ def plus_blocks(octets: bytes) -> list[PlusBlock]:
 
 
 def plus_block_of(octets: bytes) -> PlusBlock | None:
-    """Return the block that octets are, as `PlusBlock.octets` has them; None where they are none. Never raises."""
+    """Return the block in octets that `PlusBlock.octets` returned; None if there is none. Never raises."""
     blocks = [one for one in objects_of(_elements(octets)) if one.rid >> 16 in BLOCK_KINDS]
     return PlusBlock(blocks[0], octets) if blocks else None
 
 
 def _elements(octets: bytes) -> list[Element]:
-    """Return the elements that octets are; of those that end too soon, or contradict themselves, what was read."""
+    """Return the elements in octets; if these end too soon or have a fault, those that could be read."""
     elements: list[Element] = []
     try:
         read_into(Walk(octets, 0, len(octets), False), elements)

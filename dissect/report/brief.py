@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Final
 
@@ -55,14 +56,15 @@ def brief_lines(
 def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line]:
     files = analysis.files
     for file in files[:_FILES]:
-        damage = f"  DAMAGED: {shortened(file.damage, _TEXT)}" if file.damage else ""
+        damage = f"  {words.loss_of(file.octets).upper()}: {shortened(file.damage, _TEXT)}" if file.damage else ""
         size = f"{words.count(file.packets, 'packet')}, {words.size(file.octets)}"
         yield Line(f"{printable(file.name)}: {size}{damage}", "error" if damage else HEADING, 2)
     rest = files[_FILES:]
     if rest:
-        damaged = sum([1 for file in rest if file.damage])
-        packets = words.count(sum([file.packets for file in rest]), "packet")
-        yield Line(f"and {len(rest)} more files: {packets}{f', {damaged} damaged' if damaged else ''}", DIM, 2)
+        losses = Counter([words.loss_of(file.octets) for file in rest if file.damage])
+        told = [words.count(sum([file.packets for file in rest]), "packet")]
+        told += [f"{count} {loss}" for loss, count in sorted(losses.items())]
+        yield Line(f"and {len(rest)} more files: {', '.join(told)}", DIM, 2)
     pipeline = analysis.pipeline
     said = []
     if interrupted:
@@ -91,7 +93,9 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
     yield Line("Findings" if counts else "Findings: none", HEADING)
     details: dict[str, str] = {}
     for finding in analysis.findings:
-        details.setdefault(finding.slug, f"{places.phrase(finding.frames[:2])}: {finding.detail}".rstrip(": "))
+        details.setdefault(
+            finding.slug, f"{places.phrase(finding.frames[:2])}: {places.named(finding.detail)}".rstrip(": ")
+        )
     rules = sorted(
         [CATALOGUE[slug] for slug in counts],
         key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug),

@@ -9,7 +9,7 @@ from mypy_extensions import i64
 
 from dissect.report import facets, words
 from dissect.report.item_octets import is_usual, step_of, write_elements, write_word
-from dissect.report.words import Places
+from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
 from dissect.s7.items import Item
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems
@@ -19,10 +19,6 @@ from dissect.wire.text import HUNDREDTHS, Clock, short_duration
 
 #: How characters are written that UTF-8 cannot encode; all outputs do so.
 ERRORS: Final = "backslashreplace"
-#: Least widths, in characters, of the columns for a transaction's number, packets and answer time.
-NUMBER_WIDTH: Final = 5
-FRAMES_WIDTH: Final = 12
-LATENCY_WIDTH: Final = 8
 _ARROW: Final = "→".encode()
 _GREATER_BY: Final = len(_ARROW) - 1  # how many more octets than characters the arrow has
 _MORE: Final = ", … ".encode()

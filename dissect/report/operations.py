@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.report import facets, words
-from dissect.report.line_octets import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
-from dissect.report.words import Places
+from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
 from dissect.s7.szl import SZL_HEAD
 from dissect.transactions.operation import (
     LONG_ANSWER,

@@ -31,6 +31,8 @@ PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
 _MESSAGE: Final = 100
 #: At most so many characters are shown of what a PDU is about, and so many items named on a line.
 _SUMMARY: Final = 200
+#: Characters of the value of an item: six members of a structure and more.
+_VALUE: Final = 160
 _ITEMS: Final = 20
 #: Area numbers of S7comm by those of S7comm-plus.
 S7_AREAS: Final = {80: 0x81, 81: 0x82, 82: 0x83, 83: 0x1C, 84: 0x1D}
@@ -117,8 +119,8 @@ def subscription_note(subscription: int) -> str:
 
 
 def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
-    """Return short notes on the contents of a PDU; escaped."""
-    return [shortened(text, _MESSAGE) for text in summary(pdu, found)]
+    """Return what the contents of a PDU say, in a few words each, safe to show."""
+    return [shortened(text, _VALUE) for text in summary(pdu, found)]
 
 
 def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], list[str]] | None = None) -> str:
@@ -156,7 +158,7 @@ def item_text(item: PlusItem) -> str:
         return f"{label}: {item.codes.name(item.return_code)}"
     text = item.text
     note = f" ({shortened(item.note, _MESSAGE)})" if item.note else ""
-    return f"{label} = {shortened(text, _MESSAGE)}{note}" if text else f"{label}{note}"
+    return f"{label} = {shortened(text, _VALUE)}{note}" if text else f"{label}{note}"
 
 
 def in_short(items: list[PlusItem]) -> list[str]:

@@ -23,7 +23,8 @@ from dissect.report.plus import (
     subscription_note,
 )
 from dissect.report.plus_items import write_item
-from dissect.s7plus.hiding import said_half
+from dissect.s7plus.hiding import reads_secret, said_half
+from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.items import Half, join_items
 from dissect.s7plus.message import DIGEST_SIZE, parse_plus
 from dissect.s7plus.sameness import Seen
@@ -57,12 +58,12 @@ _MAX_HEADS: Final = 4096
 class Known:
     """The texts for PDUs that are alike.
 
-    ``half`` is the first of these PDUs, ``notes`` are its notes as elements of a JSON array, ``head`` is the beginning of
-    `head_json`. For a request and a notification, ``notes`` and ``head`` lack what each PDU has for itself. ``number`` is 0 for
-    a PDU that is compared with no other; its ``notes`` and ``head`` are complete.
+    ``half`` is the first of them, ``notes`` are what it says beside its function, as elements of an array, ``head`` is how
+    `head_json` begins. Of a request and a notification both are without what each has for itself. ``number`` is 0 for a PDU
+    that is alike to none, whose ``head`` is whole. ``secret``: what answers the request is not shown.
     """
 
-    __slots__ = ("alarms", "half", "head", "notes", "number")
+    __slots__ = ("alarms", "half", "head", "notes", "number", "secret")
 
     def __init__(self, half: Half, notes: bytes, head: bytes) -> None:
         self.half = half
@@ -70,6 +71,7 @@ class Known:
         self.head = head
         self.alarms = plus_alarms(half.contents).encode("ascii")
         self.number: i64 = 0
+        self.secret = reads_secret(half)
 
 
 class _Head:
@@ -119,7 +121,10 @@ class PlusLines:
         if asked is not None:
             self._write_notes(out, self._request, asked)
         out.write(b'],"tells":[')
-        if told is not None:
+        if told is not None and asked is not None and asked.secret:
+            pdu = told.half.pdu
+            out.write(_elements([*plus_notes(pdu), HIDDEN, *malformed_note(told.half)]))
+        elif told is not None:
             self._write_notes(out, self._answer, told)
         out.write(b'],"s7plus":{"request":')
         self._write_head(out, self._request, asked)

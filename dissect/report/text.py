@@ -217,7 +217,7 @@ def _listed(analysis: Analysis) -> str:
 def _file(file: SourceFile) -> Iterator[Line]:
     yield Line(f"{printable(file.name)}: {words.count(file.packets, 'packet')}, {words.size(file.octets)}", HEADING)
     if file.damage:
-        yield Line(f"  DAMAGED: {printable(file.damage)}", "error")
+        yield Line(f"  {words.loss_of(file.octets).upper()}: {printable(file.damage)}", "error")
     for note in file.notes[:_NOTES]:
         yield Line(f"  {shortened(note, _DETAIL_SIZE)}", "warning")
     if len(file.notes) > _NOTES:
@@ -505,7 +505,7 @@ def finding_lines(
     yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
     for finding in details[:most]:
         where = f"connection {finding.connection}, " if finding.connection else ""
-        said = f": {shortened(finding.detail, _DETAIL_SIZE)}" if finding.detail else ""
+        said = f": {shortened(places.named(finding.detail), _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
     shown = min(most, len(details))  # some rules have details only for the first time
     if details and count > shown:

@@ -7,6 +7,7 @@ and names the file where there is more than one.
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -36,6 +37,7 @@ class Places:
         self._name: str = ""
         self.several = several
         self._hosts: dict[str, str] = {address: printable(name) for address, name in (hosts or {}).items()}
+        self._in_text: re.Pattern[str] = re.compile("|".join([_in_text(address) for address in self._hosts]))
 
     def end(self, end: Endpoint) -> str:
         """Return an end of a connection, for a person: address and port; the name of the host instead of a known address."""
@@ -52,6 +54,15 @@ class Places:
     def name(self, host: str) -> str:
         """Return the name of the host with an address, or the address where no name is known."""
         return self._hosts.get(host, host)
+
+    def named(self, text: str) -> str:
+        """Return a text, such as the detail of a finding, with the names of hosts for their addresses."""
+        if not self._hosts:
+            return text
+        return self._in_text.sub(self._name_of, text)
+
+    def _name_of(self, found: re.Match[str]) -> str:
+        return self._hosts[found[0].strip("[]")]
 
     def locate(self, frame: int) -> tuple[str, int]:
         """Return (file name, number within that file) of the packet that is number ``frame`` of the run."""
@@ -103,6 +114,13 @@ class Places:
         return ", ".join([f"{_numbered(numbers)} of {printable(name)}" for name, numbers in by_file.items()])
 
 
+def _in_text(address: str) -> str:
+    """Return what finds an address in a text: 10.0.0.1 is part of neither 10.0.0.10 nor 10.0.0.1.2."""
+    alone = rf"(?<![\w.:\[]){re.escape(address)}(?!\w|\.\w)"
+    # With a port behind it an address of IPv6 stands in brackets, and alone a colon behind it is of a longer one.
+    return rf"\[{re.escape(address)}\](?=:)|{alone}(?!:)" if ":" in address else alone
+
+
 def _numbered(numbers: Sequence[int]) -> str:
     return f"packet{'s' if len(numbers) > 1 else ''} {', '.join([str(number) for number in numbers])}"
 
@@ -119,7 +137,11 @@ PROTOCOLS: Final = {
     IBH_NETLINK: "IBH-NetLink",
 }
 
-#: At most so many elements of an array, characters of a text (an LTIME has up to 35) and octets are shown on a line.
+#: Width of columns in lines: number of a transaction or operation, its packets, its answer time. Longer ones shift the line.
+NUMBER_WIDTH: Final = 5
+FRAMES_WIDTH: Final = 12
+LATENCY_WIDTH: Final = 8
+#: Elements of an array, characters of a text and octets that are shown on a line. No time is cut: an LTIME has up to 35.
 SHOWN: Final = 8
 SHOWN_TEXT: Final = 36
 SHOWN_OCTETS: Final = 16
@@ -194,6 +216,11 @@ def some_notes(found: list[str], most: int = NAMED) -> str:
     """Return the first few notes, and how many more there are."""
     more = f" and {len(found) - most} more" if len(found) > most else ""
     return ", ".join([shortened(note, NOTE) for note in found[:most]]) + more
+
+
+def loss_of(octets: int) -> str:
+    """Return what is wrong with a file of which so many octets were read, and something is missing."""
+    return "damaged" if octets else "not read"
 
 
 def carried(tpdu: Tpdu) -> str:

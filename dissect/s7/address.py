@@ -1,6 +1,6 @@
-"""S7 addresses the way people write them: ``DB10.DBX4.1``, ``DB10.DBW4``, ``MW20``, ``I0.0``, ``T5``, ``C3``.
+"""S7 addresses as people write them: ``DB10.DBX4.1``, ``DB10.DBW4``, ``MW20``, ``I0.0``, ``T5``, ``C3``.
 
-`address_text` writes them and `parse_address` reads them, so that what one makes the other takes.
+`address_text` writes them and `parse_address` reads them, so that each text of the one is accepted by the other.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from dissect.s7.tables import (
 
 #: Areas whose letter is followed by a width letter (B, W, D).
 _LETTERED: Final = frozenset((0x80, 0x81, 0x82, 0x83, 0x86, 0x87))
-#: Areas whose letter is followed by a number at once.
+#: Areas whose letter is followed directly by a number.
 _PLAIN: Final = frozenset((0x1C, 0x1D))
-#: Width letters of the DB family and of the others, by octets of an element.
+#: Width letters, by octets of an element.
 _WIDTHS: Final[dict[int, str]] = {1: "B", 2: "W", 4: "D", 8: "L"}
-#: The highest octet that the 24 bits of an item's address reach, and the highest number of a data block.
+#: Limits of an item's fields: the highest octet that its 24-bit address reaches, and the highest number of a data block.
 MAX_OCTET: Final = (1 << 21) - 1
 MAX_DB: Final = 0xFFFF
 
 _AREAS: Final[dict[str, int]] = {letters: area for area, letters in AREA_LETTERS.items()}
-# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+# Patterns are texts, which `re` compiles and keeps at their first use: most runs use none.
 _IN_BLOCK: Final = r"(DB|DI)([0-9]{1,8})\.\1([XBWDL])([0-9]{1,8})(?:\.([0-7]))?"
 _IN_RECORD: Final = r"RECORD([0-9]{1,8})@([0-9]{1,8})"
 _NUMBERED: Final = r"(C200|T200|[CTZ]):?([0-9]{1,8})"
@@ -42,11 +42,11 @@ _SPELT_OUT: Final = r"(area0x[0-9a-f]{2}|[A-Z0-9]+):([XBWDL])([0-9]{1,8})(?:\.([
 
 
 class Address:
-    """What an address names, before anything says whether an item can hold it.
+    """What an address names; whether an item can hold it is not checked here.
 
-    ``number`` is the octet, or the number of a timer, counter or record; ``width`` is the letter X, B, W, D or L, empty where
-    none is written; ``bit`` is -1 where none is. ``field`` is the address as it stands in an item: octet times 8 plus bit, or
-    the number.
+    ``number`` is the octet, or the number of a timer, counter or record. ``width`` is the letter X, B, W, D or L, empty if none
+    is written. ``bit`` is -1 if none is written. ``field`` is the address field of an item: octet times 8 plus bit, or the
+    number.
     """
 
     __slots__ = ("area", "bit", "db", "field", "number", "width")
@@ -62,9 +62,9 @@ class Address:
 
 
 def parse_address(text: str) -> Address | None:
-    """Return what ``text`` names, None where it is no address.
+    """Return what ``text`` names; None if it is not an address.
 
-    It takes all that `address_text` writes, and the German letters E, A and Z.
+    It accepts all texts that `address_text` writes, and the German letters E, A and Z.
     """
     if found := re.fullmatch(_IN_BLOCK, text):
         return Address(DB if found[1] == "DB" else DI, int(found[2]), int(found[4]), found[3], int(found[5] or -1))
@@ -82,14 +82,13 @@ def parse_address(text: str) -> Address | None:
 
 
 def address_text(area: i64, db: i64, address: i64, transport_size: i64) -> str:
-    """Return the address of one item.
+    """Return the address of an item as text.
 
-    ``address`` is the field as it stands on the wire: octet times 8 plus bit, or a plain number in the timer and counter
-    areas. ``transport_size`` is that of a request item and decides the width letter. An area no table knows is shown by
-    its number, so that nothing is invented.
+    ``address`` is the field as sent: octet times 8 plus bit, or a plain number for timers and counters. ``transport_size`` is
+    that of a request item and decides the width letter. An area that no table knows is shown by its number.
     """
     if area in NUMBERED_AREAS:
-        # C5, but C200:5 in the 200 family: C2005 is the S7 counter of that number.
+        # C5, but C200:5 in the 200 family, because C2005 would be the S7 counter with that number.
         return f"{AREA_LETTERS[area]}{'' if area in _PLAIN else ':'}{address}"
     if area == RECORD_AREA:
         return f"RECORD{db}@{address}"

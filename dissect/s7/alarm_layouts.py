@@ -43,7 +43,7 @@ MESSAGE_ANSWER: Final = Layout(
         Field("reserved", 1, "0.", "s7comm.cpu.msg.res_reserved1"),
     ],
 )
-#: Which alarms, in a request with the bit of alarms and in its answer.
+#: Which alarms are subscribed; follows the mask in a request whose alarm bit is set, and in its answer.
 ALARM_SUBSCRIPTION: Final = Layout(
     "alarm subscription",
     _SOURCE,
@@ -61,7 +61,7 @@ MESSAGE_RESERVED_ANSWER: Final = Layout(
 
 
 def little(octets: bytes) -> str | None:
-    """Return a number whose low octet comes first."""
+    """Return a little-endian number as text."""
     return str(int.from_bytes(octets, "little"))
 
 
@@ -77,7 +77,7 @@ ARCHIVE_ITEM: Final = Layout(
 ARCHIVE_COUNT: Final = Layout(
     "archives", _SOURCE, [Field("item_count", 1, "Archives that follow.", "s7comm.param.itemcount")]
 )
-#: Octets of an archive, in the first part; the low octet first, unlike everything else.
+#: Octets of an archive, in its first part. It is little-endian, unlike everything else.
 ARCHIVE_LENGTH: Final = Layout(
     "archive length",
     _SOURCE,
@@ -105,7 +105,7 @@ SCAN_HEAD: Final = Layout(
         *_OBJECTS,
     ],
 )
-#: Of what has no time: locks, acknowledgements, queries.
+#: Head of messages that have no time: locks, acknowledgements, queries.
 OBJECTS_HEAD: Final = Layout("message objects", _SOURCE, [*_OBJECTS])
 
 _ITEM_HEAD: Final = [
@@ -124,7 +124,7 @@ _ACK: Final = [
 ]
 _INDICATION: Final = [*_ITEM_HEAD, _VALUES, _EVENT, _STATE, Field("state", 1, "Unknown.", "s7comm.alarm.state"), *_ACK]
 
-#: Message objects by syntax id; an alarm query has three forms of one syntax, see below.
+#: Message objects by syntax id; an alarm query has three forms with the same syntax id, see below.
 SYNTAXES: Final[dict[int, Layout]] = {
     0x15: Layout("alarm to lock or unlock", _SOURCE, [*_ITEM_HEAD, _VALUES, _EVENT]),
     0x16: Layout("message", _SOURCE, [*_INDICATION]),
@@ -157,7 +157,7 @@ QUERY_BY_TYPE: Final = Layout(
 )
 QUERY_BY_EVENT: Final = Layout("alarm query", _SOURCE, [*_QUERY, _EVENT])
 QUERY_OTHER: Final = Layout("alarm query", _SOURCE, [*_QUERY, Field("value", 4, "Unknown.")])
-#: Layouts of an item of a query by what it asks by, an octet that stands at `QUERY_TYPE_AT` in each.
+#: Layouts of an item of an alarm query, by the kind of the query. That is the octet at `QUERY_TYPE_AT` in each of them.
 QUERIES: Final = {_BY_TYPE: QUERY_BY_TYPE, _BY_EVENT: QUERY_BY_EVENT}
 QUERY_TYPE_AT: Final = 4
 
@@ -175,7 +175,7 @@ ALARM_QUERY_ANSWER: Final = Layout(
         ),
     ],
 )
-#: A pending alarm. ALARM_S goes on with the two parts after it, each followed by a data item.
+#: A pending alarm. For ALARM_S the two parts below follow, each followed by a data item.
 ALARM_STATE: Final = Layout(
     "pending alarm",
     _SOURCE,

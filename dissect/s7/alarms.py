@@ -61,17 +61,17 @@ ALARMS: Final = (
 )  # fmt: skip
 #: Pushes that begin with the time of the event.
 _TIMED: Final = frozenset((ALARM_8, NOTIFY, ACKNOWLEDGED, ALARM_SQ, ALARM_S, NOTIFY_8))
-#: Alarms with one signal, which comes or goes.
+#: Alarms with a single signal, which is coming or going.
 _SINGLE: Final = frozenset((ALARM_SQ, ALARM_S))
-#: Octets of an associated value that a line shows.
+#: How many octets of an associated value a line shows.
 _SHOWN_OCTETS: Final = 8
 #: Alarm subscriptions about archives.
 _ARCHIVES: Final = frozenset((6, 7))
 _TYPE_ALARM_S: Final = 4
-#: A complete length that says: until a data set of length 0.
+#: The complete length for "until a data set of length 0".
 _OPEN_LENGTH: Final = 0xFFFF
 
-#: What `events_text` says of an empty mask, which ends a subscription.
+#: The text of `events_text` for an empty mask, which ends a subscription.
 NO_EVENTS: Final = "none"
 _EVENTS: Final = (
     ("mode_transitions", "mode transitions"),
@@ -82,7 +82,7 @@ _EVENTS: Final = (
 
 
 def parse_message_service(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut a subscription to events, or its answer."""
+    """Parse a subscription to events, or its answer."""
     if head.type == REQUEST:
         part = cursor.take(MESSAGE_REQUEST)
         if part is None:
@@ -95,7 +95,7 @@ def parse_message_service(cursor: Cursor, head: UserdataHead) -> None:
         if cursor.left > 0:
             _subscription(cursor, False)
     else:
-        cursor.rest()  # no push of it is known
+        cursor.rest()  # a push of it is not known
 
 
 def events_text(part: Part) -> str:
@@ -133,7 +133,7 @@ def _archive(part: Part) -> str:
 
 
 def _codes(cursor: Cursor, count: int) -> str:
-    """Cut one return code for each object, and return those that are not success, for a person."""
+    """Parse one return code for each object, and return those that are not success as text."""
     taken = min(count, cursor.left)
     refused: list[str] = []
     for number in range(taken):
@@ -150,12 +150,12 @@ def _codes(cursor: Cursor, count: int) -> str:
 
 
 def _code_text(part: Part) -> str:
-    """Return the return code of a part by its name, or its number."""
+    """Return the name of a part's return code, or its number."""
     return part.text("return_code") or hex_number(part.number("return_code"), 2)
 
 
 def parse_alarm(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut alarms, notifications, acknowledgements, locks and the request of an alarm query."""
+    """Parse alarms, notifications, acknowledgements, locks and the request of an alarm query."""
     if head.continues:
         cursor.rest("continuation")
         return
@@ -178,7 +178,7 @@ def parse_alarm(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def _object(cursor: Cursor, subfunction: int) -> bool:
-    """Cut one message object with its associated values; False when it does not fit."""
+    """Parse one message object with its associated values; False if it does not fit."""
     if cursor.left < ITEM_HEAD.size:
         return cursor.take(ITEM_HEAD) is not None
     size = cursor.octets[cursor.at + 1]
@@ -193,7 +193,7 @@ def _object(cursor: Cursor, subfunction: int) -> bool:
             cursor.take(OCTETS, size - 1)
         return cursor.left > 0
     if layout.size != size + 2:
-        # Told, but not followed: Wireshark goes by the syntax, and what a device means by another length is not known.
+        # Reported, but ignored: Wireshark goes by the syntax, and it is not known what another length would mean.
         reason = "length_below" if size + 2 < layout.size else "length_beyond"
         at = cursor.at + 1
         cursor.malformed.append(Malformed("s7", reason, "item.length", at, layout.size - 2, size, cursor.limit))
@@ -209,7 +209,7 @@ def _object(cursor: Cursor, subfunction: int) -> bool:
 
 
 def _values(parts: list[Part]) -> str:
-    """Return the associated values of a message for a person: octets, with the text in them if they spell one."""
+    """Return the associated values of a message for a person: octets, with the text that they contain, if any."""
     said = []
     for part in parts:
         if part.layout is CONTENT:
@@ -239,7 +239,7 @@ def _object_note(part: Part, subfunction: int) -> str:
 
 
 def _with_changes(part: Part, event: str, masks: tuple[str, str]) -> str:
-    """Return an event with the signals that are said to come and to go."""
+    """Return the text of an event with the signals that are coming and going."""
     changes = [
         f"{word} {signals_text(part.number(name))}"
         for word, name in zip(("coming", "going"), masks, strict=True)
@@ -255,7 +255,7 @@ def signals_text(mask: int) -> str:
 
 
 def parse_alarm_query(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut an alarm query, or the first part of its answer: the alarms that are pending, each a data set."""
+    """Parse an alarm query, or the first part of its answer: the alarms that are pending, each a data set."""
     if head.type != RESPONSE:
         parse_alarm(cursor, head)
         return
@@ -276,7 +276,7 @@ def parse_alarm_query(cursor: Cursor, head: UserdataHead) -> None:
     while cursor.at < end:
         if complete == _OPEN_LENGTH and cursor.octets[cursor.at] == 0:
             cursor.take(END_OF_ALARMS)
-            cursor.rest()  # nothing is known to follow, but no capture shows that nothing may
+            cursor.rest()  # no capture proves that nothing follows, but nothing is known to
             break
         data_set = Cursor(cursor.octets, cursor.at, end, "item", [] if head.more else cursor.malformed)
         told = len(data_set.malformed)
@@ -291,7 +291,7 @@ def parse_alarm_query(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def _begins(cursor: Cursor) -> bool:
-    """Tell whether this can be the beginning of an answer to an alarm query that goes on elsewhere."""
+    """Return whether this can be the first part of an answer to an alarm query that continues in another PDU."""
     at = cursor.at
     if cursor.left < ALARM_QUERY_ANSWER.size or cursor.octets[at + 2] != SUCCESS:
         return False
@@ -300,7 +300,7 @@ def _begins(cursor: Cursor) -> bool:
 
 
 def _alarm_state(cursor: Cursor) -> None:
-    """Cut one data set; ALARM_S tells when the alarm came and went, with a value each."""
+    """Parse one data set; for ALARM_S it has the times when the alarm came and went, each with a value."""
     part = cursor.take(ALARM_STATE)
     if part is None:
         return
@@ -319,7 +319,7 @@ def _alarm_state(cursor: Cursor) -> None:
 
 
 def parse_archive(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut archive data sent by AR_SEND; each part of a long one has the archive's id, the first has the length."""
+    """Parse archive data sent by AR_SEND; every part of a long archive has its id, the first part also has its length."""
     item = cursor.take(ARCHIVE_ITEM)
     if item is None:
         return
@@ -342,5 +342,5 @@ def parse_archive(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def _little(cursor: Cursor) -> int:
-    """Return the two octets at the cursor as a number, the low octet first."""
+    """Return the little-endian number in the two octets at the cursor."""
     return int.from_bytes(cursor.octets[cursor.at : min(cursor.at + 2, cursor.end)], "little")

@@ -1,4 +1,4 @@
-"""Names of blocks as text: type, number and file system (reference section 3.9), in file names, PI services and block info."""
+"""Names of blocks as text: type, number and file system (reference section 3.9); for file names, PI services and block info."""
 
 from __future__ import annotations
 
@@ -7,39 +7,39 @@ from typing import Final
 from dissect.s7.tables import BLOCK_TYPES
 from dissect.wire.layout import HOLDS_NUMBER, Field
 
-#: What the first character of a file name says.
+#: Meaning of the first character of a file name.
 _IDENTIFIERS: Final = {"_": "complete module", "$": "module header"}
-#: What the last one says: where the block lies, or goes to.
+#: Meaning of the last character: where the block is stored, or is to be stored.
 FILE_SYSTEMS: Final = {"P": "passive", "A": "active", "B": "active and passive"}
 _HEX_DIGITS: Final = b"0123456789ABCDEFabcdef"
-#: Octets of a name without the identifier.
+#: Octets of a block name without the identifier.
 NAME_SIZE: Final = 8
 
 
 def printable(octets: bytes) -> str:
-    """Return octets as the text they are."""
+    """Return octets as text, one character each."""
     return octets.decode("latin-1")
 
 
 def identifier_text(octets: bytes) -> str | None:
-    """Return what the identifier of a file name says."""
+    """Return the identifier of a file name with its meaning."""
     text = printable(octets)
     return f"{text} {_IDENTIFIERS[text]}" if text in _IDENTIFIERS else text
 
 
 def type_text(octets: bytes) -> str | None:
-    """Return a block type, for example ``DB``; one that no table knows as its two digits."""
+    """Return a block type, for example ``DB``; a type that no table knows as its two digits."""
     digits = printable(octets)
     return BLOCK_TYPES.get(digits.upper(), digits)
 
 
 def number_text(octets: bytes) -> str | None:
-    """Return a block number without its leading zeros; what is no number as it stands."""
+    """Return a block number without its leading zeros; anything else unchanged."""
     return str(int(octets)) if octets.isdigit() else printable(octets)
 
 
 def file_system_text(octets: bytes) -> str | None:
-    """Return what the file system says, for example ``passive``."""
+    """Return the meaning of the file system character, for example ``passive``."""
     text = printable(octets)
     return FILE_SYSTEMS.get(text, text)
 
@@ -50,14 +50,14 @@ def is_block_name(octets: bytes) -> bool:
 
 
 def block_text(octets: bytes) -> str:
-    """Return eight octets that name a block, for example ``DB 1, passive``; others as they stand."""
+    """Return the text for eight octets that name a block, for example ``DB 1, passive``; other octets as they are."""
     if not is_block_name(octets):
         return printable(octets)
     return f"{type_text(octets[:2])} {number_text(octets[2:7])}, {file_system_text(octets[7:])}"
 
 
 def name_fields(type_name: str, number_name: str, system_name: str) -> list[Field]:
-    """Return the three fields of a block name; the arguments are Wireshark's names of them, which depend on the place."""
+    """Return the three fields of a block name; the arguments are Wireshark's names, which depend on the place."""
     return [
         Field(
             "block_type", 2, "Type of the block, two digits as text.", type_name, means=type_text, holds=HOLDS_NUMBER
@@ -76,7 +76,7 @@ def name_fields(type_name: str, number_name: str, system_name: str) -> list[Fiel
     ]
 
 
-#: A block name where it is, or is part of, a file name.
+#: A block name that is a file name, or a part of one.
 FILE_NAME_FIELDS: Final = name_fields(
     "s7comm.data.blockcontrol.block_type",
     "s7comm.data.blockcontrol.block_number",

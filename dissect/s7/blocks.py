@@ -27,7 +27,7 @@ _DAYS_TO_1984: Final = 5113
 
 
 def block_time(octets: bytes) -> str | None:
-    """Return the time in six octets, milliseconds of the day and days since 1984-01-01; None if it is none."""
+    """Return the time in six octets: milliseconds of the day, and days since 1984-01-01; None if it is invalid."""
     ms = u32(octets, 0)
     if ms >= MS_PER_DAY:
         return None
@@ -39,7 +39,7 @@ def block_time(octets: bytes) -> str | None:
 
 
 def version_text(octets: bytes) -> str | None:
-    """Return the version in one octet, for example ``0.1``."""
+    """Return the version of a block in one octet, for example ``0.1``."""
     return f"{octets[0] >> 4}.{octets[0] & 15}"
 
 
@@ -53,7 +53,7 @@ BLOCK_COUNT: Final = Layout(
     _SOURCE,
     [_TYPE, Field("block_count", 2, "Blocks of this type.", "s7comm.blockinfo.block_count", decimal=True)],
 )
-#: What a request to list the blocks of a type names.
+#: The request to list the blocks of a type.
 TYPE_WANTED: Final = Layout("block type", _SOURCE, [_TYPE])
 #: An entry of the answer to list blocks of a type.
 LISTED_BLOCK: Final = Layout(
@@ -65,7 +65,7 @@ LISTED_BLOCK: Final = Layout(
         Field("language", 1, "What it was written in.", "s7comm.blockinfo.block_lang", BLOCK_LANGUAGES),
     ],
 )
-#: What a request of block info names.
+#: The request for block info.
 BLOCK_WANTED: Final = Layout(
     "block name",
     _SOURCE,
@@ -74,7 +74,7 @@ BLOCK_WANTED: Final = Layout(
 
 
 def header_fields(named: bool) -> list[Field]:
-    """Return the fields of the 36 octets that a block begins with; ``named`` with Wireshark's names, where it knows them."""
+    """Return the fields of the first 36 octets of a block; if ``named``, with Wireshark's field names where it has any."""
 
     def name(text: str) -> str:
         return text if named else ""
@@ -117,7 +117,7 @@ def header_fields(named: bool) -> list[Field]:
 
 
 def footer_fields(named: bool) -> list[Field]:
-    """Return the fields of the 28 octets that say who wrote a block; ``named`` with Wireshark's names."""
+    """Return the fields of the 28 octets that say who wrote a block; if ``named``, with Wireshark's field names."""
 
     def name(text: str) -> str:
         return f"s7comm.blockinfo.{text}" if named else ""
@@ -154,14 +154,14 @@ INFO: Final = Layout(
     ],
 )
 
-#: The header of a block where it is transferred; Wireshark does not look into blocks.
+#: The header of a transferred block; Wireshark does not dissect blocks.
 HEADER: Final = Layout("block header", _SOURCE, header_fields(False))
-#: What a transferred block ends with (reference/mc7 section 2).
+#: The end of a transferred block (reference/mc7 section 2).
 FOOTER: Final = Layout("block footer", _SOURCE, [*footer_fields(False), Field("reserved", 8, "0.")])
 
 
 def parse_list(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the answer to list blocks: how many there are of each type."""
+    """Parse the answer to list blocks: the number of blocks of each type."""
     while head.type == RESPONSE and cursor.left:
         part = cursor.take(BLOCK_COUNT)
         if part is not None:
@@ -169,7 +169,7 @@ def parse_list(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def parse_list_of_type(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the request or the answer of list blocks of a type; an answer in parts is cut between its entries."""
+    """Parse the request or the answer of list blocks of a type; an answer in several parts is split between two entries."""
     if head.type == REQUEST:
         wanted = cursor.take(TYPE_WANTED)
         if wanted is not None:
@@ -181,7 +181,7 @@ def parse_list_of_type(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def parse_info(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the request or the answer of block info."""
+    """Parse the request or the answer of block info."""
     if head.type == REQUEST:
         wanted = cursor.take(BLOCK_WANTED)
         if wanted is not None:
@@ -193,7 +193,7 @@ def parse_info(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def _about(info: Part) -> str:
-    """Return what block info says of a block: whether it is protected, its version, when its code was changed, size, author."""
+    """Return the main facts of block info: whether it is protected, version, time of the last code change, size, author."""
     said: list[str] = []
     if info.number("security") > 0:
         said.append(info.text("security") or f"protection 0x{info.number('security'):x}")
@@ -208,12 +208,12 @@ def _about(info: Part) -> str:
 
 
 def header_text(part: Part) -> str:
-    """Return the block of a part with the `header_fields`, for example ``DB 1``."""
+    """Return the block that a part with `header_fields` is about, for example ``DB 1``."""
     return f"{BLOCK_KINDS.name(part.number('block_kind'))} {part.number('block_number')}"
 
 
 def is_header(octets: bytes) -> bool:
-    """Tell whether a block begins here: the mark, a known type and lengths that do not contradict each other."""
+    """Return whether ``octets`` begin with a block: the mark, a known type, and lengths that do not contradict each other."""
     if len(octets) < HEADER.size or octets[:2] != b"pp" or f"{octets[5]:02X}" not in BLOCK_TYPES:
         return False
     return u32(octets, 8) >= HEADER.size + u16(octets, 34)

@@ -1,8 +1,8 @@
-"""What stands in the parameter block and the data block of an S7 PDU, cut into parts without gaps.
+"""Splits the parameter block and the data block of an S7 PDU into parts without gaps.
 
-Read this file to find which structure stands where: the tables at its end name, for every function and every userdata
-subfunction, the parser of its body. Each parser takes parts from a `Cursor` in wire order; what it leaves over is told as
-surplus. This is not the hot path: reads and writes are paired by `dissect.s7.items` alone, a body is cut when somebody looks.
+Read this file to find which structure stands where: the tables at its end name the parser for each function and each userdata
+subfunction. A parser takes parts from a `Cursor` in wire order; octets that it does not take are reported as surplus. This is
+not the hot path: reads and writes are paired with `dissect.s7.items` alone; a body is parsed only when its parts are needed.
 """
 
 from __future__ import annotations
@@ -86,14 +86,14 @@ from dissect.s7.tables import (
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Cursor, Part
 
-#: Cuts the parameter block or the data block of a job (``answer`` false) or of its answer.
+#: Parses the parameter block or the data block of a job (``answer`` is False) or of its answer.
 JobParser = Callable[[Cursor, bool], None]
-#: Cuts the payload of a userdata PDU, which follows the four octets of its data head.
+#: Parses the payload of a userdata PDU, which follows the four octets of its data head.
 PayloadParser = Callable[[Cursor, UserdataHead], None]
 
 
 def parse_body(pdu: Pdu) -> Body:
-    """Cut a PDU behind its header into parts. Never raises."""
+    """Split what follows the header of a PDU into parts. Never raises."""
     body = Body()
     at = min(pdu.header_size, len(pdu.octets))
     middle = min(pdu.data_offset, len(pdu.octets))
@@ -106,7 +106,7 @@ def parse_body(pdu: Pdu) -> Body:
 def parse_parameter_parts(
     octets: bytes, at: int, end: int, parameters: Parameters, malformed: list[Malformed]
 ) -> list[Part]:
-    """Cut the parameter block ``octets[at:end]``, which was read as ``parameters``; faults are added to ``malformed``."""
+    """Parse the parameter block ``octets[at:end]``, which was read as ``parameters``; add faults to ``malformed``."""
     cursor = Cursor(octets, at, end, "param", malformed)
     rosctr = parameters.rosctr
     function = parameters.function
@@ -128,7 +128,7 @@ def parse_parameter_parts(
 
 
 def _known_parameters(cursor: Cursor, parameters: Parameters) -> None:
-    """Setup, read and write: `parse_parameters` has told their faults already, so none is told here."""
+    """Parse the parameters of setup, read and write; `parse_parameters` has noted their faults, so that none is noted here."""
     cursor.malformed = []
     if parameters.function == SETUP_COMMUNICATION:
         cursor.take(SETUP)
@@ -140,12 +140,12 @@ def _known_parameters(cursor: Cursor, parameters: Parameters) -> None:
 
 
 def _userdata_head(cursor: Cursor, parameters: Parameters) -> None:
-    cursor.malformed = []  # `parse_parameters` has told them
+    cursor.malformed = []  # `parse_parameters` has noted the faults
     head = parameters.userdata
     if head is None:
         cursor.rest()
     elif parameters.function != CPU_SERVICES:
-        cursor.take(MODE_TRANSITION)  # the name of the function tells the mode
+        cursor.take(MODE_TRANSITION)  # the mode is in the name of the function
     elif head.usend:
         pbc.take_usend(cursor)
     else:
@@ -156,7 +156,7 @@ def _userdata_head(cursor: Cursor, parameters: Parameters) -> None:
 def parse_data_parts(
     octets: bytes, at: int, end: int, parameters: Parameters, malformed: list[Malformed]
 ) -> list[Part]:
-    """Cut the data block ``octets[at:end]`` of a PDU with these parameters; faults are added to ``malformed``."""
+    """Parse the data block ``octets[at:end]`` of a PDU with these parameters; add faults to ``malformed``."""
     cursor = Cursor(octets, at, end, "data", malformed)
     if cursor.left <= 0:
         return cursor.parts
@@ -177,7 +177,7 @@ def parse_data_parts(
 
 
 def _known_data(cursor: Cursor, parameters: Parameters) -> None:
-    """The data of a read or write: `parse_pdu` has told its faults already, so none is told here."""
+    """Parse the data of a read or write; `parse_pdu` has noted their faults, so that none is noted here."""
     cursor.malformed = []
     count = parameters.item_count
     if parameters.function == WRITE_VAR and parameters.rosctr in {ACK, ACK_DATA}:
@@ -219,9 +219,9 @@ def _payload(cursor: Cursor, parameters: Parameters) -> None:
 def parse_joined(
     group: int, subfunction: int, type_: int, octets: bytes, malformed: list[Malformed] | None = None
 ) -> list[Part]:
-    """Cut the payload of a userdata message that came in several parts, joined; it is cut as one that came whole.
+    """Parse the payload of a userdata message that came in several parts, like one that came whole.
 
-    ``octets`` are the payloads without their data heads; offsets are within them. Faults are added to ``malformed``.
+    ``octets`` are the joined payloads without their data heads; offsets are within them. Faults are added to ``malformed``.
     """
     told: list[Malformed] = malformed if malformed is not None else []
     cursor = Cursor(octets, 0, len(octets), "item", told)

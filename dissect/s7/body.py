@@ -1,4 +1,4 @@
-"""The body of an S7 PDU: the parts behind its header. `dissect.s7.bodies` cuts it."""
+"""`Body`: the parts of an S7 PDU after its header, which `dissect.s7.bodies` parses."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dissect.wire.part import Part
 
 
 class Body:
-    """The parts of a PDU behind its header; offsets are within the PDU.
+    """The parts of a PDU after its header; offsets are within the PDU.
 
-    ``malformed`` tells what the parts have against themselves; the facts of `Pdu.malformed` are not repeated in it.
+    ``malformed`` has the faults of the parts, without those that are in `Pdu.malformed` already.
     """
 
     __slots__ = ("data", "malformed", "parameters")
@@ -27,14 +27,14 @@ class Body:
         return self.parameters + self.data
 
     def find(self, layout: Layout) -> Part | None:
-        """Return the first part of this layout, None when there is none."""
+        """Return the first part with this layout; None if there is none."""
         for part in self.parts:
             if part.layout is layout:
                 return part
         return None
 
     def number(self, name: str) -> int:
-        """Return the number in the first field called ``name``, -1 when there is none."""
+        """Return the number in the first field called ``name``; -1 if there is none."""
         for part in self.parts:
             found = part.find(name)
             if found is not None:
@@ -42,7 +42,7 @@ class Body:
         return -1
 
     def text(self, name: str) -> str:
-        """Return what the first field called ``name`` says, empty when there is none."""
+        """Return the meaning of the first field called ``name``; empty if there is none."""
         for part in self.parts:
             found = part.find(name)
             if found is not None:
@@ -51,8 +51,8 @@ class Body:
 
     @property
     def notes(self) -> list[str]:
-        """What the parts are about, in wire order; text from the wire, not escaped.
+        """The notes of the parts in wire order; text from the wire is not escaped.
 
-        Values that follow their addresses repeat those only where a person looks at the parts, not here.
+        Notes of data items are left out: they only repeat the addresses, next to the values.
         """
         return [part.note for part in self.parts if part.note and part.layout is not DATA_ITEM]

@@ -1,6 +1,6 @@
-"""Octets of S7 PDUs, as `dissect.s7` reads them: what devices send as a rule (reference sections 3 and 4).
+"""Builds octets of S7 PDUs that `dissect.s7` reads, as devices usually send them (reference sections 3 and 4).
 
-A PDU is made with reference 0; `with_reference` gives it another one.
+PDUs are built with reference 0; `with_reference` sets another one.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from dissect.s7.tables import (
     SUCCESS,
 )
 
-#: The data of userdata that carries nothing, and the head of a read's item that does not exist.
+#: The data block of userdata without payload. It is also the data item of a read whose object does not exist.
 NO_PAYLOAD: Final = bytes((OBJECT_DOES_NOT_EXIST, 0, 0, 0))
 
-#: Octets of a PDU: the length that Setup communication negotiates has 16 bits.
+#: Octets of the largest PDU: the PDU length of Setup communication has 16 bits.
 MAX_PDU: Final = 0xFFFF
 
-#: What an item's or a userdata head's length does not count: its own octet and those before it.
+#: Octets that the length in an item or in a userdata head does not count: the length octet itself and those before it.
 _ITEM_HEAD: Final = 2
 _USERDATA_HEAD: Final = 4
 
 
 def build_pdu(rosctr: int, parameters: bytes, data: bytes = b"", error: int = 0) -> bytes:
-    """Return a PDU with reference 0; ``error`` is in the header of answers only. ValueError when no PDU is that long."""
+    """Return a PDU with reference 0. ``error`` is used for answers only. Raises ValueError if it would be too long."""
     if max(len(parameters), len(data), len(parameters) + len(data) + ACK_HEADER_SIZE) > MAX_PDU:
         raise ValueError(f"a PDU of {len(parameters)} and {len(data)} bytes: no PDU has more than {MAX_PDU}")
     head = struct.pack(">BBHHHH", PROTOCOL_ID, rosctr, 0, 0, len(parameters), len(data))
@@ -48,12 +48,12 @@ def build_pdu(rosctr: int, parameters: bytes, data: bytes = b"", error: int = 0)
 
 
 def with_reference(pdu: bytes, reference: bytes) -> bytes:
-    """Return a PDU with another reference (two octets); one without a whole header stays as it is."""
+    """Return a PDU with another reference (two octets); a PDU without a whole header is returned unchanged."""
     return pdu[:4] + reference + pdu[6:] if len(pdu) >= HEADER_SIZE else pdu
 
 
 def build_setup(rosctr: int, setup: Setup) -> bytes:
-    """Return a Setup communication or its answer."""
+    """Return a Setup communication job (``rosctr`` Job) or its answer (Ack_Data)."""
     sizes = struct.pack(">HHH", setup.max_amq_calling, setup.max_amq_called, setup.pdu_length)
     return build_pdu(rosctr, bytes((SETUP_COMMUNICATION, 0)) + sizes)
 
@@ -68,19 +68,19 @@ def build_item(transport_size: int, count: int, db: int, area: int, address: int
 
 
 def build_data_item(code: int, transport_size: int, data: bytes) -> bytes:
-    """Return a data item; its length counts bits or octets by the transport size, one octet of BIT as one bit."""
+    """Return a data item; its length counts bits or octets, by the transport size. For BIT, one octet counts as one bit."""
     in_bits = transport_size in LENGTH_IN_BITS and transport_size != DATA_BIT
     return struct.pack(">BBH", code, transport_size, (len(data) * 8 if in_bits else len(data)) & 0xFFFF) + data
 
 
 def build_items(items: Sequence[bytes]) -> bytes:
-    """Return request items or data items one behind the other, with the fill octets between them."""
+    """Join request items or data items, with the fill octets between them."""
     last = len(items) - 1
     return b"".join([item + bytes(int(item_fill(len(item), at == last))) for at, item in enumerate(items)])
 
 
 def build_variables(rosctr: int, function: int, count: int, items: bytes, data: bytes = b"") -> bytes:
-    """Return a Read Var, a Write Var or its answer: ``count`` items, those of the request and the data as octets."""
+    """Return a Read Var, a Write Var or its answer with ``count`` items: request ``items`` and items with ``data``."""
     return build_pdu(rosctr, bytes((function, count & 0xFF)) + items, data)
 
 
@@ -90,7 +90,7 @@ def build_variables(rosctr: int, function: int, count: int, items: bytes, data: 
 def build_userdata_head(
     type_: int, group: int, subfunction: int, sequence: int = 0, extended: bool = True, error: int = 0
 ) -> bytes:
-    """Return the parameter head of userdata: the short form of most requests, or the extended one of answers and pushes."""
+    """Return the parameter head of userdata: the extended form of answers and pushes, or the short form of most requests."""
     size = (USERDATA_EXTENDED if extended else USERDATA_SHORT).size - _USERDATA_HEAD
     method = PARAMETER_EXTENDED if extended else PARAMETER_SHORT
     kind = type_ << 6 | group & 0x3F
@@ -99,5 +99,5 @@ def build_userdata_head(
 
 
 def build_payload(payload: bytes) -> bytes:
-    """Return the data of userdata: the four octets before a payload and the payload, or `NO_PAYLOAD`."""
+    """Return the data block of userdata: a data head and the payload; `NO_PAYLOAD` if the payload is empty."""
     return struct.pack(">BBH", SUCCESS, OCTET_STRING, len(payload)) + payload if payload else NO_PAYLOAD

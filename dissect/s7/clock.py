@@ -1,4 +1,4 @@
-"""Time functions (userdata group 7): the clock that a read answers with and a set sends (reference section 4.12)."""
+"""Time functions (userdata group 7): the clock in the answer to a read and in a request to set (reference section 4.12)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dissect.wire.part import Cursor
 #: Subfunctions that set the clock.
 SETTING: Final = frozenset((SET_CLOCK, SET_CLOCK_SECOND))
 
-#: The clock: one octet more before the eight of DATE_AND_TIME for the century, which devices fill in wrongly.
+#: The clock: the eight octets of DATE_AND_TIME after one for the century, which devices fill in wrongly.
 CLOCK: Final = Layout(
     "clock",
     "reference section 4.12",
@@ -26,7 +26,7 @@ CLOCK: Final = Layout(
 
 
 def parse_clock(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the payload of a time function: a clock in the answer to a read and in the request to set."""
+    """Parse the payload of a time function: a clock in the answer to a read, and in the request to set."""
     setting = head.subfunction in SETTING
     if (setting and head.type == REQUEST) or (not setting and head.type == RESPONSE):
         part = cursor.take(CLOCK)

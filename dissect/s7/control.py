@@ -27,7 +27,7 @@ _SERVICE: Final = Field(
     "service", REST, "Name of the service.", "s7comm.param.pistart.servicename", means=latin, holds=HOLDS_SERVICE
 )
 
-#: A job without a parameter block and a name.
+#: A PI service job that ends before its parameter block.
 PI_SHORT: Final = Layout(
     "PI service", _SOURCE, [FUNCTION.fields[0], Field("unknown", 7, "0x000000000000fd.", _UNKNOWN)]
 )
@@ -45,13 +45,13 @@ PI_HEAD: Final = Layout(
         ),
     ],
 )
-#: Behind the parameter block.
+#: The name of the service, which follows the parameter block.
 PI_NAME: Final = Layout(
     "service name",
     _SOURCE,
     [Field("name_length", 1, "Bytes of the name.", "s7comm.param.pi.n_x.string_len", counts=COUNTS_REST), _SERVICE],
 )
-#: Parameter block of services about blocks, and each of them.
+#: The parameter block of services about blocks: the list, then each block.
 PI_BLOCKS: Final = Layout(
     "list of blocks",
     _SOURCE,
@@ -61,7 +61,7 @@ PI_BLOCKS: Final = Layout(
     ],
 )
 PI_BLOCK: Final = Layout("listed block", _SOURCE, [*FILE_NAME_FIELDS])
-#: Parameter block of other services of the CPU.
+#: The parameter block of the CPU's other services.
 PI_ARGUMENT: Final = Layout(
     "argument",
     _SOURCE,
@@ -79,19 +79,19 @@ PI_ARGUMENT: Final = Layout(
 _STRING_LENGTH: Final = Field(
     "string_length", 1, "Bytes of the text.", "s7comm.param.pi.n_x.string_len", counts=COUNTS_REST
 )
-#: One of the arguments of a Sinumerik service.
+#: One argument of a Sinumerik service.
 PI_STRING: Final = Layout(
     "string argument",
     _SOURCE,
     [_STRING_LENGTH, Field("text", REST, "Text of the argument.", means=latin, holds=HOLDS_ARGUMENT)],
 )
-#: A password among them: not read out.
+#: An argument that is a password: it is not decoded.
 PI_PASSWORD: Final = Layout(
     "password argument",
     _SOURCE,
     [_STRING_LENGTH, Field("password", REST, "Text that is not to be shown.", holds=HOLDS_SECRET)],
 )
-#: The octet that makes an argument even; it stands behind the last one too.
+#: Pads an argument to an even size, also the last one.
 PI_FILL: Final = Layout("argument fill", _SOURCE, [Field("argument_fill", 1, "Makes length and text even.")])
 
 PLC_STOP: Final = Layout(
@@ -107,7 +107,7 @@ PLC_STOP: Final = Layout(
 
 
 def parse_service(cursor: Cursor, answer: bool) -> None:
-    """Cut the parameter block of a PI service, or of its answer."""
+    """Parse the parameter block of a PI service, or of its answer."""
     if answer:
         take_answer(cursor)
         return
@@ -123,7 +123,7 @@ def parse_service(cursor: Cursor, answer: bool) -> None:
         size = cursor.left
     name = _name_behind(cursor, size)
     known = _service_note(name, size > 0)
-    head.note = known  # the name stands behind its arguments, but says what they are for
+    head.note = known  # the name comes after the arguments, but says what they are for
     block = Cursor(cursor.octets, cursor.at, cursor.at + size, "item", cursor.malformed)
     _parameter_block(block, name)
     block.finish()
@@ -133,13 +133,13 @@ def parse_service(cursor: Cursor, answer: bool) -> None:
 
 
 def _name_behind(cursor: Cursor, size: int) -> str:
-    """Return the name of the service, which stands behind a parameter block of ``size`` octets; empty if it is missing."""
+    """Return the name of the service, which follows a parameter block of ``size`` octets; empty if it is missing."""
     at = cursor.at + size
     return printable(cursor.octets[at + 1 : min(at + 1 + cursor.octets[at], cursor.end)]) if at < cursor.end else ""
 
 
 def _service_note(name: str, has_block: bool) -> str:
-    """Return what a service is called and what it does; empty for one that is not known."""
+    """Return the name of a service and what it does; empty for an unknown service."""
     if name == PROGRAM:
         return f"{name}: start the CPU" if has_block else f"{name}: start the CPU, warm restart"
     row = PI_SERVICES.get(name)
@@ -147,9 +147,9 @@ def _service_note(name: str, has_block: bool) -> str:
 
 
 def _take_name(cursor: Cursor, note: str) -> None:
-    """Take the name, with ``note`` where the service is not known: a length that lies may make a password of it."""
+    """Parse the name. Only an unknown service gets ``note``: with a wrong length, the name could be part of a password."""
     told = cursor.octets[cursor.at] if cursor.left else 0
-    if told >= cursor.left:  # the length octet itself is one of those left
+    if told >= cursor.left:  # the count of octets left includes the length octet
         cursor.tell("length_beyond", "name_length", told, max(cursor.left - 1, 0))
     if cursor.left:
         cursor.take(PI_NAME, min(1 + told, cursor.left), note)
@@ -193,7 +193,7 @@ def _strings(block: Cursor, name: str) -> None:
 
 
 def parse_stop(cursor: Cursor, answer: bool) -> None:
-    """Cut the parameter block of a PLC stop, or of its answer."""
+    """Parse the parameter block of a PLC stop, or of its answer."""
     if answer:
         take_answer(cursor)
         return
@@ -207,6 +207,6 @@ def parse_stop(cursor: Cursor, answer: bool) -> None:
 
 
 def parse_cpu_services(cursor: Cursor, answer: bool) -> None:
-    """Cut function 0x00 outside of userdata: devices answer to it, but no source says what it carries."""
+    """Parse function 0x00 outside of userdata: devices answer it, but no source describes its content."""
     cursor.take(FUNCTION)
     cursor.rest("answer without a known layout" if answer else "job without a known layout")

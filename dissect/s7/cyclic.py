@@ -1,4 +1,4 @@
-"""Cyclic services (userdata group 2): variables sent again and again, or on change (reference section 4.7)."""
+"""Cyclic services (userdata group 2): variables that are sent periodically, or when they change (reference section 4.7)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dissect.wire.layout import COUNTS_PARTS, COUNTS_REST, HOLDS_VALUE, REST, Fi
 from dissect.wire.part import Cursor
 from dissect.wire.text import hex_number
 
-#: Interval units in ms by time base.
+#: Unit of the interval in ms, by time base.
 _BASES_MS: Final[dict[int, int]] = {0: 100, 1: 1000, 2: 10_000}
 
-#: To Wireshark the reserved octet belongs to the count.
+#: Wireshark reads the reserved octet as part of the count.
 _RESERVED: Final = Field("reserved", 1, "0.")
 
 #: Head of a request for cyclic or change driven transfer.
@@ -55,7 +55,7 @@ RECORD_HEAD: Final = Layout(
         Field("item_count", 1, "1; devices accept no more.", "s7comm.param.itemcount"),
     ],
 )
-#: What stands between the return code and the status of a record that was read.
+#: The transport size between the return code and the status of a record that was read.
 RECORD_TRANSPORT: Final = Layout("data record transport size", "reference section 4.7", [DATA_ITEM.fields[1]])
 RECORD_STATUS: Final = Layout(
     "data record status",
@@ -83,7 +83,7 @@ RECORD: Final = Layout(
 
 
 def interval(time_base: int, factor: int) -> str:
-    """Return the interval of a cyclic job for a person, for example ``500 ms`` or ``1 s``."""
+    """Return the interval of a cyclic job as text, for example ``500 ms`` or ``1 s``."""
     unit = _BASES_MS.get(time_base)
     if unit is None:
         return f"{factor} x time base {time_base}"
@@ -92,7 +92,7 @@ def interval(time_base: int, factor: int) -> str:
 
 
 def parse_transfer(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut cyclic transfer, change driven transfer and its modification: items in a request, values in answer and push."""
+    """Parse cyclic transfer, change-driven transfer and its modification: items in a request, values in an answer or push."""
     if head.continues:
         cursor.rest("continuation")
     elif head.type == REQUEST:
@@ -110,7 +110,7 @@ def parse_transfer(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def parse_unsubscribe(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the end of a cyclic job; its answer has no payload."""
+    """Parse the request that ends a cyclic job; its answer has no payload."""
     if head.type == REQUEST:
         part = cursor.take(CYCLIC_UNSUBSCRIBE)
         if part is not None:
@@ -118,9 +118,9 @@ def parse_unsubscribe(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def parse_record(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the reading of a data record: one item in the request, a status and the record in the answer."""
+    """Parse the reading of a data record: one item in the request, a status and the record in the answer."""
     if head.continues or head.type not in {REQUEST, RESPONSE}:
-        cursor.rest("continuation" if head.continues else "")  # no push of it is known
+        cursor.rest("continuation" if head.continues else "")  # a push of it is not known
         return
     part = cursor.take(RECORD_HEAD)
     if part is None or part.number("item_count") < 1:

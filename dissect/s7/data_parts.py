@@ -1,4 +1,4 @@
-"""Request items and data items as parts: Read and Write Var, cyclic services, test functions and alarms share them."""
+"""Request items and data items as parts; used for Read and Write Var, cyclic services, test functions and alarms."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ CONTENT: Final = Layout(
     "reference section 3.5",
     [Field("data", REST, "Values, or a bit in the lowest bit.", "s7comm.resp.data", holds=HOLDS_VALUE)],
 )
-#: A return code that stands for a whole item, as in a write answer.
+#: A return code that is the whole answer for an item, as for a write.
 RETURN_CODE: Final = Layout("return code", "reference section 3.5", [DATA_ITEM.fields[0]])
 
 
 def take_items(cursor: Cursor, items: list[Item], start: int) -> None:
-    """Cut the request ``items`` with the fill octets between them; their offsets count from ``start``."""
+    """Parse the request ``items`` with the fill octets between them; their offsets are relative to ``start``."""
     for item in items:
         if start + item.offset > cursor.at:
             cursor.take_fill(1)
@@ -34,25 +34,26 @@ def take_items(cursor: Cursor, items: list[Item], start: int) -> None:
 
 
 def take_request_items(cursor: Cursor, count: int) -> list[Item]:
-    """Cut up to ``count`` request items of any syntax that stand at the cursor, and return those that are whole."""
+    """Parse up to ``count`` request items of any syntax at the cursor; return those that are complete."""
     told: list[Malformed] = []
     items = parse_items(cursor.octets, cursor.at, cursor.end, count, told)
     take_items(cursor, items, 0)
     for fault in told:
-        if fault.field != "items":  # octets behind the last item are told by whoever finishes the block
+        if fault.field != "items":  # octets after the last item are noted by the caller that finishes the block
             limit = cursor.limit if fault.limit == "param" else fault.limit
             cursor.malformed.append(
                 Malformed("s7", fault.reason, fault.field, fault.offset, fault.needed, fault.available, limit)
             )
     if len(items) < count:
-        cursor.rest()  # an item that does not fit, which was told above
+        cursor.rest()  # an item that does not fit; noted above
     return items
 
 
 def take_data_items(cursor: Cursor, count: int, response: bool, names: list[str] | None = None) -> None:
-    """Cut up to ``count`` data items with their contents and fill octets (reference 3.5).
+    """Parse up to ``count`` data items with their contents and fill octets (reference 3.5).
 
-    In a ``response`` an item whose return code is not success is its four head octets. ``names`` are their notes.
+    In a ``response``, an item whose return code is not success has only its head of four octets. ``names`` are notes for the
+    items.
     """
     for number in range(count):
         head = cursor.take(DATA_ITEM, note=names[number] if names is not None and number < len(names) else "")

@@ -1,7 +1,7 @@
-"""Events of the diagnostic buffer: their classes and what each is (reference section 4.5, Siemens event list).
+"""Events of the diagnostic buffer: their classes and their meanings (reference section 4.5, Siemens event list).
 
-The numbers and what they mean are those of the Siemens manual of system and standard functions, as Wireshark has them; the
-words are ours.
+Numbers and meanings are those of the Siemens manual of system and standard functions, as Wireshark has them; the wording is our
+own.
 """
 
 from __future__ import annotations

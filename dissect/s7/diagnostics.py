@@ -1,4 +1,4 @@
-"""Diagnostic messages: the entry of the diagnostic buffer, which is read as an SZL and pushed as a message.
+"""Diagnostic messages: entries of the diagnostic buffer, which are read as an SZL or pushed as a message.
 
 Reference section 4.5 (list 0x00a0) and 4.9 (userdata group 4, subfunction 3).
 """
@@ -43,31 +43,32 @@ DIAGNOSTIC_EVENT: Final = Layout(
 )
 
 
-#: Of class 4, the events of mode transitions and of H systems that state a STOP.
+#: Events of class 4 about mode transitions and H systems that state a STOP.
 _STOPS: Final = frozenset((0x4303, 0x4304, 0x430A, 0x430D, 0x430F, 0x43D3, 0x45D8, 0x45D9, 0x45DA, 0x49D2, 0x49D4))
-#: The other events of class 4 that state one, by their upper octet: those with numbers below those of firmware and H systems.
+#: All other events of class 4 that state a STOP: those with one of these upper octets and a lower octet below `_NO_STOP_FROM`,
+#: where the events of firmware and H systems begin.
 _STOP_EVENTS: Final = frozenset((0x45, 0x49))
 _NO_STOP_FROM: Final = 0xB0
 
 
 def states_stop(event_id: int) -> bool:
-    """Tell whether an event says that a CPU goes to STOP, and so why."""
+    """Return whether an event says that, and why, a CPU goes to STOP."""
     return event_id in _STOPS or (event_id >> 8 in _STOP_EVENTS and event_id & 0xFF < _NO_STOP_FROM)
 
 
 def event_name(event_id: int) -> str:
-    """Return what an event is: its own name, or the name of its class."""
+    """Return the name of an event, or that of its class if the event is unknown."""
     row = EVENTS.get(event_id)
     return row.name if row is not None else EVENT_CLASSES.name(event_id >> 12)
 
 
 def event_id(part: Part) -> int:
-    """Return the event id of a `DIAGNOSTIC_EVENT`, which its first fields share, -1 when the part was cut before it."""
+    """Return the event id of a `DIAGNOSTIC_EVENT`, which its first fields share; -1 if the part ends before it."""
     return part.leading(2)
 
 
 def event_note(part: Part) -> str:
-    """Return what an entry of the diagnostic buffer says, for example ``0x4302 STARTUP to RUN, DT#2023-…``."""
+    """Return the text for an entry of the diagnostic buffer, for example ``0x4302 STARTUP to RUN, DT#2023-…``."""
     number = event_id(part)
     if number < 0:
         return ""
@@ -77,9 +78,9 @@ def event_note(part: Part) -> str:
 
 
 def parse_diagnostic_message(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the payload of a diagnostic message: one entry of the diagnostic buffer, pushed."""
+    """Parse the payload of a diagnostic message: one pushed entry of the diagnostic buffer."""
     if head.type != PUSH:
-        cursor.rest()  # nobody has seen one asked for
+        cursor.rest()  # only pushes are known
         return
     part = cursor.take(DIAGNOSTIC_EVENT)
     if part is not None:

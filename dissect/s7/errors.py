@@ -1,6 +1,6 @@
 """The 16-bit error codes of S7comm: header class and code, userdata error code, block-transfer error code.
 
-One table serves all three places (reference section 3.2). The class of a header error is its high octet.
+One table is used for all three (reference section 3.2). The upper octet of a header error is its class.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Where passwords can stand in an S7 PDU, so that what is shown or kept as text leaves them out.
+"""Finds passwords in an S7 PDU, so that texts that are shown or kept leave them out.
 
-A session password (userdata, security, reference section 4.11) is encoded in a way that hides nothing, and those of Sinumerik
-services (section 3.10) are plain text. A length that lies must not show them, so no length is trusted: where the octets do
-not fit together, all that may be a password is hidden.
+A session password (userdata, security, reference section 4.11) is only encoded, not encrypted; passwords of Sinumerik services
+(section 3.10) are plain text. A wrong length must not make a password visible, so no length is trusted: if lengths and octets
+do not fit, everything that may be a password is hidden.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from dissect.s7.services import PI_SERVICES, SECRET
 from dissect.s7.tables import JOB, PI_SERVICE, SEND_PASSWORD, USERDATA
 from dissect.wire.layout import HOLDS_SECRET
 
-#: Of a userdata PDU: the octets with type and group, and with the subfunction; and what they hold in a request.
+#: Offsets in a userdata PDU: type and group, subfunction; and the value of the former in a request to security.
 _GROUP_AT: Final = 15
 _SUBFUNCTION_AT: Final = 16
 _SECURITY_REQUEST: Final = 0x45
 _FUNCTION_AT: Final = 10
 _DATA_HEAD: Final = 4
-#: The parameter of a request: a head of 8 octets, which states its own length, or of 12 where it has an error code.
+#: The parameter head of a request, which states its own length: 8 octets, or 12 with an error code.
 _HEAD_LENGTH_AT: Final = 13
 _HEADS: Final = frozenset((8, 12))
 _FIRST_HEAD: Final = 8
-#: The first argument of a service.
+#: Offset of the first argument of a service.
 _ARGUMENTS_AT: Final = 20
 
 _SECRET_SERVICES: Final = [name.encode() for name, service in PI_SERVICES.items() if SECRET in service.arguments]
 
 
 def secret_spans(octets: bytes) -> list[tuple[int, int]]:
-    """Return (offset, end) of all that can be a password in an S7 PDU, in order. Never raises.
+    """Return (offset, end) of everything that may be a password in an S7 PDU, in order. Never raises.
 
-    Of a session password that is everything behind the data head, whatever the lengths say.
+    Everything after the data head of a session password counts, whatever the lengths say.
     """
     size = len(octets)
     if size <= _SUBFUNCTION_AT or octets[0] != PROTOCOL_ID:
@@ -55,7 +55,7 @@ def secret_spans(octets: bytes) -> list[tuple[int, int]]:
 
 
 def _in_service(pdu: Pdu, body: Body) -> list[tuple[int, int]]:
-    """Return the passwords among the arguments of a service; all arguments where they are not simply those it has."""
+    """Return the password arguments of a service; all arguments if they do not match those that the service has."""
     octets = pdu.octets
     arguments = [part for part in body.parts if part.layout is PI_STRING or part.layout is PI_PASSWORD]
     name = b""
@@ -82,7 +82,7 @@ def _in_service(pdu: Pdu, body: Body) -> list[tuple[int, int]]:
 
 
 def body_to_show(pdu: Pdu) -> Body:
-    """Return the parts of a PDU; those that may hold a password have no note."""
+    """Return the parts of a PDU, without the notes of those that may hold a password."""
     body = parse_body(pdu)
     if pdu.rosctr == JOB and pdu.function == PI_SERVICE and len(pdu.octets) > _SUBFUNCTION_AT:
         spans = _in_service(pdu, body)
@@ -95,7 +95,7 @@ def body_to_show(pdu: Pdu) -> Body:
 
 
 def secret_spans_within(octets: bytes) -> list[tuple[int, int]]:
-    """Return (offset, end) of all that can be a password when an S7 PDU may begin anywhere in ``octets``."""
+    """Return (offset, end) of everything that may be a password, if an S7 PDU may begin anywhere in ``octets``."""
     at = octets.find(PROTOCOL_ID)
     while at >= 0:
         spans = secret_spans(octets[at:])
@@ -106,7 +106,7 @@ def secret_spans_within(octets: bytes) -> list[tuple[int, int]]:
 
 
 def without_secrets(octets: bytes) -> bytes:
-    """Return an S7 PDU with zeros for passwords."""
+    """Return an S7 PDU with its passwords replaced by zeros."""
     for begin, end in secret_spans(octets):
         octets = b"".join((octets[:begin], bytes(end - begin), octets[end:]))
     return octets

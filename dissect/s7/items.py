@@ -1,4 +1,4 @@
-"""Items: what a Read Var or Write Var names (request items), what comes back (data items), and the two joined.
+"""Items: what a Read Var or Write Var requests (request items), what is returned (data items), and both joined.
 
 Reference section 3.5.
 """
@@ -32,13 +32,13 @@ from dissect.wire.octets import u16, u24, u32
 SPECIFICATION: Final = 0x12
 DATA_HEAD: Final = 4
 _S7ANY_SIZE: Final = 12
-#: Of a data block: its octets, then the place of each item and the octets that it begins with (`item_heads`).
+#: The parts of `item_heads`: the octets of the data block; then for each item its place and the octets that it begins with.
 _SIZE: Final = struct.Struct(">q")
 _PLACED: Final = struct.Struct(">II")
-#: Octets of a data item that its representation shows.
+#: How many octets of a data item its `repr` shows.
 _SHOWN: Final = 16
 
-#: Kinds of areas that a write goes to: outputs and peripherals, which act at once, and everything else.
+#: Kinds of areas that a write goes to, as bits: outputs and peripherals, where it acts at once, and everything else.
 WRITTEN_IO: Final = 1
 WRITTEN_ELSEWHERE: Final = 2
 _IO_AREAS: Final = frozenset((0x80, 0x82))
@@ -46,7 +46,8 @@ _IO_AREAS: Final = frozenset((0x80, 0x82))
 BITS: Final = 1
 _UNCLEAR: Final = 2
 _DINTEGER: Final = 0x06
-#: What a length field counts, by index, because this is asked for every item.
+#: What the length field of a data item counts, by transport size: `BITS`, unclear, or 0 for octets. A table, as every item
+#: needs it.
 COUNTED: Final = bytes(
     [BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)]
 )
@@ -55,11 +56,11 @@ COUNTED: Final = bytes(
 class Item:
     """A request item.
 
-    ``offset`` is within the S7 PDU's parameter block; ``octets`` are the item's own, head included. For S7ANY the fields
-    are filled; for every other syntax they are -1 and ``address`` names the syntax.
-    ``size`` is the count of octets a good answer carries, -1 when it cannot be known (a data record may be shorter than asked
-    for, and devices differ in how they pack several bits).
-    ``areas`` are the areas of data blocks that one DBREAD item asks for, each as an item of octets of its own; None for others.
+    ``offset`` is within the parameter block of the PDU; ``octets`` are the whole item, head included. The fields from
+    ``transport_size`` to ``start_bit`` are filled for S7ANY; for every other syntax they are -1 and ``address`` names the
+    syntax. ``size`` is the number of octets in a good answer, -1 if it cannot be known (a data record may be shorter than
+    requested, and devices differ in how they pack several bits). ``areas`` are the areas of data blocks that a DBREAD item
+    requests, each as an `Item`; None for other items.
     """
 
     __slots__ = (
@@ -93,17 +94,18 @@ class Item:
         self.size: i64 = -1
         self.areas: list[Item] | None = None
         self.address: str = ""
-        # Cached texts of reports, of the fields above; polling repeats the same items for hours.
-        self.fragment: str = ""  # of JSON
-        self.head: bytes = b""  # the same, where lines are made of octets
-        self.cell: bytes = b""  # of CSV: what a good row has from the address to the value
+        # Cached texts for reports, because polling repeats the same items for hours.
+        self.fragment: str = ""  # for JSON
+        self.head: bytes = b""  # the same, where lines are built as bytes
+        self.cell: bytes = b""  # for CSV: the cells from the address to the value, for an item without an error
         self.shown: str = ""  # for a person
-        self.line: bytes = b""  # the same in a line of octets, up to the value
+        self.line: bytes = b""  # the same where lines are built as bytes, up to the value
 
     def fits(self, size: i64) -> bool:
-        """Tell whether ``size`` octets are as many as the item asks for, so that their value can be told.
+        """Return whether ``size`` octets fit what the item requests, so that they can be decoded.
 
-        Where ``size`` of the item is not known any number fits, but not bits that share octets: their order is not known.
+        If the item's own ``size`` is not known, any number of octets fits; but not for several bits that share octets, whose
+        order is not known.
         """
         if self.size >= 0:
             return self.size == size
@@ -111,7 +113,7 @@ class Item:
 
     @property
     def label(self) -> str:
-        """The address with the count where that is not one, for example ``DB10.DBW4 x3``; text from the wire, not escaped."""
+        """The address, with the count unless it is 1, for example ``DB10.DBW4 x3``. Text from the wire is not escaped."""
         return f"{self.address} x{self.count}" if self.count >= 0 and self.count != 1 else self.address
 
     def __repr__(self) -> str:
@@ -119,7 +121,7 @@ class Item:
 
 
 def parse_item(octets: bytes, offset: i64) -> Item:
-    """Read one request item, head included (``octets`` at least 3). Never raises."""
+    """Read one request item, head included (``octets``: at least 3). Never raises."""
     item = Item(octets, offset)
     if item.syntax_id == S7ANY and len(octets) == _S7ANY_SIZE:
         item.transport_size = octets[3]
@@ -139,7 +141,7 @@ def parse_item(octets: bytes, offset: i64) -> Item:
 
 
 def _areas(octets: bytes, offset: i64) -> list[Item] | None:
-    """Return the areas of a DBREAD item, None when its length does not fit their count (reference 3.5)."""
+    """Return the areas of a DBREAD item; None if its length does not fit their count (reference 3.5)."""
     first: i64 = DB_READ_ITEM.size
     step: i64 = DB_AREA.size
     size: i64 = len(octets)
@@ -161,9 +163,9 @@ def _areas(octets: bytes, offset: i64) -> list[Item] | None:
 
 
 def walk_areas(areas: list[Item], octets: bytes) -> list[DataItem]:
-    """Cut the answer to a DBREAD item into its areas: a return code each, and where that is success the octets (3.5).
+    """Parse the answer to a DBREAD item into its areas: a return code each, followed by octets if that is success (3.5).
 
-    Empty when they do not fill ``octets`` exactly: then nothing is known of any of them.
+    Return an empty list unless the areas fill ``octets`` exactly: then nothing is known about any of them.
     """
     found: list[DataItem] = []
     at: i64 = 0
@@ -181,7 +183,7 @@ def walk_areas(areas: list[Item], octets: bytes) -> list[DataItem]:
 
 
 def written_areas(items: list[Item]) -> i64:
-    """Return the kinds of areas that a write of these items goes to, as the bits above."""
+    """Return the kinds of areas that a write of these items goes to (`WRITTEN_IO` | `WRITTEN_ELSEWHERE`)."""
     areas: i64 = 0
     for item in items:
         areas |= WRITTEN_IO if item.area in _IO_AREAS else WRITTEN_ELSEWHERE
@@ -189,7 +191,7 @@ def written_areas(items: list[Item]) -> i64:
 
 
 def parse_items(octets: bytes, at: i64, end: i64, count: i64, malformed: list[Malformed]) -> list[Item]:
-    """Read up to ``count`` request items from ``octets[at:end]``; what does not fit is told in ``malformed``."""
+    """Read up to ``count`` request items from ``octets[at:end]``; note faults in ``malformed``."""
     items: list[Item] = []
     for number in range(count):
         if at + 3 > end:
@@ -216,9 +218,9 @@ def parse_items(octets: bytes, at: i64, end: i64, count: i64, malformed: list[Ma
 
 
 def item_fill(size: i64, last: bool) -> i64:
-    """Return the fill octets (0 or 1) after an item of ``size`` octets: an odd one that is not the last is padded to even.
+    """Return the fill octets (0 or 1) after an item of ``size`` octets: an odd item is padded, unless it is the ``last``.
 
-    The same rule holds for request items and for data items (reference 3.5).
+    The rule is the same for request items and data items (reference 3.5).
     """
     if last:
         return 0
@@ -226,9 +228,9 @@ def item_fill(size: i64, last: bool) -> i64:
 
 
 def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
-    """Return the octets of a data item's content from its length field, which counts bits for some transport sizes.
+    """Return the octets of a data item's content; its ``length`` field counts bits for some transport sizes.
 
-    Sources disagree whether 0x06 counts octets or bits; ``room``, the octets that are left, decides (reference 3.6).
+    Sources disagree whether it counts octets or bits for 0x06. So ``room``, the number of octets left, decides (reference 3.6).
     """
     counted: i64 = COUNTED[transport_size]
     if counted == 0:
@@ -239,21 +241,21 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
 
 
 def item_heads(count: i64, buf: bytes, at: i64, end: i64) -> bytes:
-    """Return the size of a sound data block, and of each of its items the place and the four octets that it begins with."""
+    """Return what `begin_alike` compares: the size of a sound data block; for each item its place and its first four octets."""
     heads = [_SIZE.pack(end - at)]
     place = at
     for _ in range(count):
         head = u32(buf, place)
         heads.append(_PLACED.pack(place - at, head))
         place += 4 + data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - place - 4)
-        place += place - at & 1  # the octet that fills up an odd one
+        place += place - at & 1  # the fill octet after an odd item
     return b"".join(heads)
 
 
 def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
-    """Return whether a data block is as long as the one that ``heads`` (`item_heads`) is of, and its items begin as those did.
+    """Return whether ``buf[at:end]`` is as long as the data block of ``heads`` (`item_heads`), and its items begin the same.
 
-    Then they are of the same sizes. False where ``heads`` is empty.
+    Then the sizes of all items are the same as well. Return False if ``heads`` is empty.
     """
     stop: i64 = len(heads)
     if stop == 0 or read_i64_be(heads, 0) != end - at:
@@ -268,9 +270,9 @@ def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
 
 
 def answer_layout(heads: bytes) -> struct.Struct:
-    """Return what reads the answer that ``heads`` (`item_heads`) is of, from its error code to its end.
+    """Return a struct that reads an answer like that of ``heads`` (`item_heads`), from the error code to the end.
 
-    That is the error code, function and item count, and the four octets that each item begins with.
+    It yields the error code, function and item count, and the first four octets of each item.
     """
     (size,) = _SIZE.unpack_from(heads)
     form = ">HH"
@@ -282,7 +284,7 @@ def answer_layout(heads: bytes) -> struct.Struct:
 
 
 class DataItem:
-    """A data item: ``return_code``, the data ``transport_size``, the ``length`` field as it stands, and the content."""
+    """A data item: ``return_code``, the data ``transport_size``, the ``length`` field as sent, and the content, ``data``."""
 
     __slots__ = ("data", "length", "offset", "return_code", "transport_size")
 
@@ -301,10 +303,10 @@ class DataItem:
 def parse_data_items(
     octets: bytes, at: i64, end: i64, count: i64, response: bool, malformed: list[Malformed]
 ) -> list[DataItem]:
-    """Read up to ``count`` data items from ``octets[at:end]``.
+    """Read up to ``count`` data items from ``octets[at:end]``; note faults in ``malformed``.
 
-    In a ``response`` an item whose return code is not success is its four head octets, whatever its length field says.
-    One octet left over after an odd last item is tolerated: one client pads the last item too (reference 3.5).
+    In a ``response``, an item whose return code is not success has only its head of four octets, whatever its length field
+    says. One octet after an odd last item is tolerated: one client pads the last item as well (reference 3.5).
     """
     items: list[DataItem] = []
     size: i64 = 0
@@ -330,11 +332,11 @@ def parse_data_items(
 
 
 class ItemResult:
-    """An item of the request joined with its own answer (either may be missing).
+    """A request item joined with its answer; either may be missing.
 
-    ``return_code`` is -1 when there is no answer; ``data`` the octets read or written, None when there are none.
-    ``decodable``: ``data`` has the size that the item asked for, so that ``value`` can be decoded.
-    ``unchanged``: a push says that the value is the one it sent before.
+    ``return_code`` is -1 if there is no answer. ``data`` are the octets read or written, None if there are none.
+    ``decodable``: ``data`` has the size that the item requests, so that ``value`` can be decoded.
+    ``unchanged``: a push says that the value is the same as in the push before.
     """
 
     __slots__ = ("answer", "data", "item", "return_code", "unchanged")
@@ -351,19 +353,19 @@ class ItemResult:
 
     @property
     def refused(self) -> bool:
-        """True when there is an answer and it is not success."""
+        """True if there is an answer and its code is not success."""
         return self.return_code != -1 and self.return_code != SUCCESS and not self.unchanged
 
     @property
     def decodable(self) -> bool:
-        """True when there are octets of the size the item asked for (see `Item.fits`)."""
+        """True if the size of ``data`` fits the item (`Item.fits`)."""
         item = self.item
         data = self.data
         return item is not None and data is not None and item.fits(len(data))
 
     @property
     def value(self) -> Value:
-        """The decoded value, None when there is none (see `decode_value`)."""
+        """The decoded value, None if there is none (see `decode_value`)."""
         item = self.item
         data = self.data
         if item is None or data is None or not self.decodable:
@@ -372,7 +374,7 @@ class ItemResult:
 
 
 def read_results(items: list[Item], answers: list[DataItem]) -> list[ItemResult]:
-    """Join the items of a read with the data items of its answer; a DBREAD item is one result for each of its areas."""
+    """Join the items of a read with the data items of its answer; a DBREAD item gives one result for each of its areas."""
     results: list[ItemResult] = []
     for index in range(max(len(items), len(answers))):
         item = items[index] if index < len(items) else None
@@ -391,7 +393,7 @@ def _result(item: Item | None, answer: DataItem) -> ItemResult:
 
 
 def area_results(item: Item, answer: DataItem | None) -> list[ItemResult]:
-    """Return a DBREAD item area by area, each with its own return code; as one where it was refused or does not fit."""
+    """Return one result for each area of a DBREAD item; a single one if it was refused or its answer does not fit."""
     areas = item.areas
     if areas is None:
         return [_result(item, answer)] if answer is not None else [ItemResult(item, -1, None, None)]
@@ -404,7 +406,7 @@ def area_results(item: Item, answer: DataItem | None) -> list[ItemResult]:
 
 
 def write_results(items: list[Item], written: list[DataItem], codes: list[int]) -> list[ItemResult]:
-    """Join the items of a write with the values it carried and the return codes of its answer."""
+    """Join the items of a write with the values that it carries and the return codes of its answer."""
     results: list[ItemResult] = []
     for index in range(max(len(items), len(codes))):
         item = items[index] if index < len(items) else None
@@ -415,7 +417,7 @@ def write_results(items: list[Item], written: list[DataItem], codes: list[int]) 
 
 
 def odd_data_code(item: Item, answer: DataItem) -> bool:
-    """Return whether a good data item has another transport size than CPUs answer its request item with (reference 3.5)."""
+    """Return whether a good data item has a transport size that CPUs do not use to answer its request item (reference 3.5)."""
     if item.syntax_id != S7ANY or item.area == RECORD_AREA:
         return False
     expected: int = ANSWER_TRANSPORT_SIZE.get(item.transport_size, -1)

@@ -30,7 +30,7 @@ _HEAD: Final = [
 
 #: Header of ROSCTR 1 (Job) and 7 (Userdata).
 HEADER: Final = Layout("S7 header", "reference section 3.1", [*_HEAD])
-#: Header of ROSCTR 2 (Ack) and 3 (Ack_Data): two octets more.
+#: Header of ROSCTR 2 (Ack) and 3 (Ack_Data): two more octets.
 ACK_HEADER: Final = Layout(
     "S7 header",
     "reference section 3.1",
@@ -41,7 +41,7 @@ ACK_HEADER: Final = Layout(
     ],
 )
 
-#: Where the reference of every PDU stands.
+#: Where the reference stands in every PDU.
 PDU_REF: Final = slice(*HEADER.places(HOLDS_REFERENCE)[0])
 
 SETUP: Final = Layout(
@@ -65,7 +65,7 @@ VARIABLES_HEAD: Final = Layout(
     ],
 )
 
-#: A function alone, as most positive answers have it.
+#: The function octet alone, as in most positive answers.
 FUNCTION: Final = Layout("function", "reference section 3.3", [VARIABLES_HEAD.fields[0]])
 
 ITEM_HEAD: Final = Layout(
@@ -106,7 +106,7 @@ DATA_ITEM: Final = Layout(
     ],
 )
 
-#: What precedes the payload of every userdata PDU that has one.
+#: Precedes the payload of each userdata PDU that has one.
 DATA_HEAD: Final = Layout(
     "data head",
     "reference section 4.2",
@@ -149,7 +149,7 @@ USERDATA_EXTENDED: Final = Layout(
     ],
 )
 
-#: Parameters of the mode transition push, the one userdata without the head above (8 octets).
+#: Parameters of the mode transition push, the only userdata without the head above (8 octets).
 MODE_TRANSITION: Final = Layout(
     "mode transition",
     "reference section 4.9",

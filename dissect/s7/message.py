@@ -1,4 +1,4 @@
-"""One S7 PDU as an object (reference section 3.1). The engine does without and reads `dissect.s7.parameters` only."""
+"""One S7 PDU as an object (reference section 3.1). The engine does not use it; it reads only `dissect.s7.parameters`."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from dissect.s7.tables import (
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
 
-#: What cuts a body, once it was imported: to ask for the import each time takes as long as many a body.
+#: `dissect.s7.hiding.body_to_show` once it is imported; repeating the import statement takes as long as cutting many a body.
 _CUT: Final[list[Callable[[Pdu], Body]]] = []
 
-#: Of a message service: what is asked of several alarms at once, and answered with a return code for each.
+#: Message services that name several alarms in one request and answer with a return code for each.
 _BY_ALARM: Final = frozenset((ALARM_8_LOCK, ALARM_8_UNLOCK, ACKNOWLEDGE))
-#: Function and number of alarms, before the alarms or the return codes.
+#: Octets before the alarms or return codes: the function and the number of alarms.
 _ALARMS_HEAD: Final = 2
-#: Where an alarm has its event id: behind specification, length, syntax and number of values.
+#: Where the event id stands within an alarm: after specification, length, syntax and number of values.
 _EVENT_AT: Final = 4
 
 
 def userdata_payload(octets: bytes) -> bytes:
-    """Return the payload of a userdata PDU, behind the head of its data block; empty when there is none."""
+    """Return the payload of a userdata PDU, after the head of its data block; empty if there is none."""
     if len(octets) < HEADER_SIZE:
         return b""
     at = HEADER_SIZE + u16(octets, 6)
@@ -61,13 +61,13 @@ def answers_by_alarm(head: UserdataHead) -> bool:
 
 
 def alarm_codes(octets: bytes) -> bytes:
-    """Return the return codes, one for each alarm, of a PDU for which `answers_by_alarm` is true."""
+    """Return the return codes, one for each alarm, of a PDU for which `answers_by_alarm` is True."""
     payload = userdata_payload(octets)
     return payload[_ALARMS_HEAD : _ALARMS_HEAD + payload[1]] if len(payload) >= _ALARMS_HEAD else b""
 
 
 def alarms_asked(octets: bytes) -> list[int]:
-    """Return the event ids that the request of such an answer names, in wire order, as far as they are there."""
+    """Return the event ids that a request with several alarms names, in wire order, as far as they were captured."""
     payload = userdata_payload(octets)
     found: list[int] = []
     at = _ALARMS_HEAD
@@ -80,8 +80,8 @@ def alarms_asked(octets: bytes) -> list[int]:
 class Pdu:
     """One S7 PDU and the packet that completed it.
 
-    ``octets`` is the whole TSDU. ``parameters`` is never None; ``malformed`` gathers what the header, the parameters and
-    the data block have against themselves, offsets within the PDU. ``cut`` is true when the capture cut the PDU.
+    ``octets`` is the whole TSDU. ``parameters`` is never None. ``malformed`` lists the faults of header, parameters and data
+    block, with offsets within the PDU. ``cut`` is True if the capture cut the PDU.
     """
 
     __slots__ = (
@@ -129,43 +129,43 @@ class Pdu:
 
     @property
     def function(self) -> int:
-        """The function octet, -1 when there are no parameters."""
+        """The function octet, -1 if there are no parameters."""
         return self.parameters.function
 
     @property
     def rosctr_name(self) -> str:
-        """``Job``, ``Ack``, ``Ack_Data``, ``Userdata`` or the number."""
+        """``Job``, ``Ack``, ``Ack_Data``, ``Userdata``, or the number."""
         return ROSCTR.name(self.rosctr)
 
     @property
     def function_name(self) -> str:
-        """Name of the function, for userdata of group and subfunction."""
+        """Name of the function; for userdata, names of group and subfunction."""
         if self.function >= 0:
             return self.parameters.function_name
         return FUNCTIONS.name(0) if self.rosctr == USERDATA else ""
 
     @property
     def data_offset(self) -> int:
-        """Where the data block begins within ``octets`` (it may lie past their end in a damaged PDU)."""
+        """Where the data block begins within ``octets`` (in a damaged PDU this may be after their end)."""
         return self.header_size + self.param_length
 
     @property
     def data(self) -> bytes:
-        """The data block, as much of it as is there."""
+        """The data block, as far as it was captured."""
         return self.octets[self.data_offset : self.data_offset + self.data_length]
 
     @property
     def body(self) -> Body:
-        """The parts behind the header (`dissect.s7.bodies`), cut anew at each access; notes hold no password. Never raises."""
+        """The parts after the header (`dissect.s7.bodies`), without passwords; parsed anew at each access. Never raises."""
         if not _CUT:
-            # Late: the tables of all structures come with it, few runs need them.
+            # imported late: it needs the tables of all structures, which few runs use
             from dissect.s7.hiding import body_to_show
 
             _CUT.append(body_to_show)
         return _CUT[0](self)
 
     def data_items(self, malformed: list[Malformed] | None = None) -> list[DataItem]:
-        """Return the data items of a read answer or a write request, offsets within the PDU; empty for other PDUs."""
+        """Return the data items of a read answer or write request, with offsets within the PDU; empty for other PDUs."""
         told: list[Malformed] = [] if malformed is None else malformed
         end = min(len(self.octets), self.data_offset + self.data_length)
         count = self.parameters.item_count
@@ -174,7 +174,7 @@ class Pdu:
             or (self.rosctr == JOB and self.function == WRITE_VAR)
         ):
             if count and not self.data_length and self.rosctr == ACK_DATA and (self.error_class or self.error_code):
-                return []  # refused as a whole: no items come back
+                return []  # the whole request was refused, without any items
             return parse_data_items(self.octets, self.data_offset, end, count, self.rosctr == ACK_DATA, told)
         return []
 
@@ -188,7 +188,7 @@ class Pdu:
 
     @property
     def refused(self) -> bool:
-        """True when the header or the userdata head carries an error code, or an item or alarm was not successful."""
+        """True if the header or the userdata head has an error code, or an item or alarm was not successful."""
         if self.error_class > 0 or self.error_code > 0:
             return True
         head = self.parameters.userdata
@@ -203,7 +203,7 @@ class Pdu:
 def parse_pdu(
     octets: bytes, frame: int = 0, time_ns: int = 0, connection: int = 0, side: int = 0, cut: bool = False
 ) -> Pdu:
-    """Read one S7 PDU (a whole TSDU that begins with 0x32). Never raises; ``cut`` says the capture cut it short."""
+    """Read one S7 PDU (a whole TSDU that begins with 0x32). Never raises. ``cut``: the capture cut it short."""
     pdu = Pdu(octets, frame, time_ns, connection, side)
     pdu.cut = cut
     limit = "snaplen" if cut else "tsdu"
@@ -234,10 +234,10 @@ def parse_pdu(
         pdu.malformed.append(Malformed("s7", "trailing_octets", "pdu", total, total, size, limit))
     block = octets[head : head + pdu.param_length]
     if pdu.rosctr not in ROSCTR:
-        pdu.parameters = Parameters(block, pdu.rosctr)  # not parsed: nobody knows whether it asks or answers
+        pdu.parameters = Parameters(block, pdu.rosctr)  # not parsed: it is unknown whether it is a request or an answer
         return pdu
     pdu.parameters = parse_parameters(block, pdu.rosctr)
-    if head + pdu.param_length <= size:  # else the block's own complaints only repeat the one above
+    if head + pdu.param_length <= size:  # else the faults of the block only repeat the one above
         for told in pdu.parameters.malformed:
             pdu.malformed.append(
                 Malformed(
@@ -251,7 +251,7 @@ def parse_pdu(
 
 
 def _check_return_codes(pdu: Pdu) -> None:
-    """A write answer holds one octet for each item, nothing else; refused as a whole it may hold none."""
+    """Check that a write answer has exactly one octet for each item; if the whole request was refused, it may have none."""
     if pdu.rosctr != ACK_DATA or pdu.function != WRITE_VAR or pdu.parameters.item_count < 0:
         return
     count, there = pdu.parameters.item_count, pdu.data_length

@@ -1,8 +1,8 @@
 """NC programming and data record routing (userdata groups 0x3f and 0x20, reference section 4.4).
 
-The reference has their names only. The fields of NC files are those Wireshark knows (newer versions than 4.0, which reads the
-group as other ones); no capture of them was at hand. Of data record routing nobody published more than its names, so its
-payload stays octets.
+The reference has only their names. The fields of NC files are those of Wireshark (versions after 4.0, which reads the group as
+other functions); no capture of them was at hand. For data record routing nothing but names is published, so that its payload
+stays octets.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _PATH: Final = Field(
 
 NC_FILE: Final = Layout("NC file", _SOURCE, [_PATH])
 NC_UPLOAD: Final = Layout("NC upload", _SOURCE, [*_WINDOW, _PATH])
-#: How many PDUs may be or were sent without an acknowledgement.
+#: How many PDUs may be sent, or were sent, without an acknowledgement.
 NC_WINDOW: Final = Layout("NC window", _SOURCE, [*_WINDOW])
-#: Before a piece of a file, and alone where nothing else is known.
+#: Precedes a piece of a file; alone where nothing more is known.
 NC_PIECE: Final = Layout("NC piece", _SOURCE, [Field("unknown", 2, "Unknown.", "s7comm.data.blockcontrol.unknown1")])
-#: A file begins with it.
+#: The beginning of a file.
 NC_HEADER: Final = Layout(
     "NC file header",
     _SOURCE,
@@ -67,12 +67,12 @@ NC_DATA: Final = Layout(
 
 _PIECES: Final = frozenset((NC_DOWNLOAD_BLOCK, NC_START_UPLOAD, NC_UPLOAD_BLOCK))
 _LINE_FEED: Final = b"\n"
-#: Characters of a length as text.
+#: Characters of a length that is given as text.
 _DIGITS: Final = frozenset(b" 0123456789")
 
 
 def parse_nc(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the payload of an NC programming function."""
+    """Parse the payload of an NC programming function."""
     function = head.subfunction
     if head.type == REQUEST and function == NC_REQUEST_DOWNLOAD:
         cursor.take(NC_FILE, note=printable(cursor.octets[cursor.at : cursor.end]))
@@ -90,7 +90,7 @@ def parse_nc(cursor: Cursor, head: UserdataHead) -> None:
         cursor.take(NC_PIECE)
         if function in _PIECES and head.type != REQUEST:
             _take_piece(cursor)
-    cursor.rest("not known")  # of everything else nobody described more than that
+    cursor.rest("not known")  # no source describes more
 
 
 def _take_piece(cursor: Cursor) -> None:
@@ -110,5 +110,5 @@ def _take_piece(cursor: Cursor) -> None:
 
 
 def parse_routing(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the payload of a data record routing function, whose structure nobody described."""
+    """Take the payload of a data record routing function as octets; its structure is not published."""
     cursor.rest(head.subfunction_name)

@@ -1,4 +1,4 @@
-"""Modules (data blocks) of the NC in NCK items, as Wireshark and the Sinumerik lists of variables name them."""
+"""Names of modules (data blocks) of the NC in NCK items, from Wireshark and the Sinumerik lists of variables."""
 
 from __future__ import annotations
 

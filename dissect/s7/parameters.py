@@ -1,7 +1,7 @@
 """What is read of every S7 PDU: its header, and its parameter block (which function, which items, which userdata group).
 
-Polling repeats a few hundred distinct request blocks for hours, so `ParameterCache` parses each distinct block once and every
-PDU that carries it refers to the same object.
+Clients that poll repeat a few hundred distinct request blocks for hours. So `ParameterCache` parses each distinct block once;
+all PDUs with the same block share one `Parameters` object.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ PROTOCOL_ID: Final = 0x32
 HEADER_SIZE: Final = 10
 ACK_HEADER_SIZE: Final = 12
 
-#: Where the data of an answer begins whose parameter block is function and item count.
+#: Where the data of an answer begin if its parameter block has only function and item count.
 _ANSWER_DATA_AT: Final = ACK_HEADER_SIZE + 2
 
 _HEADER: Final = struct.Struct(">BxxHHH")
@@ -50,19 +50,19 @@ PUSH: Final = 0
 REQUEST: Final = 1
 RESPONSE: Final = 2
 
-#: Octets of the parameter block of a job with one item of twelve octets.
+#: Octets of the parameter block of a job with one S7ANY item, which has twelve octets.
 _ONE_ITEM: Final = 14
 _SHORT: Final = 8
 _EXTENDED: Final = 12
-#: Blocks of function and item count alone: those of answers to reads and writes.
+#: How many distinct blocks of just function and item count there are in answers to reads and writes: 2 x 256.
 _SHORT_BLOCKS: Final = 512
 _USEND_SIZE: Final = 10
-#: Groups whose pushes go either way: BSEND and USEND, and what is sent to and from a numerical control.
+#: Groups whose pushes go in either direction: BSEND and USEND (PBC), data record routing, and NC programming.
 _EITHER_WAY: Final = frozenset((GROUP_PBC, 0x20, GROUP_NC))
 
 
 def read_header(octets: bytes, at: i64) -> tuple[i64, i64, i64, i64]:
-    """Return (ROSCTR, PDU reference, parameter length, data length) of the header at ``at``; ten octets must be there."""
+    """Return (ROSCTR, PDU reference, parameter length, data length) of the header at ``at``; needs ten octets there."""
     if COMPILED:
         rosctr: i64 = octets[at + 1]
         return rosctr, u16(octets, at + 4), u16(octets, at + 6), u16(octets, at + 8)
@@ -75,7 +75,7 @@ def header_size(rosctr: i64) -> i64:
 
 
 class Setup:
-    """Setup communication: open jobs allowed each way and the PDU length, asked for or granted (reference 3.4)."""
+    """Setup communication: the open jobs allowed in each direction and the PDU length, requested or granted (reference 3.4)."""
 
     __slots__ = ("_text", "fragment", "max_amq_called", "max_amq_calling", "pdu_length")
 
@@ -83,14 +83,14 @@ class Setup:
         self.max_amq_calling = max_amq_calling
         self.max_amq_called = max_amq_called
         self.pdu_length = pdu_length
-        self._text: str = ""  # made when it is first asked for: connections share what they negotiate
+        self._text: str = ""  # made when it is first needed: connections share `Setup` objects
         self.fragment: str = ""  # a report's cached text
 
     def __repr__(self) -> str:
         return f"Setup({self.max_amq_calling}, {self.max_amq_called}, {self.pdu_length})"
 
     def __str__(self) -> str:
-        """Return it as people read it and goldens hold it: ``PDU 480, AmQ 1/1``, the jobs of the caller first."""
+        """Return the text for reports: ``PDU 480, AmQ 1/1``, first the jobs of the calling side."""
         if not self._text:
             self._text = f"PDU {self.pdu_length}, AmQ {self.max_amq_calling}/{self.max_amq_called}"
         return self._text
@@ -105,7 +105,7 @@ class Setup:
 
 
 class UserdataHead:
-    """The parameter head of a userdata PDU (reference 4.1). ``extended`` heads carry the last three fields, others 0."""
+    """The parameter head of a userdata PDU (reference 4.1). If it is not ``extended``, its last three fields are 0."""
 
     __slots__ = (
         "data_unit_ref",
@@ -132,12 +132,12 @@ class UserdataHead:
 
     @property
     def more(self) -> bool:
-        """True when the answer goes on in a further PDU (reference 4.3)."""
+        """True if the answer continues in another PDU (reference 4.3)."""
         return self.data_unit_ref != 0 and self.last_data_unit != 0
 
     @property
     def continues(self) -> bool:
-        """True for the last part of an answer in several parts: its payload begins in the middle (reference 4.3)."""
+        """True for the last part of an answer in several parts: its payload continues the parts before (reference 4.3)."""
         return self.data_unit_ref != 0 and self.last_data_unit == 0
 
     @property
@@ -159,13 +159,13 @@ class UserdataHead:
         return f"{self.group_name}: {self.subfunction_name}"
 
 
-#: What most blocks have of items and of what is wrong; nobody appends to these.
+#: What most blocks have: no items and no faults. All share these lists, and nobody appends to them.
 _NO_ITEMS: Final[list[Item]] = []
 _NOTHING_WRONG: Final[list[Malformed]] = []
 
 
 class Parameters:
-    """A parsed parameter block. ``function`` is -1 when the block is empty; ``item_count`` -1 when it has none."""
+    """A parsed parameter block. ``function`` is -1 if the block is empty, ``item_count`` is -1 if the block has none."""
 
     __slots__ = (
         "answer_size",
@@ -195,39 +195,39 @@ class Parameters:
         self.setup: Setup | None = None
         self.userdata: UserdataHead | None = None
         self.malformed: list[Malformed] = _NOTHING_WRONG
-        self.written: i64 = 0  # kinds of areas that a write goes to (`dissect.s7.items.written_areas`)
+        self.written: i64 = 0  # of a write: the kinds of areas that it writes to (`dissect.s7.items.written_areas`)
         self.fragment: str = ""  # a report's cached text
         self.answer_size: i64 = (
             0  # of a read: octets of the smallest PDU that answers all items, as far as that is known
         )
-        # Of a read: what the data items of a good answer began with, and where, for the next one to be compared with
-        # (`dissect.transactions.transaction`); in one place, as the items themselves are spread over the memory.
+        # Of a read: `item_heads` of a good answer, to compare the next answers with (`dissect.transactions.transaction`). It is
+        # one bytes object, because the items themselves are spread over the memory.
         self.good_answer: bytes = b""
-        # The same where calls are dear, interpreted: what reads all of it at once, and what that read.
+        # The same for the interpreted code, where calls are slow: a struct that reads a whole answer, and what it read.
         self.good_layout: struct.Struct | None = None
         self.good_heads: tuple[int, ...] = ()
-        self.unjudged: bool = True  # nobody looked at codes and addresses yet
-        self.answer_unjudged: bool = False  # of a read: nobody looked at the transport sizes of a good answer yet
+        self.unjudged: bool = True  # codes and addresses were not judged yet
+        self.answer_unjudged: bool = False  # of a read: the transport sizes of a good answer were not judged yet
 
     def note(self, wrong: Malformed) -> None:
-        """Tell what is wrong about it."""
+        """Add a fault to ``malformed``."""
         if not self.malformed:
             self.malformed = []
         self.malformed.append(wrong)
 
     def keep_layout(self, buf: bytes, at: i64, data_at: i64) -> None:
-        """Keep what reads a good answer like the one at ``at`` of ``buf``, of which ``good_answer`` is, at once.
+        """Prepare `like_good` from the good answer at ``at`` of ``buf``; ``good_answer`` is set already.
 
-        That of a usual one, whose parameter block is function and item count, and whose header says that all is well.
+        Only answers are prepared whose parameter block is just function and item count, and whose header has no error.
         """
         if data_at == at + _ANSWER_DATA_AT and buf[at + HEADER_SIZE] == 0 and buf[at + HEADER_SIZE + 1] == 0:
             self.good_layout = answer_layout(self.good_answer)
             self.good_heads = self.good_layout.unpack_from(buf, at + HEADER_SIZE)
 
     def like_good(self, buf: bytes, at: i64, size: i64, data_at: i64) -> bool:
-        """Return whether all is well in an answer to a read, Ack_Data, because it begins as a good one did.
+        """Return whether an Ack_Data that answers a read is good, because its fixed octets equal those of the last good answer.
 
-        What `dissect.transactions.transaction.check_answer` finds by steps, where calls are dear: interpreted.
+        The interpreted code uses this, as calls are slow there, in place of `dissect.transactions.transaction.check_answer`.
         """
         layout = self.good_layout
         return (
@@ -246,7 +246,7 @@ class Parameters:
 
     @property
     def subject(self) -> str:
-        """What is asked, for a person: the function and, of up to three items, address and length."""
+        """The function and the first three items, each with address and length, for a person."""
         items = self.items
         if not items:
             return self.function_name
@@ -256,7 +256,7 @@ class Parameters:
 
 
 def is_plc_push(parameters: Parameters) -> bool:
-    """Tell whether this is userdata of type push that only PLCs send: those of `_EITHER_WAY` go both ways."""
+    """Return whether this is a userdata push that only PLCs send; pushes of `_EITHER_WAY` come from clients, too."""
     head = parameters.userdata
     if head is None or parameters.function != CPU_SERVICES:
         return False
@@ -280,7 +280,7 @@ def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
     elif function == READ_VAR or function == WRITE_VAR:
         if size < 2:
             if rosctr == ACK:
-                return parameters  # has no parameters by rule; one that names the function contradicts nothing
+                return parameters  # an Ack has no parameters by rule; naming only the function contradicts nothing
             _wrong_size(parameters, "item_count", 2, size)
             return parameters
         parameters.item_count = octets[1]
@@ -300,7 +300,7 @@ def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
 
 
 def _answer_size(items: list[Item]) -> i64:
-    """Return the octets of the PDU that answers a read: header, function and count, and a data item each (reference 3.5)."""
+    """Return the octets of the PDU that answers a read: header, function, count, one data item per item (reference 3.5)."""
     total: i64 = 14
     left: i64 = len(items)
     for item in items:
@@ -328,7 +328,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         return
     parameters.item_count = octets[1]
     if octets[4] == PBC_R_ID and octets[3] == _USEND_SIZE - 4:
-        # A layout of its own too (reference 4.10): the R_ID stands where others have the type, the group and the subfunction.
+        # Another layout (reference 4.10): the R_ID stands where other PDUs have the type, the group and the subfunction.
         parameters.userdata = UserdataHead(PUSH, GROUP_PBC, 0, 0)
         parameters.userdata.usend = True
         if size != _USEND_SIZE:
@@ -338,7 +338,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     head = UserdataHead(type_and_group >> 6, type_and_group & 0x3F, octets[6], octets[7])
     parameters.userdata = head
     rest: i64 = octets[3]
-    # What looks like a USEND and is none has an R_ID where an error code would be read.
+    # A damaged USEND has its R_ID where an error code would be read.
     if size >= _EXTENDED and rest >= 8 and octets[4] != PBC_R_ID:
         head.extended = True
         head.data_unit_ref = octets[8]
@@ -348,7 +348,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
 
 
 def _check_head(parameters: Parameters, octets: bytes, size: i64) -> None:
-    """Hold a userdata head to the two forms there are (reference 4.1); tells the first fault only."""
+    """Check that a userdata head has one of the two forms of reference 4.1; note only the first fault."""
     rest: i64 = octets[3]
     if octets[0] != CPU_SERVICES:
         _bad_head(parameters, "bad_value", "function", 0, CPU_SERVICES, octets[0])
@@ -373,17 +373,17 @@ def _bad_head(parameters: Parameters, reason: str, field: str, offset: i64, need
 
 
 class ParameterCache:
-    """Distinct parameter blocks, each parsed once while it keeps coming.
+    """Parses each distinct parameter block once, and remembers it while it keeps coming.
 
-    Two generations, each bounded in blocks and octets: when the younger is full, it becomes the elder and the elder is
-    forgotten; what is found in the elder moves to the younger. So blocks that come once (numbers of userdata requests count up)
-    push out no block that is polled.
+    There are two generations, each bounded in blocks and octets. When the younger one is full, it becomes the older one, and
+    the former older one is forgotten. A block that is found in the older generation moves to the younger one. So blocks that
+    come only once (userdata requests count up a number) do not push out blocks that are polled.
     """
 
-    #: Blocks of a generation, and octets of all of them; an item takes some thirty times its octets in memory.
+    #: Bounds of one generation: blocks, and their octets. A parsed item takes some thirty times its octets in memory.
     CAPACITY: Final = 8192
     OCTETS: Final = 512 * 1024
-    #: Blocks of requests that are found without a dictionary, a power of two.
+    #: Places for blocks of jobs that are found without a dictionary; a power of two.
     PLACES: Final = 8192
 
     def __init__(self) -> None:
@@ -391,9 +391,9 @@ class ParameterCache:
         self._old: list[dict[bytes, Parameters]] = [{} for _ in range(8)]
         self._blocks: i64 = 0
         self._octets: i64 = 0
-        #: Function and item count are the whole block of half of all PDUs: these, by both of them.
+        #: Half of all PDUs have a block of just function and item count: these blocks, by function and count.
         self._short: list[Parameters | None] = [None] * _SHORT_BLOCKS
-        #: Of the younger generation, the latest block of a job with the same DB and address at its end.
+        #: For each place, the latest block of a job that belongs there (`_asked`); blocks of the younger generation only.
         self._latest: list[Parameters | None] = [None] * self.PLACES
 
     def clear(self) -> None:
@@ -416,15 +416,15 @@ class ParameterCache:
                     short = parse_parameters(buf[at:end], rosctr)
                     self._short[place] = short
                 return short
-        if COMPILED and rosctr == JOB and end - at >= _ONE_ITEM:  # interpreted, a dictionary takes less
+        if COMPILED and rosctr == JOB and end - at >= _ONE_ITEM:  # the interpreted code is faster with the dictionary
             return self._asked(buf, at, end)
         octets = buf[at:end]
         parameters = self._young[rosctr].get(octets)
         return self._distinct(octets, rosctr) if parameters is None else parameters
 
     def _asked(self, buf: bytes, at: i64, end: i64) -> Parameters:
-        """Return the parsed block of a job with items: what the end of the last one refers to tells most of them apart."""
-        last: i64 = read_i64_be(buf, end - 8)  # of its six octets DB, area and address
+        """Return the parsed block of a job with items; DB and address of its last item are enough to tell most blocks apart."""
+        last: i64 = read_i64_be(buf, end - 8)  # six of these octets are DB, area and address of an S7ANY item
         place: i64 = ((last & 0xFFFFFFFF) + (last >> 28 & 0xFFFF0) + (end - at << 1)) & (self.PLACES - 1)
         latest = self._latest[place]
         if latest is not None and same(latest.octets, buf, at, end):

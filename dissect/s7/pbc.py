@@ -1,4 +1,4 @@
-"""Programmable block communication, BSEND and USEND: programs send to programs (userdata group 6, reference section 4.10)."""
+"""Programmable block communication, BSEND and USEND between two programs (userdata group 6, reference section 4.10)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dissect.wire.part import Cursor
 
 _SOURCE: Final = "reference section 4.10"
 
-#: Before the first piece of a BSEND only.
+#: Precedes the first piece of a BSEND only.
 BSEND_LENGTH: Final = Layout(
     "BSEND length",
     _SOURCE,
@@ -24,9 +24,9 @@ BSEND_DATA: Final = Layout(
     _SOURCE,
     [Field("bsend_data", REST, "As the program sent them.", "s7comm.data.userdata", holds=HOLDS_VALUE)],
 )
-#: Parameters of a USEND: the R_ID stands where others have type, group and subfunction.
+#: Parameters of a USEND: the R_ID stands where other userdata have type, group and subfunction.
 USEND_HEAD: Final = Layout("USEND", _SOURCE, [*USERDATA_SHORT.fields[:5], *R_ID_FIELDS])
-#: Before the data items of a USEND.
+#: Precedes the data items of a USEND.
 USEND_DATA: Final = Layout(
     "USEND data",
     _SOURCE,
@@ -39,18 +39,18 @@ USEND_DATA: Final = Layout(
 
 
 def goes_on(head: UserdataHead) -> bool:
-    """Tell whether a piece of a BSEND goes on with one that came before.
+    """Return whether a piece of a BSEND continues an earlier piece.
 
-    The first of several and one that is alone have sequence number 0, as every new request; the others the one that the
-    partner gave in its answer to the first. All of several have a data unit reference, in captures another one each.
+    A new BSEND has sequence number 0, like every new request. Its further pieces have the number that the partner gave in its
+    answer to the first piece. All pieces of a BSEND with several have a data unit reference; in captures each has another one.
     """
     return head.sequence != 0 and head.data_unit_ref != 0
 
 
 def parse_bsend(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut a piece of a BSEND, in a request or a push; the partner's answers carry nothing.
+    """Parse a piece of a BSEND in a request or a push; answers of the partner have no data.
 
-    The first piece of several, and one that is alone, begin with the length of all.
+    The first piece, which may be the only one, begins with the total length.
     """
     part = cursor.take(PBC_ID)
     if part is None:
@@ -68,14 +68,14 @@ def parse_bsend(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def take_usend(cursor: Cursor) -> None:
-    """Cut the parameters of a USEND."""
+    """Parse the parameters of a USEND."""
     part = cursor.take(USEND_HEAD)
     if part is not None:
         part.note = f"USEND {r_id_text(part.number('r_id'))}"
 
 
 def take_usend_data(cursor: Cursor) -> None:
-    """Cut the data block of a USEND."""
+    """Parse the data block of a USEND."""
     head = cursor.take(USEND_DATA)
     if head is not None:
         take_data_items(cursor, head.number("item_count"), False)

@@ -1,6 +1,7 @@
 """Programmer commands (userdata group 1, reference section 4.8): watching, modifying and forcing variables, block status.
 
-Each such job has a number, the sequence number of its answer; pushes carry it, and the commands about jobs name it.
+Such a command starts a job, which is identified by the sequence number of its answer: pushes carry that number, and commands
+about jobs refer to it.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ from dissect.s7.tables import (
 from dissect.s7.watched_items import parse_test_item
 from dissect.wire.part import Cursor, Part
 
-#: Subfunctions about jobs, not jobs themselves.
+#: Commands about jobs, which are not jobs themselves.
 JOB_COMMANDS: Final = frozenset((DISABLE_JOB, ENABLE_JOB, DELETE_JOB, READ_JOB_LIST, READ_JOB, REPLACE_JOB))
 
 _OPEN_DBS: Final = 2
@@ -80,7 +81,7 @@ _OB: Final = 0x08
 
 
 def parse_programmer(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the payload of a programmer command: sizes, parameter block, data block."""
+    """Parse the payload of a programmer command: sizes, parameter block, data block."""
     if head.continues:
         cursor.rest("continuation")
         return
@@ -93,7 +94,7 @@ def parse_programmer(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def _blocks(cursor: Cursor, sizes: Part, type_: int, subfunction: int, more: bool) -> None:
-    """Cut the two blocks whose ``sizes`` were read; with ``more`` to come the data block is cut short."""
+    """Parse the two blocks whose ``sizes`` were read; if there is ``more`` to come, the data block is incomplete."""
     parameters = _block(cursor, sizes.number("parameter_size"), "parameter size", False)
     if type_ == REQUEST:
         _request_parameters(parameters)
@@ -111,7 +112,7 @@ def _blocks(cursor: Cursor, sizes: Part, type_: int, subfunction: int, more: boo
 
 
 def _block(cursor: Cursor, size: int, name: str, cut: bool) -> Cursor:
-    """Return a cursor over the next ``size`` octets; too large a size is told unless the block is known to be ``cut``."""
+    """Return a cursor over the next ``size`` octets; note a size that is too large, unless the block is ``cut``."""
     if size > cursor.left and not cut:
         cursor.tell("length_beyond", name, size, cursor.left)
     return Cursor(cursor.octets, cursor.at, min(cursor.at + size, cursor.end), "item", cursor.malformed)
@@ -123,7 +124,7 @@ def _join(cursor: Cursor, block: Cursor) -> None:
 
 
 def _request_parameters(cursor: Cursor) -> None:
-    """Cut the parameter block of a request; each longer form only adds at the end."""
+    """Parse the parameter block of a request; each longer form only adds octets at the end."""
     size = cursor.left
     if size < TEST_REQUEST.size:
         return
@@ -150,7 +151,7 @@ def _block_name(part: Part) -> str:
 
 
 def _data(cursor: Cursor, type_: int, subfunction: int) -> None:
-    """Cut the data block of a programmer command."""
+    """Parse the data block of a programmer command."""
     if subfunction in {VARIABLE_STATUS, MODIFY_VARIABLE, FORCE_VARIABLES}:
         _variables(cursor, type_, subfunction)
     elif subfunction in JOB_COMMANDS:
@@ -172,7 +173,7 @@ def _data(cursor: Cursor, type_: int, subfunction: int) -> None:
         if part is not None:
             part.note = f"until {part.text('until')}" if part.text("until") else ""
     else:
-        # Time measurement, force selection, memory reset, flash LED: no source tells what their data mean.
+        # Time measurement, force selection, memory reset, flash LED: no source describes their data.
         cursor.rest()
 
 
@@ -184,7 +185,7 @@ def variable_text(part: Part) -> str:
 
 
 def _variables(cursor: Cursor, type_: int, subfunction: int) -> None:
-    """Cut variables: addresses and, where they are written, values in a request; values or return codes in a push."""
+    """Parse variables: in a request addresses, with values if they are written; in a push values or return codes."""
     if type_ not in {REQUEST, PUSH}:
         cursor.rest()  # answers have no payload
         return
@@ -220,7 +221,7 @@ def _addresses(cursor: Cursor, count: int) -> list[str]:
 
 
 def _jobs(cursor: Cursor, type_: int, subfunction: int) -> None:
-    """Cut what a command about jobs names, or what it is answered with."""
+    """Parse the request or the answer of a command about jobs."""
     if type_ == REQUEST:
         _job_request(cursor, subfunction)
     elif subfunction == READ_JOB_LIST:
@@ -236,7 +237,7 @@ def _jobs(cursor: Cursor, type_: int, subfunction: int) -> None:
             if cursor.left:
                 cursor.take(JOB_DATA)
     else:
-        cursor.rest()  # the others are answered without payload
+        cursor.rest()  # the other commands are answered without payload
 
 
 def _job_request(cursor: Cursor, subfunction: int) -> None:
@@ -253,7 +254,7 @@ def _job_request(cursor: Cursor, subfunction: int) -> None:
     if sizes is None:
         return
     if job.number("function") in JOB_COMMANDS:
-        cursor.rest()  # no job, so there is nothing to replace it with
+        cursor.rest()  # not a job, so that it cannot replace one
     else:
         _blocks(cursor, sizes, REQUEST, job.number("function"), False)
 
@@ -264,7 +265,7 @@ def _name_job(part: Part | None) -> None:
 
 
 def _block_status(cursor: Cursor, type_: int, subfunction: int) -> None:
-    """Cut block status: the registers to watch line by line, or their values."""
+    """Parse block status: in a request the registers to watch for each line, in a push their values."""
     second = subfunction == BLOCK_STATUS_V2
     if type_ == REQUEST:
         head = cursor.take(BLOCK_STATUS_2 if second else BLOCK_STATUS)
@@ -299,7 +300,7 @@ def _istack(cursor: Cursor, type_: int) -> None:
 
 
 def _bstack(cursor: Cursor, type_: int) -> None:
-    """Cut the block stack: an entry for each open block, after that of an OB its priority class and start time."""
+    """Parse the block stack: an entry for each open block; after an OB's entry its priority class and start time."""
     if type_ == REQUEST:
         cursor.take(BSTACK_REQUEST)
         return

@@ -25,12 +25,12 @@ _SIZES: Final = [
     Field("parameter_size", 2, "Bytes of the parameter block.", "s7comm.tis.parametersize", decimal=True),
     Field("data_size", 2, "Bytes of the data block.", "s7comm.tis.datasize", decimal=True),
 ]
-#: Before the parameter block and the data block of every programmer command.
+#: Precedes the parameter block and the data block of every programmer command.
 TEST_HEAD: Final = Layout("programmer command", _SOURCE, [*_SIZES])
-#: The same within the data block of a job that is read or replaced.
+#: The same sizes, within the data block of a job that is read or replaced.
 JOB_SIZES: Final = Layout("job", _SOURCE, [*_SIZES])
 
-#: The parameter block of a request, as far as all have it.
+#: The part of a request's parameter block that all requests have.
 TEST_REQUEST: Final = Layout(
     "trigger",
     _SOURCE,
@@ -106,16 +106,16 @@ _PLACE: Final = [
         "octet", 2, "Byte address, or number of a timer or counter.", "s7comm.varstat.req.startaddress", decimal=True
     ),
 ]
-#: A variable; the low nibble of the area is the width.
+#: A variable; the low nibble of ``area`` is its width.
 TEST_ADDRESS: Final = Layout(
     "variable",
     _SOURCE,
     [_AREA, Field("count", 1, "How many one after another.", "s7comm.varstat.req.repetition_factor"), *_PLACE],
 )
-#: A variable of one bit: the low nibble of the area is 0.
+#: A variable of one bit: the low nibble of ``area`` is 0.
 TEST_BIT: Final = Layout("variable", _SOURCE, [_AREA, Field("bit", 1, "Bit.", "s7comm.varstat.req.bitpos"), *_PLACE])
 
-#: Names a job by the subfunction that made it and the sequence number of its answer.
+#: Identifies a job, by the subfunction that started it and the sequence number of its answer.
 JOB: Final = Layout(
     "job",
     _SOURCE,
@@ -142,7 +142,7 @@ JOB_STATE: Final = Layout(
         Field("state", 2, "Perhaps whether it is active.", "s7comm.tis.job.reserved", means=plain, holds=HOLDS_FLAGS),
     ],
 )
-#: The data of a job that is read; the answer does not say which kind of job it is.
+#: The data of a job that is read; the answer does not say what kind of job it is.
 JOB_DATA: Final = Layout(
     "data of the job",
     _SOURCE,
@@ -161,10 +161,10 @@ _REGISTERS: Final = [
 ]
 _LINE_RESERVED: Final = Field("reserved", 1, "0.", "s7comm.tis.blockstat.reserved", means=plain)
 _LINE_ADDRESS: Final = Field("address", 2, "Code address of the line.", "s7comm.tis.blockstat.line_address")
-#: Registers asked for, in block status.
+#: The registers that block status asks for.
 BLOCK_STATUS: Final = Layout("block status", _SOURCE, [_LINE_RESERVED, *_REGISTERS])
 BLOCK_STATUS_LINE: Final = Layout("line", _SOURCE, [_LINE_RESERVED, *_REGISTERS])
-#: The same in block status v2, which knows the lines by their addresses.
+#: The same in block status v2, which identifies lines by their addresses.
 BLOCK_STATUS_2: Final = Layout(
     "block status",
     _SOURCE,
@@ -181,7 +181,7 @@ BLOCK_STATUS_START: Final = Layout(
     _SOURCE,
     [Field("start_address", 2, "Code address of the first line.", "s7comm.diagdata.req.startaddr_awl")],
 )
-#: What the registers held; which ones and in how many lines stands in the request.
+#: The values of registers; the request says which registers and how many lines.
 BLOCK_STATUS_DATA: Final = Layout(
     "registers", _SOURCE, [Field("registers", REST, "As requested.", "s7comm.tis.blockstat.data", holds=HOLDS_VALUE)]
 )
@@ -253,7 +253,7 @@ BSTACK_CLASS: Final = Layout(
     ],
 )
 BSTACK_TIME: Final = Layout("start time", _SOURCE, [_TIME])
-#: What is left of a start time when the data size is too small by four, as one firmware tells it.
+#: What is left of a start time if the data size is too small by four, as one firmware sends it.
 BSTACK_REST: Final = Layout(
     "start time, cut", _SOURCE, [Field("rest", REST, "First bytes of the time.", "s7comm.tis.bstack.reserved")]
 )

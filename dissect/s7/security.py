@@ -1,7 +1,7 @@
 """Security (userdata group 5, reference section 4.11): the password of a session.
 
-The encoding hides nothing: whoever has the octets has the password. So nothing here reads it out; who needs it asks
-`password_text`.
+The encoding does not protect it: anyone with the octets can decode the password. So nothing in this module decodes it, except
+`password_text` for callers that need it.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ ENCODED_PASSWORD: Final = Layout(
 
 
 def decode_password(encoded: bytes) -> bytes:
-    """Return the octets of a password (each was combined with 0x55 and with the encoded octet two before)."""
+    """Return the octets of a password (each is encoded by XOR with 0x55 and with the encoded octet two before it)."""
     return bytes(
-        octet ^ _KEY ^ (encoded[at - 2] if at >= 2 else 0)  # the first two have nothing two before
+        octet ^ _KEY ^ (encoded[at - 2] if at >= 2 else 0)  # the first two have no octet two before them
         for at, octet in enumerate(encoded)
     )
 
 
 def encode_password(password: bytes) -> bytes:
-    """Return a password of up to eight octets as it goes over the wire, filled up with blanks.
+    """Return the encoded form of a password of up to eight octets, which is padded with blanks.
 
-    Raises ValueError for a longer one.
+    Raises ValueError if the password is longer.
     """
     if len(password) > PASSWORD_SIZE:
         message = f"a password has up to {PASSWORD_SIZE} bytes, this one has {len(password)}: give a shorter one"
@@ -46,12 +46,12 @@ def encode_password(password: bytes) -> bytes:
 
 
 def password_text(encoded: bytes) -> str:
-    """Return the password in the octets of a request, without the blanks behind it. For those who ask, nobody else."""
+    """Return the password of a request, without the padding. Only for callers that the user asked to show it."""
     return decode_password(encoded).decode("latin-1").rstrip(" ")
 
 
 def parse_password(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the password of a request; answers carry nothing."""
+    """Parse the password of a request; answers have no data."""
     if head.type == REQUEST:
         size = cursor.left
         cursor.take(ENCODED_PASSWORD, PASSWORD_SIZE, f"password ({min(size, PASSWORD_SIZE)} bytes, not shown)")

@@ -1,4 +1,4 @@
-"""PI services by name: what they do, their arguments and their class (reference section 3.10 and its table)."""
+"""PI services by name: what they do, their arguments and their effect (reference section 3.10 and its table)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ COMPRESS: Final = "_GARB"
 BLOCK_SERVICES: Final = frozenset((LINK_IN, LINK_IN_SECOND, DELETE))
 #: What the names of all Sinumerik services begin with.
 NC_PREFIX: Final = "_N_"
-#: An argument that nobody is to read over a shoulder.
+#: The name of an argument that must not be shown.
 SECRET: Final = "password"  # noqa: S105 - the name of an argument, no secret
 
 
 class Service:
-    """A PI service. ``arguments`` says what its parameter block holds; ``effect`` says what it does."""
+    """A PI service. ``arguments`` describes its parameter block; ``effect`` is what calling it does to the device."""
 
     __slots__ = ("arguments", "effect", "meaning", "name")
 
@@ -34,11 +34,11 @@ class Service:
 
     @property
     def count(self) -> int:
-        """How many arguments it has, as far as each has a name."""
+        """The number of arguments, as far as each has a name."""
         return len(self.arguments.split(", "))
 
     def argument(self, number: int) -> str:
-        """Return the name of the argument with this number, counted from 0; empty where it has none of its own."""
+        """Return the name of the argument ``number``, counted from 0; empty if it has none."""
         names = self.arguments.split(", ")
         return names[number] if number < len(names) and not names[number][0].isdigit() else ""
 

@@ -1,7 +1,7 @@
 """Singles (IEEE 754, REAL) as text: the shortest decimal that reads back to the same four octets.
 
-Compiled, the digits come from native arithmetic with doubles. A single has 24 bits, so that scaling it by a power of ten is
-off by less than 2**-51 of its size; where that could decide between two texts, the exact road of `real_text` is taken.
+Compiled code makes the digits with native double arithmetic. A single has 24 bits, so that scaling it by a power of ten has a
+relative error below 2**-51. If that could decide between two texts, the exact way of `real_text` is used instead.
 """
 
 from __future__ import annotations
@@ -18,54 +18,54 @@ from dissect.wire.digits import MINUS, write_decimal, write_digits
 from dissect.wire.octets import u32
 
 _FLOAT: Final = struct.Struct(">f")
-#: Half the distance of neighbouring singles, by exponent field (the smallest two share theirs).
+#: Half the distance between neighbouring singles, by exponent field (the smallest two fields have the same).
 _HALF_STEP: Final[list[float]] = [2.0 ** (max(exponent, 1) - 127 - 24) for exponent in range(256)]
-#: Digits to begin with, by exponent field. Seven print what people write, except where the steps are wider than the seventh
-#: digit (just above a power of two that begins with nine, such as 2**-10 = 0.000976…) and among the subnormal numbers.
+#: Digits to begin with, by exponent field. Seven digits print what people write. Fewer are needed for subnormal numbers, and
+#: where the steps are wider than the seventh digit (just above a power of two that begins with nine: 2**-10 = 0.000976…).
 _FIRST_DIGITS: Final = bytes(
     [
         1 if exponent == 0 else 6 if 2 * step > 10.0 ** (math.floor(math.log10(2.0 ** (exponent - 127))) - 6) else 7
         for exponent, step in enumerate(_HALF_STEP)
     ]
 )
-#: The decimal exponent of the power of two of an exponent field, plus `_BIAS`. The number itself may have one more.
+#: The decimal exponent of the power of two with this exponent field, plus `_BIAS`. That of the number may be one higher.
 _DECADE: Final = bytes([math.floor(math.log10(2.0 ** (exponent - 127))) + 64 for exponent in range(255)])
 _BIAS: Final = 64
 
 
 def _doubles(numbers: list[float]) -> bytes:
-    """Return numbers as compiled code reads them without making objects."""
+    """Return numbers packed so that compiled code reads them without creating objects."""
     return struct.pack(f"<{len(numbers)}d", *numbers)
 
 
-#: `_HALF_STEP`; what the last of the 24 bits counts, by exponent field; powers of ten.
+#: `_HALF_STEP`; the value of the last of the 24 bits, by exponent field; powers of ten.
 _HALF_STEPS: Final = _doubles(_HALF_STEP)
 _LAST_BITS: Final = _doubles([2.0 ** (max(exponent, 1) - 127 - 23) for exponent in range(255)])
 _TENS: Final = _doubles([10.0**power for power in range(64)])
 _WHOLE_TENS: Final = struct.pack("<18q", *[10**power for power in range(18)])
-#: As `_shortest` packs what it found: exponent plus `_BIAS` in the lowest bits, above it the count of digits, the power of ten
-#: that the last of them counts plus `_BIAS`, and the digits.
+#: How `_shortest` packs its result: in the lowest bits the exponent plus `_BIAS`; then the count of digits; the power of ten of
+#: the last digit, plus `_BIAS`; and the digits.
 _EXPONENT_BITS: Final = 8
 _COUNT_BITS: Final = 4
 _POWER_AT: Final = _EXPONENT_BITS + _COUNT_BITS
 _DIGITS_AT: Final = _POWER_AT + 8
 _UNDECIDED: Final = -1
-#: A product and a shift that divide a number of less than 2**31 by ten.
+#: Multiplying by this and shifting divides a number below 2**31 by ten.
 _BY_10: Final = 0xCCCCCCCD
 _BY_10_BITS: Final = 35
-#: The greatest power of ten that is a double without rounding.
+#: The greatest power of ten that a double represents exactly.
 _EXACT_POWER: Final = 22
 
-#: Exponents from which `repr` of a float writes 1e+16, and the least that is not written 1e-05.
+#: `repr` of a float writes an exponent from this one on (1e+16), and below the second one (1e-05).
 _REPR_EXPONENT: Final = 16
 _LEAST_EXPONENT: Final = -4
-#: How a number is written: as %g does; so, but whole numbers with ``.0``, as JSON has it; as `repr` of the float does.
+#: Forms of numbers: as %g; as %g, but with ``.0`` for whole numbers (JSON); as `repr` of a float.
 _GENERAL: Final = 0
 _JSON: Final = 1
 _REPR: Final = 2
 _POINT: Final = 0x2E
-#: Between these `real_text` begins with seven digits everywhere, writes no exponent, and no number of seven or eight digits is
-#: in the middle of two singles: there it takes those that read back.
+#: Within these bounds `real_text` begins with seven digits and writes no exponent, and no number of seven or eight digits is
+#: exactly between two singles: there the first digits that read back are the result.
 _PLAIN_LEAST: Final = 0.002
 _PLAIN_END: Final = 1e6
 
@@ -84,8 +84,8 @@ def real(octets: bytes) -> float:
 def real_text(octets: bytes) -> str:
     """Return a single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
 
-    A double less than half a step of single precision from the exact value reads back to it, however ties are rounded; %g
-    drops the zeros of numbers with fewer digits than asked for, and nine digits always do.
+    A decimal that is less than half a single-precision step from the exact value reads back to it, however ties are rounded. %g
+    drops trailing zeros. Nine digits always read back.
     """
     if COMPILED:
         word: i64 = u32(octets, 0)
@@ -98,7 +98,7 @@ def real_text(octets: bytes) -> str:
         return repr(exact)
     half_step: float = _HALF_STEP[exponent]
     if exponent > 1 and octets[1] & 0x7F == 0 and octets[2] == 0 and octets[3] == 0:
-        half_step *= 0.5  # below a power of two the steps are half as wide
+        half_step *= 0.5  # just below a power of two the steps are half as wide
     digits: i64 = _FIRST_DIGITS[exponent]
     while digits < 7:
         text = f"{exact:.{digits}g}"
@@ -117,7 +117,7 @@ def real_text(octets: bytes) -> str:
 def real_json(octets: bytes, at: i64 = 0) -> str:
     """Return `real_text` of the octets at ``at`` as JSON.
 
-    Whole numbers have ``.0``; what JSON has no numbers for (NaN, infinities) is text.
+    Whole numbers get ``.0``; NaN and infinities, which JSON numbers do not have, are strings.
     """
     if COMPILED:
         word: i64 = u32(octets, at)
@@ -176,7 +176,7 @@ def real_repr(octets: bytes) -> str:
 
 
 def _shortest(word: i64) -> i64:
-    """Return the digits of the shortest decimal of a single and its exponent, packed; `_UNDECIDED` where doubles do not."""
+    """Return the digits and the exponent of the shortest decimal of a single, packed; `_UNDECIDED` if doubles cannot decide."""
     exponent: i64 = (word >> 23) & 0xFF
     if exponent == 0 or exponent == 255:
         return _UNDECIDED
@@ -196,7 +196,7 @@ def _shortest(word: i64) -> i64:
     power: i64 = 0
     ten: float = 0.0
     scaled: float = 0.0
-    step: float = 0.0  # half of one of singles, as `scaled`
+    step: float = 0.0  # half a step of singles, scaled like `scaled`
     away: float = 0.0
     while True:
         power = digits - 1 - decade
@@ -221,7 +221,7 @@ def _shortest(word: i64) -> i64:
             return _UNDECIDED
         digits += 1
     if number >= read_i64_le(_WHOLE_TENS, 8 * digits):
-        decade += 1  # rounded up to the next power of ten
+        decade += 1  # rounding reached the next power of ten
     while True:
         tenth: i64 = number * _BY_10 >> _BY_10_BITS
         if tenth * 10 != number:
@@ -237,12 +237,12 @@ def _ten(power: i64) -> float:
 
 
 def _power(found: i64) -> i64:
-    """Return the power of ten that the last digit of what `_shortest` found counts."""
+    """Return the power of ten that the last digit in a result of `_shortest` stands for."""
     return ((found >> _POWER_AT) & 0xFF) - _BIAS
 
 
 def _double(word: i64, found: i64, power: i64) -> float:
-    """Return what `_shortest` found as a double: product or quotient of two that are exact is the nearest to the decimal."""
+    """Return a result of `_shortest` as a double: a product or quotient of two exact doubles is the nearest to the decimal."""
     number: float = float(found >> _DIGITS_AT)
     number = number * _ten(power) if power >= 0 else number / _ten(-power)
     return -number if word >> 31 else number
@@ -256,7 +256,7 @@ def _written(word: i64, found: i64, form: i64) -> str:
 
 
 def _write(out: BytesWriter, word: i64, found: i64, form: i64) -> None:
-    """Write what `_shortest` found in one of the forms above."""
+    """Write a result of `_shortest` in one of the forms above."""
     exponent: i64 = (found & 0xFF) - _BIAS
     number: i64 = found >> _DIGITS_AT
     power: i64 = _power(found)

@@ -1,4 +1,4 @@
-"""The start information of an OB, the first 20 octets of its local data, as the ISTACK shows it (reference section 4.8).
+"""The start information of an OB: the first 20 octets of its local data, shown by the ISTACK (reference section 4.8).
 
 Head and time are the same for every OB; the eight octets between are what Siemens documents of each OB.
 """
@@ -32,7 +32,7 @@ _BLOCK: Final = [
 
 
 def _start(event: str, fields: list[Field]) -> Layout:
-    """Return the layout with these fields in its eight octets; ``event`` is Wireshark's name of the event."""
+    """Return the layout with ``fields`` as its eight octets; ``event`` is Wireshark's name of the event field."""
     return Layout(
         "start information",
         "reference section 4.8",
@@ -47,7 +47,7 @@ def _start(event: str, fields: list[Field]) -> Layout:
     )
 
 
-#: Of an OB that is not in `START_INFORMATION`.
+#: For an OB that is not in `START_INFORMATION`.
 OTHER_START: Final = _start("", [Field("details", 8, "Depends on the OB.", means=plain, holds=HOLDS_VALUE)])
 
 _CYCLE: Final = _start(
@@ -70,7 +70,7 @@ _TIME_OF_DAY: Final = _start(
         _RESERVED_4,
     ],
 )
-#: Wireshark begins one octet late here: it expects another octet before the OB number.
+#: Wireshark is off by one octet here: it expects another octet before the OB number.
 _DELAY: Final = _start(
     "",
     [

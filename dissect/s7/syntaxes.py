@@ -1,4 +1,4 @@
-"""The syntaxes of request items beside S7ANY: their fields and their addresses as text (reference section 3.5 and its table).
+"""Syntaxes of request items other than S7ANY: their fields, and their addresses as text (reference section 3.5, table).
 
 Numbers of drives, NC and symbols mean something to the device alone, so an address names what stands there and no more.
 """
@@ -43,13 +43,13 @@ _HEAD: Final = [
     Field("length", 1, "Bytes of the item after this one.", "s7comm.param.item.varspec_length", counts=COUNTS_REST),
     ITEM_HEAD.fields[2],
 ]
-#: The R_ID that BSEND and USEND name a connection of a program with.
+#: The R_ID by which BSEND and USEND identify a connection of a program.
 R_ID_FIELDS: Final = [
     Field("unknown", 1, "0x00 or 0xcc in captures.", "s7comm.pbc.bsend.unknown"),
     Field("r_id", 4, "Which of the program's connections.", "s7comm.pbc.req.bsend.r_id"),
 ]
 PBC_ID: Final = Layout("R_ID", "reference section 4.10", [*_HEAD, *R_ID_FIELDS])
-#: NCK in the units the device is set to, in metric ones and in inches.
+#: NCK items: in the units that the device is set to, in metric units, in inches.
 NCK_ITEM: Final = Layout(
     "NCK item",
     _SOURCE,
@@ -77,7 +77,7 @@ DRIVE_ITEM: Final = Layout(
         Field("parameter_index", 2, "Index of it.", "s7comm.param.item.driveesany.parameteridx", decimal=True),
     ],
 )
-#: Areas of data blocks read as one item; each is a `DB_AREA`, and the length of the item counts them too.
+#: Areas of data blocks that are read as one item. Each area is a `DB_AREA`; the length of the item includes them.
 DB_READ_ITEM: Final = Layout(
     "DBREAD item",
     _SOURCE,
@@ -101,7 +101,7 @@ _SYMBOL: Final = [
     Field("root", 2, "Where the symbol is.", "s7comm.tiap.item.area1", SYMBOL_ROOTS),
 ]
 _CRC: Final = Field("crc", 4, "Check of the symbol.", "s7comm.tiap.item.crc")
-#: A symbol of an S7-1200, in a data block, in another area, and where nobody knows; the steps to it follow.
+#: A symbol of an S7-1200: in a data block, in another area, in an unknown one. The steps to the symbol follow.
 SYMBOL_IN_DB: Final = Layout(
     "symbol in a DB",
     _SOURCE,
@@ -138,12 +138,12 @@ _FIXED: Final[dict[int, Layout]] = {
 
 
 def r_id_text(r_id: int) -> str:
-    """Return the R_ID of a connection for a person."""
+    """Return the R_ID of a connection as text."""
     return f"R_ID 0x{r_id:08x}"
 
 
 def layout_of(octets: bytes) -> Layout | None:
-    """Return the layout that an item, head included, begins with; None where its syntax is unknown or its size is wrong."""
+    """Return the layout of the beginning of an item, head included; None if its syntax is unknown or its size is wrong."""
     size = len(octets)
     if size < _HEAD_SIZE:
         return None
@@ -165,21 +165,21 @@ def _query(octets: bytes) -> Layout:
 
 
 def take_item(cursor: Cursor, octets: bytes, note: str) -> None:
-    """Cut an item that is not S7ANY; its ``octets``, head included, are those at the cursor."""
+    """Parse an item that is not S7ANY; ``octets`` are the whole item, which is at the cursor."""
     end = cursor.at + len(octets)
     layout = layout_of(octets)
-    areas = layout is DB_READ_ITEM and layout.size < len(octets)  # each of which says its own
+    areas = layout is DB_READ_ITEM and layout.size < len(octets)  # each area has its own note
     cursor.take(ITEM_HEAD if layout is None else layout, note="" if areas else note)
     follows = DB_AREA if layout is DB_READ_ITEM else SYMBOL_STEP
     while layout is not None and cursor.at < end:
         at = cursor.at - end + len(octets)
         cursor.take(follows, note=_area(octets, at) if follows is DB_AREA else _step(octets, at))
     if cursor.at < end:
-        cursor.take(OCTETS, end - cursor.at)  # a syntax nobody knows, or one of another size than it has
+        cursor.take(OCTETS, end - cursor.at)  # an unknown syntax, or a wrong size
 
 
 def item_text(octets: bytes) -> str:
-    """Return the address in an item that is not S7ANY, head included (3 octets at least), for example ``NCK C1 …``."""
+    """Return the address of an item that is not S7ANY, head included (at least 3 octets), for example ``NCK C1 …``."""
     syntax_id: i64 = octets[2]
     layout = layout_of(octets)
     if layout is None:

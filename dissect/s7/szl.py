@@ -1,8 +1,8 @@
-"""Read SZL (userdata group 4, subfunction 1): system status lists, asked for by id and index (reference section 4.5).
+"""Read SZL (userdata group 4, subfunction 1): system status lists, requested by id and index (reference section 4.5).
 
-An answer is a head and records, all of the length that the head tells. The records of a list that is longer than a PDU come
-in several answers, cut anywhere; only the first of them has the head. One answer alone tells as much as `starts_list` sees;
-`dissect.transactions.multipart` joins them.
+An answer is a head and records, which all have the length that the head states. A list longer than a PDU comes in several
+answers, split at any octet; only the first one has the head. `dissect.transactions.multipart` joins them; what a single one
+shows is up to `starts_list`.
 """
 
 from __future__ import annotations
@@ -38,32 +38,32 @@ SZL_HEAD: Final = Layout(
 _COMPONENTS: Final = 0x1C
 _CAPABILITY: Final = 0x31
 _COMMUNICATION: Final = 0x32
-#: Octets of every record of these lists.
+#: Octets of each record of these lists.
 _INDEXED_SIZES: Final[dict[int, int]] = {_COMPONENTS: 34, _CAPABILITY: 40, _COMMUNICATION: 40}
-#: Lists whose records go on behind what is known of them, each module as it likes.
+#: Lists with records that continue after the known fields, differently for each module.
 _LONGER: Final = frozenset((0xB2, 0xB3))
 
 
 def stated_size(head: bytes) -> int:
-    """Return how many octets an SZL has whose first octets are ``head``, by its own head; -1 where that says nothing."""
+    """Return the size of an SZL in octets as stated by its ``head``; -1 if that does not state one."""
     if len(head) < SZL_HEAD.size or extract(u16(head, 0)) == HEAD_ONLY:
         return -1
     return SZL_HEAD.size + u16(head, 4) * u16(head, 6)
 
 
 def shortage(szl_id: int, length: int, count: int, size: int) -> str:
-    """Return in words that an SZL has fewer octets of records than its head states."""
+    """Return the text that an SZL has fewer octets of records than its head states."""
     return f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
 
 
 def parse_szl(cursor: Cursor, head: UserdataHead) -> None:
-    """Cut the payload of Read SZL."""
+    """Parse the payload of Read SZL."""
     if head.type == REQUEST:
         part = cursor.take(SZL_REQUEST)
         if part is not None:
             part.note = list_note(part.number("szl_id"), part.number("szl_index"))
     elif head.type != RESPONSE:
-        cursor.rest()  # a list that nobody asked for is not known
+        cursor.rest()  # a list without a request is not known
     elif head.last_data_unit == 0:
         if head.data_unit_ref:
             cursor.rest("continuation")
@@ -76,9 +76,9 @@ def parse_szl(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def starts_list(cursor: Cursor) -> bool:
-    """Tell whether octets of which more are to come begin a list: a head is there and announces more than there is.
+    """Return whether incomplete octets begin with the head of a list, which announces more octets than there are.
 
-    A list whose records are known has to announce records of their size; so the middle of a list hardly ever looks like one.
+    If the records of the list are known, the head must state their size. So the middle of a list hardly ever looks like a head.
     """
     if cursor.left < SZL_HEAD.size:
         return False
@@ -95,7 +95,7 @@ def starts_list(cursor: Cursor) -> bool:
 
 
 def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
-    """Return the layout of the record ``octets[at:end]`` of a list; `RECORD` when it is not known."""
+    """Return the layout of the record ``octets[at:end]`` of a list; `RECORD` if it is not known."""
     partial = szl_id & 0xFF
     if partial not in _INDEXED_SIZES:
         return RECORDS.get(partial, RECORD)
@@ -109,7 +109,7 @@ def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
 
 
 def record_size(szl_id: int) -> int:
-    """Return the octets that a record of a list has by its layout, 0 when it is not known or open."""
+    """Return the octets of a record by the layout of its list; 0 if that is not known or not fixed."""
     partial = szl_id & 0xFF
     if partial in _LONGER:
         return 0
@@ -121,7 +121,7 @@ def record_size(szl_id: int) -> int:
 
 
 def _take_list(cursor: Cursor, whole: bool) -> None:
-    """Cut the head of a list and its records; one that is not ``whole`` may end within a record."""
+    """Parse the head of a list and its records; if it is not ``whole``, it may end within a record."""
     head = cursor.take(SZL_HEAD)
     if head is None:
         return
@@ -145,7 +145,7 @@ def _take_list(cursor: Cursor, whole: bool) -> None:
 
 
 def _take_record(cursor: Cursor, szl_id: int, szl_index: int, size: int) -> None:
-    """Cut one record of ``size`` octets, which are there: the fields that fit, and what stands behind those known."""
+    """Parse one record of ``size`` octets, all of which are there: the known fields that fit, then the rest."""
     layout = record_layout(szl_id, cursor.octets, cursor.at, cursor.at + size)
     end = cursor.at + size
     if layout.open:

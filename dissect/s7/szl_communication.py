@@ -1,6 +1,6 @@
-"""Records of the communication lists: what a CPU can do (0x31) and what is in use (0x32), one layout for each index.
+"""Records of the communication lists: capabilities of a CPU (0x31) and what is in use (0x32); each index has a layout.
 
-Reference section 4.5; places and names compared with Wireshark, which has the names of the Siemens manual.
+Reference section 4.5; positions and names were compared with Wireshark, which uses the names of the Siemens manual.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ _SECTION: Final = "reference section 4.5"
 
 
 def flags(wireshark: str, names: str, octets: int = 0, shared: bool = False) -> list[Field]:
-    """Return the bits of a field, one `Field` each, highest first.
+    """Return the bits of a field, one `Field` each, highest bit first.
 
-    ``names`` has one word for each bit: ``name``, ``name=last part of Wireshark's name`` or ``-`` for a bit without meaning.
-    ``octets`` is the size of the field where fewer bits are named than it has; ``shared`` when other fields stand before them.
+    ``names`` has one word for each bit: ``name``, ``name=last part of Wireshark's name``, or ``-`` for a bit without meaning.
+    ``octets`` is the size of the field if not all of its bits are named; ``shared`` if other fields come first in the same
+    octets.
     """
     words = names.split()
     size = octets or len(words) // 8
@@ -57,7 +58,7 @@ def _record(prefix: str, table: CodeTable, index: int, fields: list[Field]) -> L
     return Layout(f"{table.title}: {table.name(index)}", _SECTION, [head, *fields])
 
 
-#: Communication functions of index 6 and of section 6, an octet each; Wireshark's names are these in small letters.
+#: Communication functions of index 6 and of section 6, one octet each; Wireshark uses the same names in small letters.
 _BLOCKS: Final = [
     (0, "put get brcv bsend rcv send urcv usend"),
     (1, "ustatus status resume stop start initiate abort print"),
@@ -71,7 +72,7 @@ _BLOCKS: Final = [
 
 
 def _blocks(prefix: str, wireshark: str, whole: str) -> list[Field]:
-    """Return the eight octets of communication functions; octets without functions are ``whole`` in Wireshark."""
+    """Return the eight octets of communication functions; ``whole`` is Wireshark's name of octets without functions."""
     fields: list[Field] = []
     for octet, names in _BLOCKS:
         if not names:
@@ -86,7 +87,7 @@ def _blocks(prefix: str, wireshark: str, whole: str) -> list[Field]:
 
 
 def _time(name: str, text: str) -> list[Field]:
-    """Return a time of test functions: its base and its value."""
+    """Return the two fields of a time of test functions: time base and value."""
     known = f"s7comm.szl.0131.0008.{name}"
     return [
         Field(f"{name}_base", 2, f"{text}: base.", f"{known}_tb", TIME_BASES, (0xF000, 12)),
@@ -278,7 +279,7 @@ _TIME: Final = "s7comm.szl.0132.0008"
 
 
 def _meters(index: int, first: int) -> Layout:
-    """Return the record of eight run-time meters in hours."""
+    """Return the record of eight run-time meters (hours)."""
     known = f"s7comm.szl.0132.{index:04x}"
     return _record(known, STATUS_SECTIONS, index, [
         Field("running", 1, "One bit for each meter: it runs.", f"{known}.bszl_0"),
@@ -290,7 +291,7 @@ def _meters(index: int, first: int) -> Layout:
     ])  # fmt: skip
 
 
-#: Protection of the CPU: the levels, the switch, what tells versions apart.
+#: Protection of the CPU: levels, switch positions, and checksums that tell versions apart.
 PROTECTION: Final = _record(_PROTECTION, STATUS_SECTIONS, 0x04, [
     Field("switch_level", 2, "Protection level set with the switch.", f"{_PROTECTION}.key", PROTECTION_LEVELS),
     Field("parameter_level", 2, "Protection level set in the parameters.", f"{_PROTECTION}.param", PROTECTION_LEVELS),
@@ -299,7 +300,7 @@ PROTECTION: Final = _record(_PROTECTION, STATUS_SECTIONS, 0x04, [
     Field("startup_switch", 2, "Position of the start-up switch.", f"{_PROTECTION}.crst_wrst", STARTUP_SWITCH),
     Field("fail_safe", 2, "0: no F program.", f"{_PROTECTION}.ken_f"),
     Field("redundancy", 2, "Whether the ids below are valid.", f"{_PROTECTION}.ken_rel"),
-    # No names of Wireshark's: it reads these four with the low octet first.
+    # Without Wireshark's names: it reads these four as little-endian.
     Field("hardware_1", 2, "Checksum 1 of the hardware configuration."),
     Field("hardware_2", 2, "Checksum 2 of the hardware configuration."),
     Field("program_1", 2, "Checksum 1 of the user program."),

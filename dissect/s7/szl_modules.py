@@ -1,6 +1,6 @@
 """Records of the lists of modules, racks, stations and bus masters (SZL 0x75, 0x90 to 0x96 and 0xB1 to 0xB3).
 
-From the Siemens manual of system and standard functions; places compared with Wireshark where it knows them.
+From the Siemens manual of system and standard functions; positions compared with Wireshark where it has them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _MANUAL: Final = "Siemens system status list"
 
 
 def bits_set(octets: bytes) -> str | None:
-    """Return the numbers of the bits that are set, counted from 0; which rack or station is meant depends on the list."""
+    """Return the numbers of the set bits, from 0; it depends on the list which rack or station a bit stands for."""
     numbers = [str(8 * at + bit) for at, octet in enumerate(octets) for bit in range(8) if octet >> bit & 1]
     return f"bit{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}" if numbers else "none"
 
@@ -133,7 +133,7 @@ SUBMODULE_STATUS: Final = Layout(
     ],
 )  # fmt: skip
 
-#: Diagnostic data of a module: data record 0, with which data record 1 begins.
+#: Diagnostic data of a module: data record 0, which is also the beginning of data record 1.
 MODULE_DIAGNOSTICS: Final = Layout(
     "module diagnostics",
     _MANUAL,
@@ -142,7 +142,7 @@ MODULE_DIAGNOSTICS: Final = Layout(
                " external_fault internal_fault module_fault"),
         *flags("", "maintenance substitute_interrupt user_information channel_information - - - -"),
         Field("module_class", 1, "Kind of module.", "", DIAGNOSED_MODULES, (0x0F, 0), True),
-        # The manual says the same of both bits of maintenance.
+        # The manual describes both maintenance bits in the same way.
         *flags("", "maintenance_too buffering_failed battery_exhausted internal_supply_failed watchdog stopped"
                " communication_fault user_module_wrong"),
         *flags("", "- hardware_interrupt_lost fuse_blown converter_fault ram_fault eprom_fault processor_failed"

@@ -1,6 +1,6 @@
-"""What system status lists and their records say to a person, in a few words (reference section 4.5).
+"""Notes for a person about system status lists and their records (reference section 4.5).
 
-What an index picks and what the bits of racks and stations mean is from the Siemens manual of system and standard functions.
+The meaning of an index, and of the bits of racks and stations, is from the Siemens manual of system and standard functions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dissect.s7.szl_tables import HEAD_ONLY, INDEXES, MODULE_CLASSES, STATION_ST
 from dissect.wire.part import Part
 from dissect.wire.text import hex_number
 
-#: Lists of small records that say something only together; their records have no note.
+#: Lists of small records that have a meaning only together; these records get no note.
 _PLAIN: Final = (SZL_ID, CHARACTERISTIC, RECORD)
 
 _GENERAL_CAPABILITY: Final = CAPABILITY_RECORDS[0x01]
@@ -44,16 +44,16 @@ _TIME_STATUS: Final = STATUS_RECORDS[0x08]
 
 _BY_ADDRESS: Final = 0xC
 _OF_PLACE: Final = 0xD
-#: PROFINET IO systems are numbered from here; in a place only what is added to it stands.
+#: PROFINET IO systems are numbered from here on; the place of a module has only the number minus this.
 _IO_SYSTEMS: Final = 100
 _IO_SYSTEM: Final = 0x8000
 _OUTPUT: Final = 0x8000
-#: Versions of modules are small; blanks and what some servers write there are none.
+#: Versions of modules are small; larger values, as blanks and other fillings of some servers, are no versions.
 _LAST_VERSION: Final = 0xFF
-#: Logical address of a module that has none.
+#: The logical address of a module that has none.
 _NO_ADDRESS: Final = 0x7FFF
 
-#: What makes a module remarkable, in the order in which it is told (lists 0x91 and 0x96).
+#: Conditions of a module that its note names, in this order (lists 0x91 and 0x96).
 _FAULTS: Final = (
     ("error", "faulty"),
     ("disrupted", "faulty"),
@@ -66,24 +66,24 @@ _FAULTS: Final = (
     ("maintenance_demanded", "maintenance demanded"),
     ("maintenance_required", "maintenance required"),
 )
-#: Fields of diagnostic data that tell no fault, or are told on their own.
+#: Fields of diagnostic data that are not faults, or that the note handles otherwise.
 _NO_FAULTS: Final = frozenset(
     ("module_class", "module_fault", "channel_information", "user_information", "maintenance", "maintenance_too")
 )
 
 
 def module_class(szl_id: int) -> int:
-    """Return the kind of module that a list is of (`MODULE_CLASSES`)."""
+    """Return the kind of module that a list is about (`MODULE_CLASSES`)."""
     return szl_id >> 12
 
 
 def extract(szl_id: int) -> int:
-    """Return which part of the partial list an id is for, 0xF for its head alone."""
+    """Return the extract that an id asks for, 0xF for the head only."""
     return (szl_id >> 8) & 0xF
 
 
 def list_note(szl_id: int, index: int) -> str:
-    """Return what a list is for a person, for example ``SZL 0x0131 communication capability, general``."""
+    """Return the text for a list, for example ``SZL 0x0131 communication capability, general``."""
     told = f"SZL {hex_number(szl_id, 4)}"
     row = SZL_IDS.get(szl_id)
     if row is not None:
@@ -101,7 +101,7 @@ def list_note(szl_id: int, index: int) -> str:
 
 
 def _picked(partial: int, part: int, index: int) -> str:
-    """Return what an index picks from a list, empty where it picks nothing or nobody knows what."""
+    """Return what an index selects from a list; empty if it selects nothing or the meaning is not known."""
     if partial in {0x92, 0x94}:
         return system_text(index)
     if partial == 0x91 and part == _OF_PLACE:
@@ -127,21 +127,21 @@ def _picked(partial: int, part: int, index: int) -> str:
 
 
 def system_text(number: int) -> str:
-    """Return what is meant by the number of a bus system: the racks of the CPU, a DP master system, a PROFINET IO system."""
+    """Return the text for the number of a system: the racks of the CPU, a DP master system, or a PROFINET IO system."""
     if number == 0:
         return "central racks"
     return f"{'PROFINET IO' if number >= _IO_SYSTEMS else 'DP master'} system {number}"
 
 
 def _station(place: int) -> str:
-    """Return a rack or a station as lists of modules number them."""
+    """Return the text for a rack or station number of the lists of modules."""
     if place & _IO_SYSTEM:
         return f"{system_text(_IO_SYSTEMS + (place >> 11 & 0xF))} station {place & 0x7FF}"
     return f"{system_text(place >> 8)} station {place & 0xFF}" if place >> 8 else f"rack {place}"
 
 
 def record_note(part: Part, szl_id: int, index: int) -> str:
-    """Return what a record of a list says to a person in a few words; empty where it takes the whole record to say anything."""
+    """Return a note for a record of a list; empty if no note is shorter than the record."""
     layout = part.layout
     if layout in _PLAIN:
         return ""
@@ -172,7 +172,7 @@ def record_note(part: Part, szl_id: int, index: int) -> str:
 
 
 def _communication(part: Part) -> str:
-    """Return what the lists about communication say in numbers: of connections, and the time of day."""
+    """Return the note of a communication list's record: numbers of connections, and the time of day."""
     layout = part.layout
     if layout is _GENERAL_CAPABILITY and part.number("connections") >= 0:
         return f"PDU length {part.number('pdu_length')}, at most {part.number('connections')} connections"
@@ -195,7 +195,7 @@ def _communication(part: Part) -> str:
 
 
 def _counted(part: Part) -> str:
-    """Return the note of a record that has a number of something, or a text."""
+    """Return the note of a record with a number of something or a text."""
     layout = part.layout
     if layout is MEMORY_AREA:
         return f"{_name(part, 'index')} {part.number('memory_size')} bytes"
@@ -219,8 +219,8 @@ def _name(part: Part, field: str) -> str:
 def _identification(part: Part) -> str:
     """Return the order number and the version, for example ``6ES7 315-2EH14-0AB0, basic firmware V3.2.6``.
 
-    Where the version is no letter with a number, what stands behind it is none of the module: it is reserved, or the release of
-    a file of the programming device.
+    If the version is not a letter with a number, the octets after it are not part of the module's version: they are reserved,
+    or the release of a file of the programming device.
     """
     number = part.text("order_number")
     version = part.number("version")
@@ -235,7 +235,7 @@ def _identification(part: Part) -> str:
 
 
 def _led(part: Part) -> str:
-    """Return an LED and what it does, for example ``RUN on``."""
+    """Return an LED and its state, for example ``RUN on``."""
     flashing = part.number("flashing")
     state = _name(part, "state")
     return f"{_name(part, 'led')} {state}" + (f", {_name(part, 'flashing')}" if flashing > 0 else "")
@@ -251,9 +251,9 @@ def _operating_mode(part: Part) -> str:
 
 
 def _stations(part: Part, szl_id: int, system: int, group: bool) -> str:
-    """Return which racks or stations a list says something of, for example ``available: stations 1, 3``.
+    """Return which racks or stations have the state that a list is about, for example ``available: stations 1, 3``.
 
-    Bit 0 is the central rack or station 1. With ``group`` information in front of them, they are a bit further on.
+    Bit 0 is the central rack or station 1. With ``group`` information before the bits, these are further on.
     """
     octets = part.octets("stations")
     first = (0 if system == 0 else 1) - (1 if group else 0)
@@ -303,7 +303,7 @@ def _state(part: Part) -> str:
 
 
 def _diagnostics(part: Part) -> str:
-    """Return what the diagnostic data of a module say of it, for example ``analog module: external fault, fuse blown``."""
+    """Return a text for the diagnostic data of a module, for example ``analog module: external fault, fuse blown``."""
     kind = part.text("module_class")
     said = [value.field.name for value in part.values if value.value and value.field.name not in _NO_FAULTS]
     if part.number("maintenance") > 0 or part.number("maintenance_too") > 0:

@@ -1,8 +1,8 @@
-"""Records of system status lists: which layout a record has, by partial list and by its index (reference section 4.5).
+"""Records of system status lists: the layout of a record, by partial list and index (reference section 4.5).
 
-Those without a reference section are from the Siemens manual of system and standard functions; the sizes and places of all
-that Wireshark knows were compared with it. The lists of communication units are in `dissect.s7.szl_communication`, those of
-modules and stations in `dissect.s7.szl_modules`.
+Layouts without a reference section are from the Siemens manual of system and standard functions; sizes and positions were
+compared with Wireshark for all that it knows. Communication lists are in `dissect.s7.szl_communication`, lists of modules and
+stations in `dissect.s7.szl_modules`.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ def mac_address(octets: bytes) -> str | None:
     return octets.hex(":")
 
 
-#: A record of a list whose records are not known.
+#: A record of a list with unknown records.
 RECORD: Final = Layout(
     "SZL record",
     _SECTION,
     [Field("octets", REST, "As on the wire.", "s7comm.param.userdata.szl_part_list")],
 )
-#: What a record has behind the fields that are known.
+#: The octets of a record after its known fields.
 RECORD_REST: Final = Layout("rest of the SZL record", _SECTION, [Field("octets", REST, "As on the wire.")])
 
 SZL_ID: Final = Layout(
@@ -85,12 +85,12 @@ SZL_ID: Final = Layout(
 )
 
 
-#: Two blanks, where a device has no number.
+#: Two blanks, which stand where a device has no number.
 BLANK: Final = 0x2020
 
 
 def version_text(value: int) -> str:
-    """Return the letter and the major version, for example ``V3``; empty where the number is another kind of version."""
+    """Return letter and major version, for example ``V3``; empty if the number is not such a version."""
     letter = chr(value >> 8)
     return f"{letter}{value & 0xFF}" if letter in {"V", "A"} else ""
 
@@ -263,12 +263,12 @@ H_SYSTEM: Final = Layout(
 )
 
 _COMPONENT: Final = "s7comm.szl.001c"
-#: In an H CPU the first octet tells the rack, and whether its CPU is master.
+#: In an H CPU the first octet has the rack, and whether its CPU is master.
 _COMPONENT_HEAD: Final = [Field("index", 2, "Which component.", f"{_COMPONENT}.000x.index", COMPONENTS)]
 
 
 def _component(index: int, size: int, wireshark: str, holds: str = HOLDS_NAME) -> Layout:
-    """Return the layout of a component that is a text of ``size`` octets and reserved ones up to 32."""
+    """Return the layout of a component: a text of ``size`` octets, then reserved octets up to 32."""
     text = Field(
         "text", size, "Text, padded with blanks or zeros.", f"{_COMPONENT}.{wireshark}", means=latin, holds=holds
     )
@@ -315,10 +315,10 @@ COMPONENT_RECORDS: Final[dict[int, Layout]] = {
     ),
     0x0B: _component(0x0B, 32, "000b.loc_id"),
 }
-#: A component without a meaning that is known.
+#: A component of unknown meaning.
 COMPONENT: Final = Layout("component", _SECTION, [*_COMPONENT_HEAD, reserved("reserved", 32, f"{_COMPONENT}.000x.res")])
 
-#: Layouts of records by partial list, where all its records are alike.
+#: Layouts of records by partial list, for lists whose records all have the same layout.
 RECORDS: Final[dict[int, Layout]] = {
     0x00: SZL_ID,
     0x11: IDENTIFICATION,
@@ -342,6 +342,6 @@ RECORDS: Final[dict[int, Layout]] = {
     0x96: SUBMODULE_STATUS,
     0xA0: DIAGNOSTIC_EVENT,
     0xB1: MODULE_DIAGNOSTICS,
-    0xB2: MODULE_DIAGNOSTICS,  # and what the module has to say of its channels
+    0xB2: MODULE_DIAGNOSTICS,  # followed by data of the module about its channels
     0xB3: MODULE_DIAGNOSTICS,
 }

@@ -1,7 +1,7 @@
-"""System status lists (SZL): their ids, the partial lists, and what an index picks in them (reference section 4.5).
+"""System status lists (SZL): ids, partial lists, and what an index selects in them (reference section 4.5).
 
-The ids are those of the table of the reference, which names Wireshark as their source; the codes of the records are those of
-the Siemens manual of system and standard functions, chapter "System status lists".
+The ids are from the table of the reference, which names Wireshark as their source. The codes in records are from the Siemens
+manual of system and standard functions, chapter "System status lists".
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from typing import Final
 
 from dissect.wire.codes import Code, CodeTable
 
-#: Extract (bits 11-8 of an id) that answers with the head alone.
+#: The extract (bits 11-8 of an id) that is answered with the head only.
 HEAD_ONLY: Final = 0xF
 
-#: What kind of module the list is of (bits 15-12 of an id).
+#: The kind of module that the list is about (bits 15-12 of an id).
 MODULE_CLASSES: Final = CodeTable(
     "SZL module class",
     1,
@@ -76,7 +76,7 @@ class SzlIds(CodeTable):
     __slots__ = ()
 
     def get(self, number: int) -> Code | None:
-        """Return the row of ``number``, or one made of its partial list; None when that is not known either."""
+        """Return the row of ``number``, or one made from its partial list; None if that is unknown as well."""
         row = super().get(number)
         if row is not None:
             return row
@@ -87,19 +87,19 @@ class SzlIds(CodeTable):
         return Code(number, partial.name, text)
 
     def name(self, number: int) -> str:
-        """Return the name of ``number``; an unknown number names itself."""
+        """Return the name of ``number``; the number itself if it is unknown."""
         row = self.get(number)
         return row.name if row is not None else self.hex(number)
 
     def text(self, number: int) -> str:
-        """Return the sentence of ``number``, empty when there is none."""
+        """Return the sentence of ``number``; empty if there is none."""
         row = self.get(number)
         return row.text if row is not None else ""
 
 
 _HEAD_ONLY: Final = "List header only (record length and count, no records)."
 
-#: Ids of lists: the name is that of the partial list, the sentence tells what the extract holds.
+#: Ids of lists: the name is that of the partial list, the sentence describes the extract.
 SZL_IDS: Final = SzlIds(
     "SZL id",
     4,
@@ -300,7 +300,7 @@ IDENTIFICATIONS: Final = CodeTable(
     ],
 )
 
-#: Characteristics of a CPU (list 0x12); the index picks a group of them.
+#: Characteristics of a CPU (list 0x12); the index selects a group of them.
 CHARACTERISTICS: Final = CodeTable(
     "CPU characteristic",
     4,
@@ -547,7 +547,7 @@ STARTUP_SWITCH: Final = CodeTable(
     ],
 )
 
-#: No and yes in a word.
+#: No or yes, as a word of 16 bits.
 NO_YES: Final = CodeTable("yes or no", 4, [(0, "no", ""), (1, "yes", "")])
 
 #: Operating modes as a mode transition (list 0x24) and the H system (list 0x71) write them.
@@ -573,7 +573,7 @@ OPERATING_MODES: Final = CodeTable(
     ],
 )
 
-#: How a start-up came about (list 0x24: the last one and the one permitted).
+#: Kinds of start-up (list 0x24: the last one and the permitted one).
 STARTUP_KINDS: Final = CodeTable(
     "start-up kind",
     2,
@@ -610,7 +610,7 @@ MODULE_AREAS: Final = CodeTable(
     ],
 )
 
-#: What a logical address of a module is of (list 0x91).
+#: What the logical address of a module refers to (list 0x91).
 ADDRESS_KINDS: Final = CodeTable(
     "address kind", 2, [(0xB4, "input", ""), (0xB5, "output", ""), (0xFF, "external DP interface", "")]
 )
@@ -630,8 +630,8 @@ DIAGNOSED_MODULES: Final = CodeTable(
     ],
 )
 
-#: What a bit of a rack or station says, by extract of the lists 0x92 and 0x94. What those of batteries and of the 24 V supply
-#: say, no source at hand tells.
+#: Meaning of a bit of a rack or station, by extract of the lists 0x92 and 0x94. No source at hand describes the bits for
+#: batteries and for the 24 V supply.
 STATION_STATES: Final = CodeTable(
     "state of racks and stations",
     1,
@@ -655,7 +655,7 @@ ADDRESS_SOURCES: Final = CodeTable(
     ],
 )
 
-#: What an H system is (list 0x71).
+#: The kind of H system (list 0x71).
 REDUNDANCY: Final = CodeTable("redundancy", 4, [(0x0011, "single H CPU", ""), (0x0012, "one of two", "")])
 
 #: Time bases of the times of test functions (list 0x31 index 8).
@@ -682,7 +682,7 @@ TIME_BASES: Final = CodeTable(
     ],
 )
 
-#: What an index picks, by partial list; the lists that are not here number objects of the device.
+#: What an index selects, by partial list; in lists that are not here, the index is the number of an object of the device.
 INDEXES: Final[dict[int, CodeTable]] = {
     0x11: IDENTIFICATIONS,
     0x12: CHARACTERISTICS,

@@ -120,28 +120,28 @@ NC_CONTINUE_UPLOAD: Final = 8
 # Subfunctions of mode transition.
 MODE_STOP: Final = 0
 
-# What a request does to the device that gets it: the last column of `FUNCTIONS` and `USERDATA_SUBFUNCTIONS`, and the class of a
-# PI service. What may be played again, and which requests are events of security, follows from it (reference section 7.4).
+# What a request does to its device: the last column of `FUNCTIONS` and `USERDATA_SUBFUNCTIONS`, and the effect of a PI service.
+# It decides what may be replayed, and which requests are security events (reference section 7.4).
 READ: Final = "read"  # changes nothing in the device
-SESSION: Final = "session"  # changes what it sends to this client
+SESSION: Final = "session"  # changes what the device sends to this client
 WRITE: Final = "write"
 PROGRAM_READ: Final = "program read"  # begins to read a block or a file
-PROGRAM_CHANGE: Final = "program change"  # begins to load one, links it in, deletes it
-TRANSFER: Final = "transfer"  # goes on with what was begun
-TEST: Final = "test"  # asks for a job of testing, which takes time of the program's cycle, or looks after one
+PROGRAM_CHANGE: Final = "program change"  # begins to load a block or file, links it in, deletes it
+TRANSFER: Final = "transfer"  # continues what was begun
+TEST: Final = "test"  # starts a test job, which takes time of the program's cycle, or is a command about one
 DEBUG: Final = "debug"  # follows the program as it runs, or halts it
 FORCE: Final = "force"  # sets variables against the program
-CLOCK: Final = "clock"  # sets it
+CLOCK: Final = "clock"  # sets the clock
 ALARM_CHANGE: Final = "alarm change"  # locks, unlocks or acknowledges
 LOGIN: Final = "authentication"
 START: Final = "start"
 STOP: Final = "stop"
-MEMORY: Final = "memory"  # clears it, compresses it or writes it to ROM
-FLASH: Final = "flash"  # of LEDs
+MEMORY: Final = "memory"  # clears, compresses or copies the memory to ROM
+FLASH: Final = "flash"  # flashes LEDs
 DESTRUCTIVE: Final = "destructive"  # deletes what may not come back
 ROUTING: Final = "routing"  # reaches through to another device
 CONTROL: Final = "control"  # anything else that changes the device
-# Of pushes, which nobody requests.
+# For pushes, which are not requested.
 STATE: Final = "state change"
 ALARM: Final = "alarm"
 SEND: Final = "data push"
@@ -224,7 +224,7 @@ AREA_LETTERS: Final[dict[int, str]] = {
     0x87: "V",
 }
 
-#: Areas by the one letter people write, with the German ones (E and A for inputs and outputs, Z for counters).
+#: Areas by the single letter that people write, including the German ones (E and A for inputs and outputs, Z for counters).
 LETTER_AREAS: Final[dict[str, int]] = {
     **{letters: area for area, letters in AREA_LETTERS.items() if len(letters) == 1},
     "E": 0x81,
@@ -232,10 +232,10 @@ LETTER_AREAS: Final[dict[str, int]] = {
     "Z": 0x1c,
 }
 
-#: Areas whose address is a plain number of an object, not an octet address times 8.
+#: Areas whose address is a plain object number, not an octet address times 8.
 NUMBERED_AREAS: Final = frozenset((0x1c, 0x1d, 0x1e, 0x1f))
 
-#: Area of a data record, which has no addresses, and those of data blocks.
+#: The area of data records, which have no addresses, and the areas of data blocks.
 RECORD_AREA: Final = 0x01
 DB: Final = 0x84
 DI: Final = 0x85
@@ -270,7 +270,7 @@ TRANSPORT_SIZES: Final = CodeTable(
     ],
 )
 
-#: Octets of one element of a request transport size; sizes missing here have no known element size.
+#: Octets of one element by request transport size; sizes that are missing here have no known element size.
 ELEMENT_OCTETS: Final[dict[int, int]] = {
     0x01: 1,
     0x02: 1,
@@ -291,7 +291,7 @@ ELEMENT_OCTETS: Final[dict[int, int]] = {
     0x30: 8,
 }
 
-#: Request transport sizes that are treated apart: the others are numbers of the size in `ELEMENT_OCTETS`.
+#: Request transport sizes that the code refers to.
 BIT: Final = 0x01
 BYTE: Final = 0x02
 CHAR: Final = 0x03
@@ -318,7 +318,7 @@ DATA_TRANSPORT_SIZES: Final = CodeTable(
     ],
 )
 
-#: Data transport sizes that are treated apart.
+#: Data transport sizes that the code refers to.
 DATA_BIT: Final = 0x03
 DATA_BYTES: Final = 0x04
 OCTET_STRING: Final = 0x09
@@ -326,7 +326,7 @@ OCTET_STRING: Final = 0x09
 #: Data transport sizes whose length field counts bits (the others count octets).
 LENGTH_IN_BITS: Final = frozenset((0x03, 0x04, 0x05))
 
-#: The data transport size a CPU answers a request transport size with, without exception in captures (reference 3.5).
+#: The data transport size with which a CPU answers a request transport size; no capture has an exception (reference 3.5).
 ANSWER_TRANSPORT_SIZE: Final[dict[int, int]] = {
     0x01: 0x03,
     0x02: 0x04,
@@ -378,7 +378,7 @@ SYNTAX_IDS: Final = CodeTable(
     ],
 )
 
-#: Block type as the two text digits of a file name.
+#: Block types by the two digits in a file name.
 BLOCK_TYPES: Final[dict[str, str]] = {
     "08": "OB",
     "09": "CMod",
@@ -418,7 +418,7 @@ USERDATA_GROUPS: Final = CodeTable(
     ],
 )
 
-#: Subfunctions by function group: who sends them, and what a request does.
+#: Subfunctions by function group, with who sends them and what a request does.
 USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
     0x00: CodeTable(
         "S7 mode transition subfunction",
@@ -553,14 +553,14 @@ USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
     ),
 }
 
-#: Block types as a number; two octets in test functions, one in registers (reference section 4.8).
+#: Block types as a number: two octets in test functions, one octet in registers (reference section 4.8).
 BLOCK_KINDS: Final = CodeTable(
     "S7 block type",
     2,
     [(0x00, "not set", "No block."), *[(int(digits, 16), name, "") for digits, name in BLOCK_TYPES.items()]],
 )
 
-#: Types whose bytes behind the header are code; those of a DB are values, an SDB's are of the system.
+#: Types whose content after the header is code; that of a DB is values, that of an SDB is system data.
 CODE_BLOCKS: Final = frozenset(("OB", "FC", "FB", "SFC", "SFB"))
 
 #: Areas of a Sinumerik, as people write them (reference section 3.5).
@@ -587,7 +587,7 @@ SYMBOL_AREAS: Final = CodeTable(
     [(0x50, "I", "Inputs."), (0x51, "Q", "Outputs."), (0x52, "M", "Flags."), (0x53, "C", "Counters."), (0x54, "T", "Timers.")],
 )
 
-#: What a step on the way to a symbol is.
+#: What kind of step on the way to a symbol it is.
 SYMBOL_FLAGS: Final = CodeTable(
     "S7-1200 symbol step",
     1,
@@ -622,7 +622,7 @@ BLOCK_LANGUAGES: Final = CodeTable(
 
 BLOCK_SECURITY: Final = CodeTable("S7 block security", 8, [(0, "none", ""), (3, "know-how protection", "")])
 
-#: Time base of a cyclic service; the interval is this times the factor (reference section 4.7).
+#: Time bases of a cyclic service; the interval is the time base times a factor (reference section 4.7).
 CYCLIC_TIME_BASES: Final = CodeTable("S7 cyclic time base", 2, [(0, "100 ms", ""), (1, "1 s", ""), (2, "10 s", "")])
 
 TEST_TRIGGER_TYPES: Final = CodeTable(
@@ -661,7 +661,7 @@ TEST_TRIGGER_EVENTS: Final = CodeTable(
     ],
 )
 
-#: Area and width of a variable in test functions: area in the high nibble, width in the low one (reference section 4.8).
+#: Area and width of a variable in test functions: area in the high nibble, width in the low nibble (reference section 4.8).
 TEST_AREAS: Final = CodeTable(
     "S7 test function area",
     2,
@@ -709,7 +709,7 @@ CALL_CONDITIONS: Final = CodeTable(
 
 EXIT_HOLD: Final = CodeTable("S7 exit HOLD until", 2, [(0, "next breakpoint", ""), (1, "next statement", "")])
 
-#: What a message service asks for beside the events of its mask (reference section 4.9).
+#: What a message service subscribes to, besides the events of its mask (reference section 4.9).
 ALARM_SUBSCRIPTIONS: Final = CodeTable(
     "S7 alarm subscription",
     2,

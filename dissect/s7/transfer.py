@@ -1,4 +1,4 @@
-"""Blocks on their way to the PLC and from it: functions 0x1a to 0x1f (reference sections 3.7 to 3.9)."""
+"""Transfer of blocks to and from the PLC: functions 0x1a to 0x1f (reference sections 3.7 to 3.9)."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ _UPLOAD_ID: Final = Field(
 _UNKNOWN_2: Final = Field("unknown", 2, "0 or 0x0100 in captures.", _UNKNOWN)
 _UNKNOWN_4: Final = Field("unknown_id", 4, "0; the place of the upload id.", _UNKNOWN)
 
-#: The function and its status: an answer to request download, download block, upload and PI services.
+#: Function and status: the answer to request download, download block, upload and PI services.
 STATUS: Final = Layout("function status", "reference section 3.10", [*_STATUS])
-#: Jobs: request download and download block; download ended; start upload, upload; end upload.
+#: Parameter blocks of jobs: request download and download block; download ended; start upload, upload; end upload.
 DOWNLOAD: Final = Layout("download", _DOWNLOAD, [*_STATUS, _UNKNOWN_2, _UNKNOWN_4])
 DOWNLOAD_END: Final = Layout("download ended", _DOWNLOAD, [*_STATUS, _ERROR, _UNKNOWN_4])
 UPLOAD_HEAD: Final = Layout("upload", _UPLOAD, [*_STATUS, _UNKNOWN_2, _UPLOAD_ID])
@@ -65,7 +65,7 @@ UPLOAD_END: Final = Layout("end upload", _UPLOAD, [*_STATUS, _ERROR, _UPLOAD_ID]
 _NAME_LENGTH: Final = Field(
     "name_length", 1, "Bytes of the name.", "s7comm.param.blockcontrol.filename_len", counts=COUNTS_REST
 )
-#: The name of a block as a file, as devices write it, and as python-snap7 does.
+#: The file name of a block: as devices write it, and as python-snap7 writes it.
 FILE_NAME: Final = Layout(
     "file name",
     _FILE_NAMES,
@@ -93,7 +93,7 @@ PLAIN_FILE_NAME: Final = Layout(
     ],
 )
 
-#: What a request download says of the size.
+#: The sizes in a request download.
 LENGTHS: Final = Layout(
     "lengths",
     _DOWNLOAD,
@@ -120,7 +120,7 @@ LENGTHS: Final = Layout(
         ),
     ],
 )
-#: What the answer to start upload says of the size.
+#: The size in the answer to start upload.
 UPLOAD_LENGTH: Final = Layout(
     "upload length",
     _UPLOAD,
@@ -136,7 +136,7 @@ UPLOAD_LENGTH: Final = Layout(
         ),
     ],
 )
-#: Before a piece of a block.
+#: Precedes a piece of a block.
 PIECE: Final = Layout(
     "piece of a block",
     _UPLOAD,
@@ -154,12 +154,12 @@ _LENGTHS_SIZE: Final = 13
 
 
 def parse_parameters(cursor: Cursor, answer: bool) -> None:
-    """Cut the parameter block of a job of these functions, or of its answer."""
+    """Parse the parameter block of a job with one of these functions, or of its answer."""
     function = cursor.octets[cursor.at]
     if answer:
         if function == START_UPLOAD and cursor.left > STATUS.size:
             _take_upload(cursor, UPLOAD_HEAD)
-            if cursor.left:  # the answer about an NC file ends before it
+            if cursor.left:  # the answer about an NC file has no length
                 _take_length(cursor)
         else:
             take_answer(cursor)
@@ -180,7 +180,7 @@ def parse_parameters(cursor: Cursor, answer: bool) -> None:
 
 
 def take_answer(cursor: Cursor) -> None:
-    """Cut an answer: the function, and its status where that follows."""
+    """Parse an answer: the function, and its status if that follows."""
     status = cursor.take(FUNCTION if cursor.left == 1 else STATUS)
     if status is not None and status.number("error") == 1:
         status.note = "error"
@@ -196,7 +196,7 @@ def _take_upload(cursor: Cursor, layout: Layout) -> None:
 
 
 def _why(part: Part) -> str:
-    """Return the error that the end of a transfer states, empty without one."""
+    """Return the error in a download ended; empty if there is none."""
     code = part.number("error_code")
     return f"error {ERROR_CODES.coded(code)}" if code > 0 else ""
 
@@ -225,7 +225,7 @@ def _take_lengths(cursor: Cursor) -> None:
             part.note = f"{part.text('load_length')} bytes, {part.text('mc7_length')} of them MC7 code"
     elif size >= 0:
         cursor.tell("length_below" if size < _LENGTHS_SIZE else "bad_value", "lengths_length", _LENGTHS_SIZE, size)
-        cursor.rest()  # no other form of it is known
+        cursor.rest()  # another form of it is not known
 
 
 def _take_length(cursor: Cursor) -> None:
@@ -236,9 +236,9 @@ def _take_length(cursor: Cursor) -> None:
 
 
 def _told_size(cursor: Cursor, layout: Layout, field: str) -> int:
-    """Return what the length octet at the cursor says, as far as it is there; -1 when there is none."""
+    """Return the size that the length octet at the cursor states, at most what is left; -1 if there is no such octet."""
     if not cursor.left:
-        cursor.take(layout, layout.size)  # which tells that it is missing
+        cursor.take(layout, layout.size)  # notes that it is missing
         return -1
     size = cursor.octets[cursor.at]
     if size > cursor.left - 1:
@@ -248,7 +248,7 @@ def _told_size(cursor: Cursor, layout: Layout, field: str) -> int:
 
 
 def parse_data(cursor: Cursor, answer: bool) -> None:
-    """Cut a piece of a block: the data of the answers to upload and download block (one client sends it in jobs)."""
+    """Parse a piece of a block: the data of the answers to upload and download block (one client sends it in jobs)."""
     piece = cursor.take(PIECE)
     if piece is None:
         return

@@ -1,7 +1,7 @@
-"""Values of data items, decoded by the transport size the request asked with (reference 3.5, 3.6).
+"""Values of data items, decoded by the transport size of the request (reference 3.5, 3.6).
 
 A value is a Python number, text or bool; several elements give a list. What cannot be decoded (wrong size, a code that is not
-BCD, a transport size without a known type) gives None: the octets stand beside it, nothing is invented.
+BCD, a transport size without a known type) gives None; nothing is invented.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ Value = bool | int | float | str | list["bool | int | float | str | None"] | Non
 
 _DOUBLE: Final = struct.Struct(">d")
 MS_PER_DAY: Final = 86_400_000
-#: Fewer characters than these may be a chance.
+#: Shorter texts may be there by chance.
 LEAST_TEXT: Final = 4
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
 _UNITS: Final[list[str]] = ["d", "h", "m", "s", "ms"]
 _UNIT_MS: Final[list[int]] = [MS_PER_DAY, 3_600_000, 60_000, 1000, 1]
-#: The same as compiled code reads them without making objects.
+#: The same, as compiled code reads them without creating objects.
 _S5_BASES: Final = struct.pack(f"<{len(_S5_BASE_MS)}q", *_S5_BASE_MS)
 _UNIT_NAMES: Final[list[bytes]] = [name.encode("ascii") for name in _UNITS]
 _UNIT_SIZES: Final = struct.pack(f"<{len(_UNIT_MS)}q", *_UNIT_MS)
-#: Transport sizes of times; the second form of S5TIME is that of a timer.
+#: Transport sizes of times; the second one of S5TIME is that of a timer.
 _TIME: Final = 0x0B
 _S5TIME: Final = 0x0C
 _S5TIME_TIMER: Final = 0x1D
 
 
 def decode_value(transport_size: i64, octets: bytes) -> Value:
-    """Return the value of ``octets`` read or written with request transport size ``transport_size``."""
+    """Return the value of ``octets``, which were read or written with the request transport size ``transport_size``."""
     if transport_size == CHAR:
         return octets.decode("latin-1")
     if transport_size == WCHAR:
@@ -62,7 +62,7 @@ def decode_value(transport_size: i64, octets: bytes) -> Value:
     return values
 
 
-#: Octets of one element by transport size, 0 where the octets have no known meaning.
+#: Octets of one element by transport size; 0 if the meaning of the octets is unknown.
 _ELEMENT: Final = bytes([ELEMENT_OCTETS.get(code, 0) if code != 0x30 else 8 for code in range(256)])
 
 
@@ -100,13 +100,13 @@ def _element(transport_size: i64, octets: bytes) -> bool | int | float | str | N
     return date_and_time(octets)
 
 
-#: Octets of one element by transport size, 0 for those that `write_numbers` does not write; and how `struct` knows them.
+#: By transport size: octets of one element, 0 if `write_numbers` does not write it; and the `struct` letter of integers.
 _TEXT_SIZES: Final = bytes([{BYTE: 1, WORD: 2, INT: 2, DWORD: 4, DINT: 4, REAL: 4}.get(code, 0) for code in range(256)])
 NUMBER_LETTERS: Final[dict[int, str]] = {BYTE: "B", WORD: "H", INT: "h", DWORD: "I", DINT: "i"}
 
 
 def number_texts(transport_size: i64, octets: bytes, most: i64) -> list[str]:
-    """Return the first ``most`` elements as `repr` writes them; nothing where they are no numbers or the size does not fit."""
+    """Return the first ``most`` elements as `repr` writes them; empty if they are not numbers or the size does not fit."""
     texts: list[str] = []
     step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
     size: i64 = len(octets)
@@ -131,7 +131,7 @@ def number_texts(transport_size: i64, octets: bytes, most: i64) -> list[str]:
 
 
 def numbers_json(transport_size: i64, octets: bytes) -> str:
-    """Return what `write_numbers` writes; empty where that is nothing."""
+    """Return what `write_numbers` writes; empty if it writes nothing."""
     if COMPILED:
         out = BytesWriter()
         return out.getvalue().decode("ascii") if write_numbers(out, transport_size, octets, 0, len(octets)) else ""
@@ -147,16 +147,16 @@ def numbers_json(transport_size: i64, octets: bytes) -> str:
 
 
 def number_size(transport_size: i64) -> i64:
-    """Return the octets of an element that `write_number` writes: 1, 2 or 4, 0 where it is no number."""
+    """Return the octets of one element for `write_number`: 1, 2 or 4; 0 if elements of this type are not numbers."""
     if 0 <= transport_size < 256:  # as one expression it would make int objects (mypyc)
         return _TEXT_SIZES[transport_size]
     return 0
 
 
 def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, size: i64) -> bool:
-    """Write ``size`` octets from ``at`` as JSON: an array of their elements, an only one without brackets.
+    """Write ``size`` octets from ``at`` as JSON: an array of their elements, or a single element without brackets.
 
-    False, and nothing is written, where they are no numbers or the size does not fit.
+    Return False and write nothing if they are not numbers or the size does not fit.
     """
     step = number_size(transport_size)
     if step == 0 or size == 0 or size & (step - 1):  # 1, 2 or 4
@@ -189,9 +189,9 @@ def write_number(out: BytesWriter, transport_size: i64, octets: bytes, at: i64) 
 
 
 def write_times(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, size: i64) -> bool:
-    """Write TIME or S5TIME as `write_numbers` does numbers: what `duration` and `s5time` return as JSON strings.
+    """Write TIME or S5TIME as `write_numbers` writes numbers: as JSON strings, with the texts of `duration` and `s5time`.
 
-    False, and nothing is written, where it is neither or the size does not fit.
+    Return False and write nothing if the type is neither or the size does not fit.
     """
     step = time_size(transport_size)
     if step == 0 or size == 0 or size & (step - 1):
@@ -217,14 +217,14 @@ def write_times(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, s
 
 
 def time_size(transport_size: i64) -> i64:
-    """Return the octets of a time that `write_time` writes: 4 of a TIME, 2 of an S5TIME, 0 where it is neither."""
+    """Return the octets of a time that `write_time` writes: 4 for TIME, 2 for S5TIME, 0 for other types."""
     if transport_size == _TIME:
         return 4
     return 2 if transport_size == _S5TIME or transport_size == _S5TIME_TIMER else 0
 
 
 def write_time(out: BytesWriter, step: i64, octets: bytes, at: i64) -> bool:
-    """Write `duration` or `s5time` of ``step`` octets, which tell them apart; False, and nothing is written, for neither."""
+    """Write a `duration` (``step`` 4 octets) or an `s5time` (2); return False and write nothing if it is invalid."""
     if step == 4:
         _write_duration(out, i64(read_i32_be(octets, at)))
         return True
@@ -240,7 +240,7 @@ def write_time(out: BytesWriter, step: i64, octets: bytes, at: i64) -> bool:
 
 
 def _write_duration(out: BytesWriter, ms: i64) -> None:
-    """Write `duration`."""
+    """Write the text of `duration`."""
     out.write(b"T#")
     left: i64 = ms
     if ms < 0:
@@ -266,7 +266,7 @@ _END: Final = 0x5D
 
 
 def _whole(transport_size: i64, octets: bytes, at: i64) -> i64:
-    """Return a number of two or four octets."""
+    """Return an integer of two or four octets."""
     if transport_size == WORD:
         return u16(octets, at)
     if transport_size == INT:
@@ -277,9 +277,9 @@ def _whole(transport_size: i64, octets: bytes, at: i64) -> i64:
 
 
 def spelled(octets: bytes) -> str:
-    """Return the text that octets spell, empty where they do not: ASCII that can be printed, NULs or blanks behind it.
+    """Return the text that octets contain: printable ASCII, followed by NULs or blanks; empty if they contain none.
 
-    An S7 STRING begins with its greatest and its present length.
+    An S7 STRING begins with its maximum and its present length.
     """
     size: i64 = len(octets)
     if size < LEAST_TEXT:
@@ -288,7 +288,7 @@ def spelled(octets: bytes) -> str:
     present: i64 = octets[1]
     said: bool = present <= first and LEAST_TEXT <= present <= size - 2
     if not said and (first < 0x20 or first >= 0x7F):
-        return ""  # most octets are no text, and show it at once
+        return ""  # most octets are not text, and the first one shows it
     content = octets[2 : 2 + present] if said else octets.rstrip(b"\0 ")
     if len(content) < LEAST_TEXT:
         return ""
@@ -299,7 +299,7 @@ def spelled(octets: bytes) -> str:
 
 
 def bcd(*octets: int) -> int | None:
-    """Return the number of BCD octets, most significant first; None when a digit is above 9."""
+    """Return the number of BCD octets, most significant first; None if a digit is above 9."""
     number = 0
     for octet in octets:
         pair = _pair(octet)
@@ -310,7 +310,7 @@ def bcd(*octets: int) -> int | None:
 
 
 def _pair(octet: i64) -> i64:
-    """Return the number of two BCD digits, -1 when one of them is above 9."""
+    """Return the number of two BCD digits, -1 if one of them is above 9."""
     high: i64 = octet >> 4
     low: i64 = octet & 0x0F
     if high > 9 or low > 9:
@@ -345,7 +345,7 @@ def time_of_day(ms: int) -> str | None:
     return f"TOD#{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{rest:03d}"
 
 
-#: Days from 1970-01-01, where `civil` begins, to 1990-01-01, where DATE does.
+#: Days from 1970-01-01, where `civil` begins, to 1990-01-01, where DATE begins.
 DAYS_TO_1990: Final = 7305
 
 
@@ -356,7 +356,7 @@ def date_text(days: int) -> str:
 
 
 def date_and_time(octets: bytes) -> str | None:
-    """Return the 8-octet BCD form (year, month, day, hour, minute, second, ms, weekday) as ``DT#…``, None if no time."""
+    """Return the 8-octet BCD form (year, month, day, hour, minute, second, ms, weekday) as ``DT#…``; None if it is invalid."""
     year = _pair(octets[0])
     month = _pair(octets[1])
     day = _pair(octets[2])
@@ -378,7 +378,7 @@ def date_and_time(octets: bytes) -> str | None:
 
 
 def _days(year: i64, month: i64) -> i64:
-    """Return the days of a month; the four-year rule holds from 1990 to 2089."""
+    """Return the number of days of a month; from 1990 to 2089 every fourth year is a leap year."""
     if month == 2:
         return 29 if year % 4 == 0 else 28
     return 30 if month == 4 or month == 6 or month == 9 or month == 11 else 31

@@ -1,4 +1,4 @@
-"""Alarms, as notifications carry them: objects of class 2681 (docs/s7plus.md)."""
+"""Alarms in notifications: objects of class 2681 (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _EVENT_STATES: Final = 3474
 _TIME: Final = 3475
 _VALUES: Final = 3476
 _ACKNOWLEDGED: Final = 3646
-#: The attributes that an alarm is made of.
+#: The attributes that make up an alarm.
 ATTRIBUTES: Final = frozenset((_CPU_ALARM_ID, _STATES, _DOMAIN, _TYPE, _COMING, _GOING, _TEXTS))
-#: Texts and associated values of an alarm that are shown in words.
+#: How many texts and associated values of an alarm a line shows.
 _SHOWN: Final = 3
 
 
 class AlarmEvent:
-    """An alarm that comes or goes: its states as they are sent, times in ns since 1970 (0 for none), the values with it.
+    """The coming or the going of an alarm: its states as sent, times in ns since 1970 (0 for none), associated values.
 
-    ``values`` are the associated values in their places; those without a byte are empty.
+    ``values`` are the associated values in order; a value without content is empty.
     """
 
     __slots__ = ("acknowledged", "kind", "states", "time", "values")
@@ -48,7 +48,7 @@ class AlarmEvent:
 
     @property
     def text(self) -> str:
-        """The event in few words."""
+        """The event as a short text."""
         text = f"{self.kind} {iso_time(self.time)}" if self.time else self.kind
         if self.acknowledged:
             text += f", acknowledged {iso_time(self.acknowledged)}"
@@ -57,7 +57,7 @@ class AlarmEvent:
         return f"{text}, associated values {'; '.join(held[:_SHOWN])}{more}" if held else text
 
     def as_dict(self) -> dict[str, object]:
-        """Return the event JSON-ready."""
+        """Return the event as JSON-ready data."""
         return {
             "kind": self.kind,
             "states": self.states if self.states >= 0 else None,
@@ -68,7 +68,7 @@ class AlarmEvent:
 
 
 class Alarm:
-    """An alarm. Numbers that did not come are -1; texts are from the wire and not escaped."""
+    """An alarm. Numbers that were not sent are -1; texts are from the wire and not escaped."""
 
     __slots__ = ("domain", "events", "id", "states", "texts", "type")
 
@@ -86,7 +86,7 @@ class Alarm:
         self.texts = _texts(found)
 
     def as_dict(self) -> dict[str, object]:
-        """Return the alarm JSON-ready; the texts are as they were sent."""
+        """Return the alarm as JSON-ready data, with the texts as sent."""
         return {
             "id": f"0x{self.id:016x}" if self.id >= 0 else None,
             "states": self.states if self.states >= 0 else None,
@@ -98,7 +98,7 @@ class Alarm:
 
 
 def alarm_text(found: PlusObject) -> str:
-    """Return an alarm in few words: its id and states, whether it comes or goes and when (clock of the CPU), its texts.
+    """Return an alarm as a short text: id and states, whether it is coming or going and when (CPU time), its texts.
 
     Text from the wire is not escaped.
     """
@@ -116,7 +116,7 @@ def _number(event: Struct, id_: int) -> int:
 
 
 def _texts(alarm: PlusObject) -> list[str]:
-    """Return the texts that come with an alarm, where the subscription asked for them."""
+    """Return the texts that come with an alarm, if the subscription asked for them."""
     value = alarm.find(_TEXTS)
     content = value.content if value is not None else None
     found: list[str] = []

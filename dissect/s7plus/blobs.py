@@ -1,8 +1,8 @@
-"""Compressed blobs: what engineering tools store of a block's interface, comments and code (docs/s7plus.md).
+"""Compressed blobs, in which engineering tools store a block's interface, comments and code (docs/s7plus.md).
 
-A version of four octets, then a zlib stream, whose header often names a preset dictionary by its Adler-32. CPUs with firmware 2
-leave the version out. Without the dictionary the text stays closed, but lengths do not depend on what the dictionary holds: so
-whether a stream ends where it should, and how large it becomes, is checked with an empty one in its place.
+A blob is a version of four octets, which CPUs with firmware 2 leave out, and a zlib stream. The stream's header often names a
+preset dictionary by its Adler-32. Without the dictionary the content cannot be read, but lengths do not depend on what the
+dictionary contains. So an empty dictionary is enough to check whether a stream ends where it should, and how large it becomes.
 """
 
 from __future__ import annotations
@@ -16,47 +16,47 @@ from mypy_extensions import i64
 
 #: Attributes that hold compressed blobs.
 COMPRESSED: Final = frozenset((2449, 2533, 2544, 2545, 2546, 2583, 2584, 2585, 2589, 4275, 4683, 7564))
-#: In a sparse array, elements from this key on are not compressed.
+#: Elements of a sparse array from this key on are not compressed.
 PLAIN_KEYS: Final = 0x80000000
-#: How many times its own size a blob may become, and how many octets all blobs of a PDU together.
+#: Bounds: how many times its own size a blob may become, and the octets of all inflated blobs of a PDU together.
 MAX_RATIO: Final = 1000
 MAX_INFLATED: Final = 32 * 1024 * 1024
-#: Octets of blobs that are remembered as sound, and what one costs beside its own.
+#: Octets of sound blobs that are remembered, and the memory that one costs besides its octets.
 MAX_KEPT: Final = 512 * 1024
 _COST: Final = 128
-#: Even a few octets may become this many.
+#: Any blob may become this large, however few octets it has.
 _LEAST: Final = 4096
 
-#: A stream this long may become more than `MAX_INFLATED`: deflate makes at most 1032 octets of one.
+#: A blob of this size may become more than `MAX_INFLATED`: deflate makes at most 1032 octets from one.
 _LARGE: Final = MAX_INFLATED // 1032
-#: By octet, 0 where its even bits are all the same, or its odd ones are.
+#: By octet: 0 if its even bits are all the same, or its odd bits are; else 1.
 _OTHERWISE: Final = bytes([not {octet & 0x55, octet & 0xAA} & {0, 0x55, 0xAA} for octet in range(256)])
-#: Every other bit of seven octets, their bits but the highest, and the highest ones.
+#: Masks for seven octets: every other bit, all bits but the highest of each octet, the highest bit of each.
 _EVERY_OTHER: Final = 0x55555555555555
 _LOW: Final = 0x7F7F7F7F7F7F7F
 _HIGH: Final = 0x80808080808080
-#: Octets that are looked at at once, and how often before what was counted of each is added up.
+#: How many octets are looked at at once, and how often before the counts are added up.
 _SEVEN: Final = 7
 _TURNS: Final = 64
 
-# Why a blob stays closed; the first two are reasons of `Malformed`.
+# Why a blob could not be opened; the first two are also reasons of `Malformed`.
 BAD: Final = "bad_compression"
 TOO_LARGE: Final = "too_large"
 NO_DICTIONARY: Final = "no dictionary"
 
 _VERSION: Final = 4
 _HEADER: Final = 2
-_DICTIONARY: Final = 0x20  # of the second octet of the header: four octets follow that name a dictionary
-_CHECKSUM: Final = 4  # Adler-32 of the contents, behind them
-_WINDOW: Final = 15  # the largest there is, 32 KiB
+_DICTIONARY: Final = 0x20  # bit of the second octet of the header: four octets follow that name a dictionary
+_CHECKSUM: Final = 4  # Adler-32 of the content, after the stream
+_WINDOW: Final = 15  # the largest window of deflate, 32 KiB
 _PIECE: Final = 1 << 18
-_EMPTY: Final = bytes(1 << _WINDOW)  # stands for a dictionary: as far back as a stream can reach
+_EMPTY: Final = bytes(1 << _WINDOW)  # an empty dictionary, as long as a stream can refer back
 
 
 class Opened:
-    """A blob that was tried: ``octets`` are its contents as far as they were kept, ``size`` how many there are.
+    """The result of inflating a blob: ``octets`` are its content as far as kept, ``size`` is the size of the whole content.
 
-    ``dictionary`` is the Adler-32 of the one that it needs, -1 for none. ``fault`` is empty, or one of the words above.
+    ``dictionary`` is the Adler-32 of the needed dictionary, -1 for none. ``fault`` is empty, or one of the reasons above.
     """
 
     __slots__ = ("dictionary", "fault", "octets", "size")
@@ -69,7 +69,7 @@ class Opened:
 
 
 class SoundBlobs:
-    """The latest blobs that were found sound, and what they become; at most `MAX_KEPT` octets of them."""
+    """The latest blobs that were found sound, with their inflated sizes; at most `MAX_KEPT` octets of blobs."""
 
     __slots__ = ("_kept", "_sizes")
 
@@ -78,11 +78,11 @@ class SoundBlobs:
         self._kept = 0
 
     def size(self, octets: bytes) -> int:
-        """Return how many octets a blob becomes, -1 when it is not known."""
+        """Return the inflated size of a blob, -1 if it is not known."""
         return self._sizes.get(octets, -1)
 
     def add(self, octets: bytes, size: int) -> None:
-        """Keep a blob; those that came first leave."""
+        """Remember a blob; the oldest ones are dropped to stay within the bound."""
         if octets in self._sizes or len(octets) > MAX_KEPT // 4:
             return
         self._sizes[octets] = size
@@ -97,12 +97,12 @@ _SOUND: Final = SoundBlobs()
 
 
 def is_compressed(octets: bytes) -> bool:
-    """Tell whether a blob of one of the attributes above holds a zlib stream."""
+    """Return whether a blob of one of the attributes above contains a zlib stream."""
     return _start(octets) >= 0
 
 
 def _start(octets: bytes) -> int:
-    """Return where the zlib stream begins, -1 for none."""
+    """Return the offset of the zlib stream, -1 if there is none."""
     for at in (0, _VERSION):
         if len(octets) >= at + _HEADER:
             method, flags = octets[at], octets[at + 1]
@@ -112,11 +112,12 @@ def _start(octets: bytes) -> int:
 
 
 def may_swell(octets: bytes) -> bool:
-    """Return False for a blob that cannot become `MAX_RATIO` times its size, nor `MAX_INFLATED`, whatever dictionary it needs.
+    """Return False if a blob cannot become `MAX_RATIO` times its size, nor `MAX_INFLATED`, whatever its dictionary is.
 
-    Deflate comes near its limit of 1032 only by matches of 258 octets in two bits each, of which one is the same in all: in
-    such a run every other bit is constant. Whatever else stands between two runs makes at most two octets look otherwise, and
-    costs 129 octets or more. So where half of the octets look otherwise, at least one part in 32 is lost.
+    Deflate comes near its limit of 1032 only with matches of 258 octets in two bits each. One bit of these two is the same in
+    all of them, so that every other bit is constant in such a run. Anything else between two runs makes at most two octets
+    differ from that pattern, and costs 129 octets of output or more. So where half of the octets differ, at least one part in
+    32 is lost.
     """
     size: i64 = len(octets)
     if size >= _LARGE:
@@ -126,12 +127,12 @@ def may_swell(octets: bytes) -> bool:
     at: i64 = 0
     while at <= last:
         stop: i64 = min(at + _SEVEN * _TURNS, last + 1)
-        counts: i64 = 0  # of each of the seven octets, side by side
+        counts: i64 = 0  # counts for the seven octets, side by side
         while at < stop:
-            word: i64 = read_i64_be(octets, at) >> 8  # of eight octets the last is left for the next turn
+            word: i64 = read_i64_be(octets, at) >> 8  # eight octets are read; the last one belongs to the next turn
             even: i64 = word & _EVERY_OTHER
             odd: i64 = word >> 1 & _EVERY_OTHER
-            # The highest bit of an octet becomes set where any of the others is.
+            # The highest bit of an octet becomes set if any of its other bits is set.
             differs: i64 = (even + _LOW) & ((even ^ _EVERY_OTHER) + _LOW) & (odd + _LOW) & ((odd ^ _EVERY_OTHER) + _LOW)
             counts += (differs & _HIGH) >> 7
             at += _SEVEN
@@ -148,10 +149,10 @@ def may_swell(octets: bytes) -> bool:
 
 
 def check_blob(octets: bytes, allowed: int = MAX_INFLATED) -> Opened:
-    """Inflate a compressed blob to see whether it keeps what its format promises; its contents are not kept. Never raises.
+    """Inflate a compressed blob to check it; its content is not kept. Never raises.
 
-    ``allowed`` is how many octets it may become, beside `MAX_RATIO`. Engineering tools read the same blobs again and again:
-    one that was sound is not inflated twice.
+    ``allowed`` is how large it may become, besides the bound `MAX_RATIO`. A blob that was sound is not inflated again, because
+    engineering tools read the same blobs again and again.
     """
     opened = Opened(-1)
     opened.size = _SOUND.size(octets)
@@ -165,7 +166,7 @@ def check_blob(octets: bytes, allowed: int = MAX_INFLATED) -> Opened:
 
 
 def open_blob(octets: bytes, dictionaries: Mapping[int, bytes], kept: int = MAX_INFLATED) -> Opened:
-    """Inflate a compressed blob, of its contents the first ``kept`` octets. Never raises.
+    """Inflate a compressed blob, keeping the first ``kept`` octets of its content. Never raises.
 
     ``dictionaries`` are preset dictionaries by their Adler-32.
     """
@@ -180,7 +181,7 @@ def open_blob(octets: bytes, dictionaries: Mapping[int, bytes], kept: int = MAX_
 
 
 def _named(octets: bytes, start: int) -> int:
-    """Return the Adler-32 of the dictionary that a stream needs, -1 for none."""
+    """Return the Adler-32 of the dictionary that a stream needs, -1 if it needs none."""
     at = start + _HEADER
     if start < 0 or not octets[start + 1] & _DICTIONARY or at + _CHECKSUM > len(octets):
         return -1
@@ -214,7 +215,7 @@ def _inflate(octets: bytes, dictionary: bytes, allowed: int, kept: int) -> Opene
                 parts.append(piece[:kept])
                 kept -= len(piece)
             if not piece and not rest and not stream.eof:
-                break  # it goes on behind the last octet
+                break  # the stream goes on after the last octet
     except zlib.error:
         opened.fault = BAD
     if not opened.fault and (not stream.eof or len(stream.unused_data) != (0 if checks else _CHECKSUM)):

@@ -1,6 +1,6 @@
-"""Which structures stand in the body of which function (docs/s7plus.md). `parse_contents` never raises.
+"""Says which structures the body of each function has (docs/s7plus.md). `parse_contents` never raises.
 
-Not the hot path: contents are read when somebody looks. The tables at the end name the reader of every function.
+This is not the hot path: contents are read when they are needed. The tables at the end name the reader of each function.
 """
 
 from __future__ import annotations
@@ -61,17 +61,17 @@ from dissect.s7plus.value_reading import read_members, read_value
 from dissect.s7plus.walk import EXHAUSTED, FormatError, Walk, Wanted
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: Reads the body of a function; what it leaves is the end of the PDU.
+#: Reads the body of a function, up to the end of the PDU (`dissect.s7plus.ending`).
 Reader = Callable[[Walk, Contents], None]
 
 _DETAILS: Final = 62  # bit of the return value: an object with details follows
 
 
 def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Wanted | None = None) -> Contents:
-    """Read what a PDU carries behind its head. Never raises.
+    """Read the contents of a PDU, which follow its head. Never raises.
 
-    Offsets are within ``pdu.data``; ``shown`` false leaves the parts out. ``most`` bounds the work (`Walk`): what a PDU that
-    takes more holds is not known (`Contents.exhausted`). With ``wanted`` what nobody will ask for is left out.
+    Offsets are within ``pdu.data``. If ``shown`` is False, no parts are made. ``most`` bounds the work (`Walk`): if a PDU takes
+    more, its content stays unknown (`Contents.exhausted`). ``wanted`` names what is needed; the rest is left out.
     """
     found = Contents(pdu.version, pdu.return_value, pdu.frame_starts)
     if not V1 <= pdu.version <= V3 and (pdu.version == KEEP_ALIVE or pdu.version not in VERSIONS):
@@ -93,7 +93,7 @@ def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Want
 
 
 def _blank(pdu: PlusPdu, start: int) -> bool:
-    """Tell whether contents are nothing but zeros: `s7dissect anonymize` leaves them, behind the return value it keeps."""
+    """Return whether contents are all zeros: `s7dissect anonymize` leaves such, after the return value, which it keeps."""
     octets = pdu.data
     if pdu.return_value >= 0:
         _, start = read_varint(octets, start, len(octets), VLQ64)
@@ -123,7 +123,7 @@ def _read(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
 
 
 def is_known(pdu: PlusPdu) -> bool:
-    """Return False for functions with a name whose body neither a capture nor a source describes."""
+    """Return False for functions that have a name, but whose body no capture and no source describes."""
     if pdu.function not in FUNCTIONS:
         return True
     return pdu.function in (_REQUESTS if pdu.opcode == REQUEST else _RESPONSES)
@@ -221,7 +221,7 @@ def _stream_got(walk: Walk, found: Contents) -> None:
 def _set_stream(walk: Walk, found: Contents) -> None:
     _get_stream(walk, found)
     take_value(walk, found)
-    # Whole frames follow, and each is a piece of the stream; the end of the PDU stands behind the last of them.
+    # Whole frames follow, each of which is a piece of the stream. The end of the PDU is after the last one.
     starts = found.frame_starts
     while walk.at in starts:
         at = walk.at
@@ -330,7 +330,7 @@ def _invoked(walk: Walk, found: Contents) -> None:
 
 
 def _nothing(_walk: Walk, _found: Contents) -> None:
-    """No body: the end of the PDU follows the head or the return value."""
+    """There is no body: the end of the PDU follows the head or the return value."""
 
 
 _REQUESTS: Final[dict[int, Reader]] = {

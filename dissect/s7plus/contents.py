@@ -1,4 +1,4 @@
-"""What a PDU carries behind its head, as its readers leave it: values, objects, addresses, refusals, and their parts."""
+"""`Contents`: what a PDU carries after its head. Values, objects, addresses, refusals, and their parts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.wire.part import Part
 
 
 class Address:
-    """Where a variable is: an area or object, the attribute that holds it (``sub_area``), and the way to it within that.
+    """The address of a variable: an area or object, the attribute with the variable (``sub_area``), and the way to it.
 
     ``crc`` is the checksum of its symbol, 0 for none. An attribute of an object has no LIDs. One address serves for every
     read or write that repeats it, so that nothing of it is changed; ``fragment`` is for who writes it again and again.
@@ -39,15 +39,15 @@ class Address:
 
     @property
     def key(self) -> tuple[int, ...]:
-        """All its numbers."""
+        """All numbers of the address."""
         return (self.crc, self.area, self.sub_area, *self.lids)
 
     @property
     def label(self) -> str:
-        """The address as far as it tells without the type information of its block.
+        """The address as text, as far as it can be told without the type information of its block.
 
-        For example ``DB3 LID 14``, ``MW100``, ``CPUexecUnit.OperatingStateREQ``. The checksum of a symbol follows in
-        brackets, as it is what the device compares.
+        For example ``DB3 LID 14``, ``MW100``, ``CPUexecUnit.OperatingStateREQ``. The checksum of a symbol follows in brackets,
+        because it is what the device compares.
         """
         if not self._label:
             self._label = self._said()
@@ -76,7 +76,7 @@ class Address:
         return 8 * lids[1] + (lids[3] if len(lids) == 4 else 0)
 
     def _absolute(self) -> str:
-        """Return the address of octets or of a bit, empty when it is none: LIDs 3, offset, octets, for a bit its number."""
+        """Return the text of an absolute address (LIDs: 3, offset, octets, for a bit its number); empty for others."""
         if self.start_bit < 0:
             return ""
         lids = self.lids
@@ -90,12 +90,12 @@ class Address:
 #: Addresses by their numbers, and how many are remembered.
 _KNOWN: Final[dict[tuple[int, ...], Address]] = {}
 _MAX_KNOWN: Final = 4096
-#: LIDs of the longest that is.
+#: The most LIDs that a remembered address may have.
 _MAX_LIDS: Final = 16
 
 
 def known_address(crc: int, area: int, sub_area: int, lids: list[int]) -> Address:
-    """Return the address that has these numbers, the same one as before where it was asked for not long ago."""
+    """Return the address with these numbers; the same object as before if it was requested lately."""
     if len(lids) > _MAX_LIDS:
         return Address(crc, area, sub_area, lids)
     key = (crc, area, sub_area, *lids)
@@ -109,16 +109,16 @@ def known_address(crc: int, area: int, sub_area: int, lids: list[int]) -> Addres
 
 #: Letters of addresses of one, two and four octets.
 _LETTERS: Final = {1: "B", 2: "W", 4: "D"}
-#: First LID of an address in octets, for everything that is not optimised.
+#: First LID of an absolute address, which everything that is not optimised has.
 _CLASSIC_BLOB: Final = 3
-#: Attributes that hold the values the program works with, which nobody needs to be told.
+#: Attributes with the actual values that the program works with; labels leave them out.
 _ACTUAL: Final = frozenset((2550, 3736))
 
 
 class Made:
-    """What CreateObject and Explore are about. ``object_id`` is where an object is made, -1 for none, ``ids`` are those it got.
+    """Contents of CreateObject and Explore. ``object_id``: where objects are created, -1 for none; ``ids``: ids they got.
 
-    ``begun`` are the objects where one of them ends too soon or is wrong somewhere, as far as they were read.
+    ``begun`` are the objects as far as they were read, if one of them ends too soon or has a fault.
     """
 
     __slots__ = ("begun", "ids", "object_id", "objects")
@@ -131,16 +131,16 @@ class Made:
 
     @property
     def every(self) -> list[PlusObject]:
-        """The objects with those inside them, each before those it holds."""
+        """The objects and all objects inside them, each before those inside it."""
         return every_object(self.objects)
 
 
 class Contents(Made):
-    """The contents of one PDU. What a function does not have stays empty, or -1.
+    """The contents of one PDU. What its function does not have is empty or -1.
 
-    ``items`` are values by the number of their item (in a notification by its reference), ``refusals`` return values by the
-    same. ``items_left_out`` of so many items that a tree ends before them are counted only. ``blobs`` are the compressed ones,
-    ``pieces`` the octets of a stream, one range of offsets within the data each.
+    ``items`` are (number, value) pairs; in a notification the number is a reference. ``refusals`` are (number, return value)
+    pairs. ``items_left_out`` counts items beyond the parts that a tree can show. ``blobs`` are the compressed blobs; ``pieces``
+    are the octets of a stream, each as a range of offsets within the data.
     """
 
     __slots__ = (
@@ -166,15 +166,15 @@ class Contents(Made):
     )
 
     def __init__(self, version: int, return_value: int, frame_starts: dict[int, int]) -> None:
-        """``frame_starts`` are those of `PlusPdu`."""
+        """``frame_starts`` as in `PlusPdu`."""
         super().__init__()
         self.version = version
         self.return_value = return_value
         self.frame_starts = frame_starts
         self.parts: list[Part] = []
         self.malformed: list[Malformed] = []
-        self.whole = False  # read up to the last octet, and nothing was odd
-        self.exhausted = False  # given up, because it takes more work than was allowed
+        self.whole = False  # read up to the last octet, without a fault
+        self.exhausted = False  # given up, because it takes more work than allowed
         self.integrity_id = -1
         self.digest = b""
         self.method = -1
@@ -190,10 +190,10 @@ class Contents(Made):
 
     @property
     def item_count(self) -> int:
-        """How many items there are, with those that were left out."""
+        """The number of items, including those that were left out."""
         return len(self.items) + self.items_left_out
 
     @property
     def notes(self) -> list[str]:
-        """What the parts are about, in wire order; text from the wire, not escaped."""
+        """The notes of the parts in wire order; text from the wire is not escaped."""
         return [part.note for part in self.parts if part.note]

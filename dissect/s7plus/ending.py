@@ -1,4 +1,4 @@
-"""The end of a PDU: an integrity id, a digest, and zeros, in the forms that captures show (docs/s7plus.md)."""
+"""The end of a PDU: integrity id, digest and zeros, in the forms that captures show (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from dissect.s7plus.tables import RESPONSE2, V1, V2
 from dissect.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import VLQ, read_varint
 
-#: Zeros that may end a PDU, or one less; those that may end a notification, or one less.
+#: How many zeros may end a PDU and a notification; one less is possible, too.
 FILL: Final = 5
 NOTIFICATION_FILL: Final = 4
-#: Those of a response of the other kind, of which there are always so many.
+#: Zeros that end a response of the second kind; always this many.
 RESPONSE2_FILL: Final = 11
 
 
 def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
-    """Read the end of a request or response. Raises `FormatError` for anything else."""
+    """Read the end of a request or response. Raises `FormatError` if it has another form."""
     second: bool = pdu.opcode == RESPONSE2
     if _all_zeros(walk, walk.at, RESPONSE2_FILL if second else FILL, second) or walk.left == 0:
         _fill(walk)
@@ -44,14 +44,14 @@ def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
 
 
 def read_notification_end(walk: Walk) -> None:
-    """Read the end of a notification: zeros. Raises `FormatError` for anything else."""
+    """Read the zeros at the end of a notification. Raises `FormatError` for anything else."""
     if not _all_zeros(walk, walk.at, NOTIFICATION_FILL) and walk.left:
         raise FormatError("trailing_octets", "end", walk.at, 0, walk.left)
     _fill(walk)
 
 
 def read_digest(walk: Walk, found: Contents) -> None:
-    """Read a digest behind the data, as a CPU 1511 with firmware 1.0 sends it."""
+    """Read a digest after the data, as a CPU 1511 with firmware 1.0 sends it."""
     start = walk.at
     walk.at += 1
     found.digest = walk.take(DIGEST_SIZE, "digest")
@@ -65,7 +65,7 @@ def _fill(walk: Walk) -> None:
 
 
 def _all_zeros(walk: Walk, at: i64, size: i64, exactly: bool = False) -> bool:
-    """Tell whether nothing but so many zeros is left, or one less unless ``exactly`` so many are meant."""
+    """Return whether just ``size`` zeros are left; one less is accepted as well unless ``exactly`` is True."""
     end: i64 = walk.end
     left: i64 = end - at
     if left != size and (exactly or left != size - 1):

@@ -1,6 +1,6 @@
-"""What matters for security in requests and their answers, and what they tell of client, CPU and subscriptions.
+"""Finds security events in requests and responses, and what they tell about client, CPU and subscriptions.
 
-`take` is asked about everything but most reads. A few octets say whether there is anything to read; only then contents are.
+`take` gets everything but most reads. A few octets show whether there is anything to read; only then are contents parsed.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from mypy_extensions import i64
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
+from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
 from dissect.s7plus.message import HEADER_SIZE, INTEGRITY_SIZE, PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
@@ -26,7 +27,6 @@ from dissect.s7plus.session import (
     CPU_PROXY,
     CYCLE,
     DIAGNOSIS,
-    IDENTIFICATION,
     IN_VARIABLE,
     LANGUAGE,
     NAME,
@@ -93,44 +93,44 @@ _PROGRAM: Final = 3
 _ROOT: Final = 1
 _HARDWARE: Final = 2496
 _ALARM_SUBSCRIPTION: Final = 2662
-#: A job of the test functions, by which an engineering tool watches a program at work. Of the others (watch and force tables,
-#: breakpoints) no class is known.
+#: Class of a job of the test functions, with which an engineering tool watches a running program. The classes of other jobs
+#: (watch and force tables, breakpoints) are not known.
 _TEST_JOB: Final = 2709
 _STATES: Final = {4: STOPPED, 8: RUNNING}
 _STATE_NAMES: Final = {state: OPERATING_STATES.name(state) for state in _STATES}
-#: What a state request asks for, where it is not to run.
+#: Meaning of a state request, unless it asks for RUN.
 _ORDERS: Final = {1: STOP, 2: RESET}
 _WANTED: Final = table(ASKED_OF_OBJECTS)
-#: Blocks that are named.
+#: How many blocks a text names.
 _NAMED: Final = 5
 
-# What tells that a read may matter: the ids of the operating state and the identification record.
+# Marks of a read that may matter: the ids of the operating state and the identification record.
 _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
-#: What a write of several holds that is more than variables.
+#: Ids in a write of several items that are more than variables.
 _WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
-#: Of a write of one attribute: the last id that may be an area or the execution unit, the first kind of blocks, and by id
-#: whether an attribute of any other object matters.
+#: For a write of one attribute: the highest id that is an area or the execution unit; the lowest kind of block; and by id,
+#: whether writing that attribute of any other object matters.
 _LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
 _FIRST_KIND: Final = min(BLOCK_KINDS)
 _WRITTEN_ATTRIBUTES: Final = bytes([id_ in PASSWORDS or id_ == REFERENCE_LIST for id_ in range(2048)])
-#: Functions that clients count on their own, for the integrity id.
+#: Functions whose requests a client counts separately, for the integrity id.
 _COUNTED: Final = frozenset((
     CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
 ))  # fmt: skip
-#: Functions whose answers say nothing but whether they were carried out.
+#: Functions whose responses only say whether they were carried out.
 _WRITING: Final = frozenset((DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED))
-#: What is known of such an answer that is sound.
+#: The contents of a sound response of these functions.
 _WRITTEN: Final = Contents(V3, -1, {})
 _WRITTEN.whole = True
 _BIT_7: Final = 0x80
 
 
 class Event:
-    """Something that matters: its kind, what it is about, and the object it is about, 0 for none.
+    """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
 
-    ``refusal`` is the lower 16 bits of what its own item of a write of several got, 0 for an item that was written; -1 where
-    nothing is said of it but by the return value of the whole answer. Text from the wire is not escaped.
+    ``refusal`` is the error of its own item in a write of several (lower 16 bits of the return value): 0 if the item was
+    written, -1 if only the return value of the whole response counts. Text from the wire is not escaped.
     """
 
     __slots__ = ("kind", "object_id", "refusal", "text")
@@ -143,10 +143,10 @@ class Event:
 
 
 class Facts:
-    """What `take` found: events, and what is wrong with the contents, offsets counted from the beginning of the PDU.
+    """The result of `take`: events, and faults of the contents, with offsets from the beginning of the PDU.
 
-    ``exhausted`` tells of a PDU that takes more than `MAX_WORK`: what it holds is not known. ``in_request`` is how many of
-    ``malformed`` are in the request; the others, behind them, are in what it got, or in a notification.
+    ``exhausted``: a PDU takes more work than `MAX_WORK`, so that its content is unknown. The first ``in_request`` faults in
+    ``malformed`` are in the request; the others are in its response, or in a notification.
     """
 
     __slots__ = ("events", "exhausted", "in_request", "malformed")
@@ -161,10 +161,10 @@ class Facts:
 def take(
     session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64 = -1, read: i64 = -1
 ) -> Facts | None:
-    """Take a transaction: the octets of its halves (empty for none) and its function, -1 for a notification. Never raises.
+    """Take a transaction: the octets of its halves (empty if missing) and its function, -1 for a notification. Never raises.
 
-    ``skimmed`` is what `dissect.s7plus.refusals.glimpse` said of the response, and ``read`` what it said of a request to read,
-    -1 where nobody asked. Returns None when there is nothing in it that matters.
+    ``skimmed`` is the result of `dissect.s7plus.refusals.glimpse` for the response, ``read`` that for a request to read; -1 if
+    it was not called. Returns None if the transaction has nothing that matters.
     """
     told: i64 = skimmed
     if told < 0:
@@ -197,12 +197,12 @@ def take(
 
 
 def _is_glanced(function: i64) -> bool:
-    """Tell whether a glance tells what matters of a function where it is plain, reads of one attribute left out."""
+    """Return whether `glance` is enough for this function if its PDUs are plain; reads of one attribute are left out."""
     return function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES or function == DELETE_OBJECT
 
 
 def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline) -> Facts:
-    """Judge what makes or shows objects, and is sound."""
+    """Judge a sound transaction that creates or shows objects."""
     facts = Facts()
     _judge_id(session, facts.events, function, asked.session_id, asked.sequence, asked.integrity_id)
     good: bool = told.return_code < 0x8000
@@ -214,7 +214,7 @@ def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline
 
 
 def _read_all(session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64) -> Facts | None:
-    """Judge a transaction of which all that may matter must be read."""
+    """Judge a transaction of which everything that may matter must be read."""
     if len(request) == 0:
         return _told_alone(session, function, response, skimmed)
     if not _may_matter(session, function, request, skimmed):
@@ -226,7 +226,7 @@ def _read_all(session: PlusSession, function: i64, request: bytes, response: byt
     good = True
     if _says_no_more(function, response, skimmed):
         answer = _WRITTEN
-        good = skimmed >> WORDS & CODES <= 0x8000  # 1 more than the return code
+        good = skimmed >> WORDS & CODES <= 0x8000  # the skimmed code is the return code plus 1
     elif len(response) > 0:
         told, found = _read(response, facts, _state_items(function, contents))
         if told.function == function:
@@ -240,7 +240,7 @@ def _read_all(session: PlusSession, function: i64, request: bytes, response: byt
 
 
 def _told_alone(session: PlusSession, function: i64, response: bytes, skimmed: i64) -> Facts | None:
-    """Judge a response whose request did not pass: the blocks that it shows, or which CPU opens a session."""
+    """Judge a response without its request: the blocks that it shows, or the CPU that opens a session."""
     if function != EXPLORE and function != CREATE_OBJECT:
         return _judge_contents(b"", response, SOUND, skimmed)
     facts = Facts()
@@ -254,7 +254,7 @@ def _told_alone(session: PlusSession, function: i64, response: bytes, skimmed: i
 
 
 def _says_no_more(function: i64, response: bytes, skimmed: i64) -> bool:
-    """Tell whether a response to a write or deletion is sound and says nothing but its return value."""
+    """Return whether a response to a write or deletion is sound and has nothing but its return value."""
     if not skimmed & SOUND or skimmed & REFUSES or function not in _WRITING:
         return False
     at, end = one_frame(response)
@@ -262,7 +262,7 @@ def _says_no_more(function: i64, response: bytes, skimmed: i64) -> bool:
 
 
 def _judge_contents(request: bytes, response: bytes, asked: i64, told: i64) -> Facts | None:
-    """Look for what is wrong with contents that say nothing else; ``asked`` and ``told`` is what is known of the halves."""
+    """Look for faults in contents that have no events; ``asked`` and ``told`` are the results of `glimpse`."""
     if asked != UNSOUND and told != UNSOUND:
         return None
     facts = Facts()
@@ -274,7 +274,7 @@ def _judge_contents(request: bytes, response: bytes, asked: i64, told: i64) -> F
 
 
 def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
-    """Judge a plain transaction, of which a glance told all that matters."""
+    """Judge a plain transaction from the result of `glance`."""
     if not seen.matters:
         return None
     events: list[Event] = []
@@ -297,7 +297,7 @@ def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
 
 
 def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
-    """Return the numbers of the items by which a request asks for the operating state; None for all, where there are others."""
+    """Return the numbers of the items that request the operating state; None (all) for other functions."""
     if function != GET_MULTI_VARIABLES:
         return None
     return frozenset([number for number, address in enumerate(asked.addresses, 1) if is_state(address)])
@@ -318,7 +318,7 @@ def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> t
 def _judge_id(
     session: PlusSession, events: list[Event], function: i64, session_id: i64, sequence: i64, id_: i64
 ) -> None:
-    """Judge the integrity id of a request, -1 for none."""
+    """Judge the integrity id of a request; -1 if it has none."""
     if id_ < 0 or (session_id != session.latest and session_id not in session.given):
         return
     counted = session.writes if function in _COUNTED else session.reads
@@ -328,7 +328,7 @@ def _judge_id(
 
 
 def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
-    """Return False for a read that surely asks for neither the operating state nor the identification record."""
+    """Return False for a read that certainly requests neither the operating state nor the identification record."""
     if skimmed & SOUND:
         return skimmed & ASKS != 0
     return any([octets.find(mark, HEADER_SIZE + REQUEST_SIZE) >= 0 for mark in _READ_MARKS])
@@ -338,9 +338,9 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
     if function == CREATE_OBJECT or function == DELETE_OBJECT:
         return True
     if function == EXPLORE:
-        return not skimmed & SOUND or skimmed & MET != 0  # of an answer that is not whole, the blocks it begins with
+        return not skimmed & SOUND or skimmed & MET != 0  # an incomplete response may begin with blocks
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
-        return True  # others do not come here
+        return True  # reads that do not matter are not passed to this function
     if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
         return False
     at: i64 = HEADER_SIZE + REQUEST_SIZE
@@ -383,7 +383,7 @@ def _judge(
 
 
 def _gone(session: PlusSession, events: list[Event], object_id: int, session_id: int, good: bool) -> None:
-    """An object is deleted. Object 0 is the session of the request: the client of s7commplus ends it so (docs/s7plus.md)."""
+    """Judge the deletion of an object; object 0 is the session of the request, as s7commplus ends it (docs/s7plus.md)."""
     if object_id == 0:
         object_id = session_id
     block = block_name(object_id)
@@ -396,7 +396,7 @@ def _gone(session: PlusSession, events: list[Event], object_id: int, session_id:
 
 def _created(session: PlusSession, events: list[Event], asked: Made, told: Made | None, good: bool) -> None:
     made = told.ids if told is not None and good else []
-    # The first objects say what it is, where a PDU is too long to be read whole, or lies further on.
+    # The first objects show what is created, even if the PDU is too long to be read completely, or has a fault later.
     these = asked.objects or asked.begun
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
@@ -420,7 +420,7 @@ def _created(session: PlusSession, events: list[Event], asked: Made, told: Made 
 
 
 def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
-    """Describe a subscription: its name, its cycle, and what is subscribed."""
+    """Return an event for a new subscription: its name, its cycle, and what it subscribes to."""
     alarms = any([inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects])
     cycle = one.number(CYCLE)
     texts = [one.text(NAME), f"every {cycle} ms" if cycle > 0 else "on change"]
@@ -440,7 +440,7 @@ def _explored(session: PlusSession, events: list[Event], told: Made) -> None:
 
 
 def _blocks(objects: list[PlusObject]) -> str:
-    """Name blocks with their names and languages."""
+    """Return a text with the names and languages of blocks."""
     texts: list[str] = []
     for one in objects[:_NAMED]:
         name = one.text(NAME)
@@ -456,7 +456,7 @@ def _blocks(objects: list[PlusObject]) -> str:
 
 
 def _written(session: PlusSession, events: list[Event], asked: Contents, told: Contents | None, good: bool) -> None:
-    """Judge a write of several: each item with what became of it."""
+    """Judge a write of several items, each by its own result."""
     values = dict(asked.items)
     refused: dict[int, int] = {}
     if told is not None:
@@ -485,7 +485,7 @@ def _item_written(session: PlusSession, events: list[Event], address: Address, v
 
 
 def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: list[int]) -> None:
-    """A subscription gets another list of variables, or more of them: tools make it first and fill it later."""
+    """A subscription gets another list of variables, or more: some tools create it first and fill it later."""
     told = parse_reference_list(numbers)
     session.change(object_id, told)
     labels = [session.label(address) for _, address in told[2][:_NAMED]]
@@ -530,7 +530,7 @@ def _one(
 
 
 def _state_requested(value: Value) -> Event:
-    """Tell what a client wants the CPU to do; which state a value without a name means, if any, only the CPU knows."""
+    """Return the event for a requested operating state; a value without a name has a meaning only to the CPU."""
     number = _number(value)
     row = STATE_REQUESTS.get(number)
     if row is None:
@@ -547,22 +547,22 @@ def _states(session: PlusSession, events: list[Event], asked: Contents, told: Co
 
 
 def _state_in(value: Value) -> int:
-    """Return the operating state in a value of it or of the structure that holds it, -1 for none."""
+    """Return the operating state in ``value``, which is the state or the structure with it as a member; -1 if there is none."""
     content = value.content
     member = content.find(OPERATING_STATE) if isinstance(content, Struct) else value
     return _number(member) if member is not None else -1
 
 
 def _number(value: Value) -> int:
-    """Return what a value holds, -1 unless it is a whole number."""
+    """Return the number that a value is, -1 if it is not a whole number."""
     content = value.content
     return content if isinstance(content, int) and not isinstance(content, bool) else -1
 
 
 def _state(session: PlusSession, events: list[Event], state: int) -> None:
-    """Note the operating state of the CPU; an event where it is a different one from before.
+    """Note the operating state of the CPU; a change is an event.
 
-    What is no state at all hides no change: that from before stands.
+    A value that is not a state (-1) is ignored, so that it hides no change.
     """
     if state < 0:
         return
@@ -573,7 +573,7 @@ def _state(session: PlusSession, events: list[Event], state: int) -> None:
 
 
 def subscription_of(octets: bytes) -> i64:
-    """Return the subscription of a notification, read in place; -1 when it is too short."""
+    """Return the id of the subscription of a notification, read in place; -1 if the PDU is too short."""
     size: i64 = len(octets)
     if size < HEADER_SIZE:
         return -1

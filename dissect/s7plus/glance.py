@@ -1,8 +1,8 @@
-"""What plain reads, writes and deletions say that matters, found in place: no object is made of what nobody asks for.
+"""Finds what matters in plain reads, writes and deletions, in place: no objects are made of the rest.
 
 Most traffic is plain: one frame, a return value of 0, no refusals, the usual qualifier, an end in one of the known forms.
-Everything else is left to `dissect.s7plus.bodies`, which knows what is wrong and where. That both agree is a property test
-(tests/s7plus/test_glance.py).
+Everything else is left to `dissect.s7plus.bodies`, which knows which faults there are and where. A property test ensures that
+both agree (tests/s7plus/test_glance.py).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED
+from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
 from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.objects import numbers_at
@@ -21,7 +22,6 @@ from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
     DIAGNOSIS,
-    IDENTIFICATION,
     OPERATING_STATE,
     REFERENCE_LIST,
     SESSION_KEY,
@@ -43,20 +43,20 @@ from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, BLOB, DINT, UDINT
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import SIGNED, read_varint
 
-#: What begins the ids of an attribute that is read by itself.
+#: Precedes the ids of an attribute that is read on its own.
 _IDS: Final = bytes((ADDRESS_ARRAY, UDINT))
-#: What stands above `WORDS` for the return value 0, and the largest number there that is no error.
+#: What is above the `WORDS` bits for a return value of 0, and the largest number there that is not an error.
 _GOOD: Final = 1
 _ERROR: Final = 0x8000
-#: The last two octets of an id, by which `dissect.s7plus.skimming.ASKS` goes.
+#: The last two octets of an id, which `dissect.s7plus.skimming.ASKS` compares.
 _TWO_OCTETS: Final = 0x3FFF
-#: Octets of the largest PDU that is looked at here; longer ones hold more than what is asked for.
+#: Octets of the largest PDU that is handled here; longer ones have more than what matters.
 _LARGEST: Final = 4096
-#: Attributes whose writing is more than a glance can tell.
+#: Attributes whose writing is an event that needs the whole contents.
 _TOLD: Final = PASSWORDS | {STATE_REQUEST}
-#: What is told of the writing of variables, beside.
+#: The same for a write that may be one of variables.
 _TOLD_OF_VARIABLES: Final = _TOLD | {REFERENCE_LIST, SESSION_KEY}
-#: How lists of references are sent.
+#: Flags and type of reference lists.
 _ARRAY: Final = ARRAY << 8 | UDINT
 _ADDRESS_ARRAY: Final = ADDRESS_ARRAY << 8 | UDINT
 #: Areas of the outputs.
@@ -64,7 +64,7 @@ OUTPUTS: Final = frozenset((81,))
 
 
 class Glance:
-    """One half of a plain transaction. ``plain`` is False when it must be read; then nothing else of it is looked at."""
+    """One half of a plain transaction. If ``plain`` becomes False, the PDU must be read instead, and all results are void."""
 
     __slots__ = ("_end", "_octets", "_skipper", "data", "plain", "version")
 
@@ -72,12 +72,12 @@ class Glance:
         self._octets = b""
         self._end: i64 = 0
         self._skipper: Skipper = Skipper(b"", 0, 0)
-        self.data: i64 = 0  # where the opcode stands
+        self.data: i64 = 0  # offset of the opcode
         self.version: i64 = 0
         self.plain = False
 
     def begin(self, octets: bytes, opcode: i64, function: i64, size: i64) -> None:
-        """Begin with a PDU in one frame of version 1, 2 or 3, of which ``size`` octets are fixed."""
+        """Begin with a PDU; it is plain if it has one frame of version 1, 2 or 3 and a fixed part of ``size`` octets."""
         at, end = one_frame(octets)
         self.plain = (
             at >= 0 and at + size <= end <= _LARGEST and octets[at] == opcode and u16(octets, at + 3) == function
@@ -90,7 +90,7 @@ class Glance:
             self.version = octets[1]
 
     def number(self) -> i64:
-        """Read a number of at most 32 bits without sign, -1 for none."""
+        """Read an unsigned number of at most 32 bits, -1 if there is none."""
         if not self.plain:
             return -1
         value = self._skipper.number()
@@ -99,7 +99,7 @@ class Glance:
         return value
 
     def count(self) -> i64:
-        """Read a count of things that take one octet or more each."""
+        """Read a count of elements of at least one octet each."""
         count = self.number()
         if count > self._end - self._skipper.at:
             self.plain = False
@@ -115,7 +115,7 @@ class Glance:
         return u32(self._octets, at)
 
     def expect(self, octets: bytes) -> bool:
-        """Pass over octets that must be these."""
+        """Pass over octets that must be equal to ``octets``."""
         at: i64 = self._skipper.at
         behind: i64 = at + len(octets)
         if not self.plain or behind > self._end or self._octets[at:behind] != octets:
@@ -125,13 +125,13 @@ class Glance:
         return True
 
     def go_on(self, at: i64) -> None:
-        """Go on at a place that is known, and not 0."""
+        """Continue at the offset ``at``; 0 means that it is not known."""
         self._skipper.at = at
         if at == 0:
             self.plain = False
 
     def skip(self, size: i64) -> bool:
-        """Pass over octets whatever they are."""
+        """Pass over ``size`` octets with any content."""
         self._skipper.at += size
         if self._skipper.at > self._end:
             self.plain = False
@@ -144,12 +144,12 @@ class Glance:
         return self.plain
 
     def items(self, most: i64) -> None:
-        """Pass over plain values that are numbered 1, 2, 3 …, at most over so many."""
+        """Pass over plain values that are numbered 1, 2, 3 …, at most ``most`` of them."""
         if self.plain and most > 0:
             self._skipper.items(most)
 
     def numbers(self) -> list[int]:
-        """Read an array of numbers, as lists of references are sent; empty for another value, which must be read."""
+        """Read an array of numbers, like a reference list. Another value is not plain, and gives an empty list."""
         at: i64 = self._skipper.at
         head: i64 = u16(self._octets, at) if self.value() else 0
         if head != _ARRAY and head != _ADDRESS_ARRAY:
@@ -158,7 +158,7 @@ class Glance:
         return numbers_at(self._octets, at + 2, self._end)
 
     def state(self) -> i64:
-        """Read the operating state, which CPUs send as DInt; -1 for a value of another type, which must be read."""
+        """Read the operating state, which CPUs send as DInt. A value of another type is not plain, and gives -1."""
         at: i64 = self._skipper.at
         octets = self._octets
         if not self.plain or at + 3 > self._end or octets[at] or octets[at + 1] != DINT:
@@ -172,7 +172,7 @@ class Glance:
         return value
 
     def blob(self) -> bytes:
-        """Read the octets of a blob; empty where it is none, and then it must be read."""
+        """Read the octets of a blob. Another value is not plain, and gives empty octets."""
         at: i64 = self._skipper.at
         octets = self._octets
         if not self.plain or at + 4 > self._end or octets[at] or octets[at + 1] != BLOB or octets[at + 2] > 1:
@@ -186,7 +186,7 @@ class Glance:
         return octets[begin : self._skipper.at]
 
     def ends(self) -> i64:
-        """Read the end of a PDU: its integrity id, -1 for none. Not plain when something else stands there."""
+        """Read the end of a PDU; return its integrity id, -1 if it has none. Anything else is not plain."""
         if not self.plain:
             return -1
         if self._zeros(self._skipper.at) or (self.version == V2 and self._is_digest(self._skipper.at)):
@@ -216,7 +216,7 @@ class _Glances:
         self.told: Glance = Glance()
 
 
-#: Those that are free, as in `dissect.s7plus.skimming`.
+#: Free objects, as in `dissect.s7plus.skimming`.
 _FREE: Final[list[_Glances]] = [_Glances() for _ in range(4)]
 
 
@@ -228,11 +228,11 @@ def _free_glances() -> _Glances:
 
 
 class Seen:
-    """What a plain transaction says: ``state`` is the operating state, -1 for none; ``record`` an identification record.
+    """The content of a plain transaction: ``state`` is the operating state, -1 for none; ``record`` an identification record.
 
-    ``authenticated``: the key of a session was written. ``listed`` is the subscription whose reference list was, -1 for none,
-    and ``references`` the numbers of that. ``deleted`` is the object that was, -1 for none; ``good`` is False
-    where that was refused. ``integrity_id``, ``sequence`` and ``session_id`` are those of the request. ``matters`` is False
+    ``authenticated``: the key of a session was written. ``listed`` is the subscription whose reference list was written, -1 for
+    none; ``references`` are the numbers of that list. ``deleted`` is the object that was deleted, -1 for none; ``good`` is
+    False if that was refused. ``integrity_id``, ``sequence`` and ``session_id`` are those of the request. ``matters`` is False
     for a read of anything else.
     """
 
@@ -255,7 +255,7 @@ class Seen:
         self.good = True
         self.matters = True
         self.state: i64 = -1
-        self.stated = False  # the state was asked for, and came
+        self.stated = False  # the state was requested and returned
         self.record = b""
         self.authenticated = False
         self.listed: i64 = -1
@@ -266,12 +266,12 @@ class Seen:
         self.session_id: i64 = 0
 
     def come(self, request: bytes, at: i64) -> None:
-        """Note which request it came from, whose data begin ``at``."""
+        """Note the numbers of the request, whose data begin at ``at``."""
         self.sequence = u16(request, at + SEQUENCE_AT)
         self.session_id = u32(request, at + SESSION_AT)
 
 
-#: What a read of one attribute says that nobody asks about.
+#: The result for a read of one attribute that does not matter.
 _NOTHING: Final = Seen()
 _NOTHING.matters = False
 
@@ -279,10 +279,11 @@ _NOTHING.matters = False
 def glance(
     function: i64, request: bytes, response: bytes, read: i64, skimmed: i64, outputs: bool, elsewhere: bool
 ) -> Seen | None:
-    """Look at a request and the response that it got; None when they must be read.
+    """Look at a request and its response; None if they must be read.
 
-    ``skimmed`` is what `dissect.s7plus.skimming.skim` said of the response, ``read`` what it said of a request to read.
-    ``outputs`` and ``elsewhere`` tell of writes to outputs and to other areas that no more of them are worth a look.
+    ``skimmed`` is the result of `dissect.s7plus.skimming.skim` for the response, ``read`` that for a request to read.
+    ``outputs`` and
+    ``elsewhere``: writes to outputs, or to other areas, need no more looking at.
     """
     deletes: bool = function == DELETE_OBJECT
     code: i64 = skimmed >> WORDS & CODES
@@ -322,14 +323,14 @@ def glance(
 
 
 def _got(asked: Glance, told: Glance, seen: Seen, read: i64, ordered: bool) -> None:
-    """A read of several variables, the operating state perhaps among them; ``ordered`` are those that come once each."""
+    """Look at a read of several variables, perhaps with the operating state. ``ordered``: each item comes once, in order."""
     seen.matters = False
     wanted: i64 = read >> VALUES & PLACES
     asked.go_on(read >> PLACE)
     if not asked.expect(USUAL_QUALIFIER):
         return
     if wanted == 0:
-        asked.plain = not read & ASKS  # twice: to be read
+        asked.plain = not read & ASKS  # requested twice: must be read
         return
     if ordered:
         told.items(wanted - 1)
@@ -348,9 +349,9 @@ def _got(asked: Glance, told: Glance, seen: Seen, read: i64, ordered: bool) -> N
 
 
 def _streamed(both: _Glances, request: bytes, response: bytes, refused: bool) -> Seen | None:
-    """A read of one attribute: the operating state, the identification record, or another; one that is refused says nothing.
+    """Read one attribute: operating state, identification record, or another one. A refused read has no content.
 
-    The response to a read that nobody asks about is sound, and not looked at.
+    If the attribute does not matter, its response is sound and is not looked at.
     """
     asked = both.asked
     asked.begin(request, REQUEST, GET_VAR_SUBSTREAMED, REQUEST_SIZE)
@@ -372,7 +373,7 @@ def _streamed(both: _Glances, request: bytes, response: bytes, refused: bool) ->
         return None
     if object_id == CPU_EXEC_UNIT:
         if last & _TWO_OCTETS == DIAGNOSIS:
-            return None  # a structure, the operating state among its members
+            return None  # a structure with the operating state among its members
         if last & _TWO_OCTETS != OPERATING_STATE:
             return _NOTHING
     elif object_id != CPU_PROXY:
@@ -398,11 +399,11 @@ def _streamed(both: _Glances, request: bytes, response: bytes, refused: bool) ->
 
 
 def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
-    """A write: the key of a session, a list of references, attributes that say nothing, or variables that are told."""
+    """Handle a write: the key of a session, a reference list, attributes that do not matter, or variables reported before."""
     link = asked.four()
     count = asked.count()
     fields = asked.count()
-    listed: i64 = -1  # the number of the item that is a list of references
+    listed: i64 = -1  # the number of the item that is a reference list
     if link:
         if link in AREAS or link >> 16 in BLOCK_KINDS:
             asked.plain = False
@@ -425,7 +426,7 @@ def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
             return
         if number == listed:
             if seen.references is not None:
-                asked.plain = False  # twice: to be read
+                asked.plain = False  # written twice: must be read
                 return
             seen.listed = link
             seen.references = asked.numbers()
@@ -437,7 +438,7 @@ def _set(asked: Glance, seen: Seen, outputs: bool, elsewhere: bool) -> None:
 
 
 def _pass_written(asked: Glance, count: i64, fields: i64, outputs: bool, elsewhere: bool) -> None:
-    """Pass over the addresses of a write, all of them variables of which no more is to be told."""
+    """Pass over the addresses of a write; all must be variables that need no more reports."""
     while count > 0 and asked.plain:
         asked.number()
         area = asked.number()

@@ -1,7 +1,7 @@
-"""Where secrets stand in a PDU: passwords and what could be turned back into them, so that nothing that is shown holds them.
+"""Finds secrets in a PDU, passwords and what they could be computed from, so that nothing that is shown contains them.
 
-An answer to a challenge is the SHA-1 of the password, mixed with the challenge: whoever has both can try passwords. The
-others are hashes and keys that a download brings to the CPU. Every face reads contents through `shown_contents`.
+An answer to a challenge is the SHA-1 of the password, mixed with the challenge: with both, passwords can be tried. Other
+secrets are hashes and keys that a download brings to the CPU. All outputs read contents through `shown_contents`.
 """
 
 from __future__ import annotations
@@ -13,21 +13,24 @@ from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ids import HIDDEN, SECRETS, is_secret
-from dissect.s7plus.items import Half
-from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, VALUE
+from dissect.s7plus.items import READS, Half
+from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, PIECE, VALUE
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.session import NAME, REFERENCE_LIST
 from dissect.s7plus.skipping import table
-from dissect.s7plus.tables import REQUEST
+from dissect.s7plus.tables import GET_VAR_SUBSTREAMED, REQUEST, SET_VAR_SUBSTREAMED
 from dissect.s7plus.value_tables import BLOB, STRUCT, VARIANT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value
 from dissect.s7plus.walk import MAX_PARTS, Wanted
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
 
-#: What a line says of a PDU: all its items, but of the attributes of objects only names, what is subscribed to, and alarms.
-#: Those that may be compressed are read as well, as that finds what is wrong with them.
+#: What a line about a PDU needs: all items; of the attributes of objects only names, subscribed items and alarms. Attributes
+#: that may be compressed are read as well, to find their faults.
 _SAID: Final = Wanted(table(ATTRIBUTES | COMPRESSED | {NAME, REFERENCE_LIST}), written=True)
+
+#: Requests that name an attribute by a value, which comes before that of the attribute.
+_LISTS: Final = frozenset((GET_VAR_SUBSTREAMED, SET_VAR_SUBSTREAMED))
 
 #: Contents without secrets, and (offset, end) of each secret within the octets of their PDU.
 Shown = tuple[Contents, list[tuple[int, int]]]
@@ -36,25 +39,28 @@ Shown = tuple[Contents, list[tuple[int, int]]]
 def shown_contents(pdu: PlusPdu, shown: bool = True, wanted: Wanted | None = None) -> Shown:
     """Return the contents of a PDU without secrets, and (offset, end) of each secret within ``pdu.octets``.
 
-    With ``shown`` false there are no parts and no offsets. ``wanted`` is that of `parse_contents`. Never raises.
+    If ``shown`` is False, there are no parts and no offsets. ``wanted`` as for `parse_contents`. Never raises.
     """
     found = parse_contents(pdu, shown, wanted=wanted)
     secret = _secret_items(found) if pdu.opcode == REQUEST and (shown or found.items) else set()
     named = pdu.opcode == REQUEST and bool(found.ids) and found.ids[-1] in SECRETS
+    lists = pdu.function in _LISTS  # the first value says what is read or written
     spans: list[tuple[int, int]] = []
-    above = -1  # depth of the secret that the parts at hand stand in
+    above = -1  # depth of the secret that contains the current parts; -1 for none
     for part in found.parts:
         if above >= 0 and part.depth > above:
             _hide(part, part.offset, part.end, pdu, spans)
             continue
         above = -1
-        if _is_secret(part, secret, named):
+        if lists and part.layout is VALUE:
+            lists = False
+        elif _is_secret(part, secret, named):
             above = part.depth
-            content = part.holding(HOLDS_VALUE)
+            content = part.find("octets") if part.layout is PIECE else part.holding(HOLDS_VALUE)
             if content is not None:
                 _hide(part, int(content.offset), int(content.end), pdu, spans)
     if pdu.opcode == REQUEST and len(found.parts) > MAX_PARTS:
-        rest = found.parts[-1]  # nobody knows which of it is a secret
+        rest = found.parts[-1]  # it is not known where secrets are in it
         spans.append((pdu.place(rest.offset), pdu.place(rest.end - 1) + 1))
     if found.value is not None and (named or (_may_hold(found.value) and _holds_secret(found.value))):
         found.value = Value(0, WSTRING, HIDDEN)
@@ -72,8 +78,31 @@ def shown_half(pdu: PlusPdu) -> Half:
 
 
 def said_half(pdu: PlusPdu) -> Half:
-    """Return `shown_half`, whose objects have no more attributes than lines about transactions name."""
+    """Return the same as `shown_half`, with only those attributes of objects that lines about transactions name."""
     return Half(pdu, shown_contents(pdu, False, _SAID)[0])
+
+
+def reads_secret(asked: Half) -> bool:
+    """Tell whether a request reads an attribute that is not shown: its answer holds a secret, and does not say so itself."""
+    found = asked.contents
+    if asked.pdu.opcode != REQUEST or asked.pdu.function not in READS:
+        return False
+    return (bool(found.ids) and found.ids[-1] in SECRETS) or bool(_secret_items(found))
+
+
+def shown_answer(pdu: PlusPdu, asked: PlusPdu | None) -> Shown:
+    """Return `shown_contents` of what answers a request, None where nobody asked: all its values are secrets if one is read."""
+    found, spans = shown_contents(pdu)
+    if asked is None or not reads_secret(shown_half(asked)):
+        return found, spans
+    for part in found.parts:
+        content = part.holding(HOLDS_VALUE)
+        if content is not None:
+            _hide(part, int(content.offset), int(content.end), pdu, spans)
+    if found.value is not None:
+        found.value = Value(0, WSTRING, HIDDEN)
+    found.items = [(number, Value(0, WSTRING, HIDDEN)) for number, _ in found.items]
+    return found, spans
 
 
 def _may_hold_any(found: Contents) -> bool:
@@ -84,7 +113,7 @@ def _may_hold_any(found: Contents) -> bool:
 
 
 def _may_hold(value: Value) -> bool:
-    """Tell whether a value is of a type inside which there are others."""
+    """Return whether a value has a type that may contain other values."""
     type_ = value.type
     return type_ == STRUCT or type_ == BLOB or type_ == VARIANT
 
@@ -99,7 +128,7 @@ def _secret_items(found: Contents) -> set[int]:
 
 
 def _holds_secret(value: Value) -> bool:
-    """Tell whether a secret stands anywhere inside a value."""
+    """Return whether a secret is anywhere inside a value."""
     content = value.content
     if isinstance(content, Value):
         return _holds_secret(content)
@@ -127,7 +156,7 @@ def _is_secret(part: Part, items: set[int], named: bool) -> bool:
         return part.number("id") in SECRETS
     if layout is ITEM_VALUE:
         return part.number("number") in items
-    return named and layout is VALUE
+    return named and (layout is VALUE or layout is PIECE)
 
 
 def _hide(part: Part, begin: int, end: int, pdu: PlusPdu, spans: list[tuple[int, int]]) -> None:
@@ -138,7 +167,7 @@ def _hide(part: Part, begin: int, end: int, pdu: PlusPdu, spans: list[tuple[int,
 
 
 def without_secrets(pdu: PlusPdu, spans: list[tuple[int, int]]) -> bytes:
-    """Return the octets of a PDU with zeros for secrets. The digests between the frames of a secret go with it."""
+    """Return the octets of a PDU with zeros in place of secrets, also for digests of frames within a secret."""
     octets = pdu.octets
     for begin, end in spans:
         octets = b"".join((octets[:begin], bytes(end - begin), octets[end:]))

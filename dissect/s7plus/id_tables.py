@@ -1,7 +1,7 @@
-"""Names of the numbers that objects, classes, attributes and members of structures go by (docs/s7plus.md).
+"""Names of the ids of objects, classes, attributes and members of structures (docs/s7plus.md).
 
-They share one space of numbers. The names are those that the public Wireshark plugin gives them; the few that it lacks are
-named by what captures show them to be. Only numbers that were met in captures, or that every device has, are here.
+All ids share one number space. The names are those of the public Wireshark plugin and of S7CommPlusDriver; the few that both
+lack are named by what captures show. Only ids that were found in captures, or that every device has, are listed.
 """
 
 from __future__ import annotations
@@ -102,6 +102,7 @@ _IDS: Final = [
     (125, "NativeObjects.theIE4_NetworkParameters_Rid", ""),
     (130, "NativeObjects.theIE4_Rid", ""),
     (201, "ObjectRoot", ""),
+    (211, "GetNewRIDOnServer", "The server shall choose the id."),
     (226, "ObjectTypes", ""),
     (227, "ObjectMetatypes", ""),
     (228, "ObjectBasetypes", ""),
@@ -125,6 +126,7 @@ _IDS: Final = [
     (301, "ServerSessionClientComment", ""),
     (303, "ServerSessionChallenge", ""),
     (304, "ServerSessionResponse", ""),
+    (305, "ServerSessionRoles", ""),
     (306, "ServerSessionVersion", ""),
     (314, "SessionVersion", ""),
     (315, "LID_SessionVersionSystemOMS", ""),
@@ -153,6 +155,7 @@ _IDS: Final = [
     (1002, "SubscriptionMissedSendings", ""),
     (1003, "SubscriptionSubsystemError", ""),
     (1005, "SubscriptionReferenceTriggerAndTransmitMode", ""),
+    (1037, "SystemLimits", ""),
     (1040, "SubscriptionRouteMode", ""),
     (1041, "SubscriptionActive", ""),
     (1048, "SubscriptionReferenceList", ""),
@@ -162,7 +165,9 @@ _IDS: Final = [
     (1052, "SubscriptionCount", ""),
     (1053, "SubscriptionCreditLimit", ""),
     (1054, "SubscriptionTicks", ""),
+    (1081, "FreeItems", ""),
     (1082, "SubscriptionFunctionClassId", ""),
+    (1246, "Filter", ""),
     (1247, "FilterOperation", ""),
     (1249, "AddressCount", ""),
     (1250, "Address", ""),
@@ -315,6 +320,7 @@ _IDS: Final = [
     (2627, "S7Timers.Class_Rid", ""),
     (2647, "ProgramCycleOB.Class_Rid", ""),
     (2659, "AlarmSubscriptionRef.AlarmDomain", ""),
+    (2660, "AlarmSubscriptionRef.itsAlarmSubsystem", ""),
     (2662, "AlarmSubscriptionRef.Class_Rid", ""),
     (2670, "DAI.CPUAlarmID", ""),
     (2671, "DAI.AllStatesInfo", ""),
@@ -520,8 +526,8 @@ _IDS: Final = [
     (8342, "ReleaseMngmtRoot.TIAInfoTexts_Rid", ""),
 ]  # fmt: skip
 
-#: Members of the structure that the memory of a block or an area is (1533): its type, and its values by how they are kept.
-#: Their numbers are also those of objects, and the first one of an absolute address.
+#: Members of the structure that is the memory of a block or an area (1533): its type, and its values by the way they are
+#: stored. The same numbers are also ids of objects, and the first LID of an absolute address.
 MEMORY: Final = [
     (1, "LID_OMS_STB_DescriptionRID", ""),
     (2, "LID_OMS_STB_Structured", ""),
@@ -531,5 +537,5 @@ MEMORY: Final = [
 ]  # fmt: skip
 
 IDS: Final = CodeTable("S7comm-plus id", 1, _IDS)
-#: Those of members of structures.
+#: Names of members of structures.
 MEMBERS: Final = CodeTable("S7comm-plus member", 1, [*MEMORY, *_IDS[len(MEMORY) :]])

@@ -1,4 +1,4 @@
-"""What the number of an object, a class, an attribute or an area says to a person (docs/s7plus.md)."""
+"""Names of objects, classes, attributes and areas for a person, by their ids (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dissect.s7plus.id_tables import IDS, MEMBERS
 
 # Kinds of blocks: the upper 16 bits of the id of their object.
 DATA_BLOCK: Final = 0x8A0E
-#: Upper 16 bits of the ids of blocks, and what engineers call the block.
+#: Upper 16 bits of the ids of blocks, and what engineers call such a block.
 BLOCK_KINDS: Final[dict[int, str]] = {
     DATA_BLOCK: "DB",
     0x8A12: "FB",
@@ -18,20 +18,22 @@ BLOCK_KINDS: Final[dict[int, str]] = {
 }
 #: Upper 8 bits of the ids of type information; the lower 16 bits are the number of the block.
 TYPE_KINDS: Final[dict[int, str]] = {0x91: "UDT", 0x92: "DB", 0x93: "FB", 0x94: "FC", 0x95: "OB"}
-#: Areas of the process image, of memory, of counters and timers.
+#: Areas: process image, memory, counters and timers.
 AREAS: Final[dict[int, str]] = {80: "I", 81: "Q", 82: "M", 83: "C", 84: "T"}
 
 
-#: Attributes and members whose value is not shown: the answer to a challenge (old and new form), a password of know-how
+#: Attributes and members whose values are not shown: the answer to a challenge (old and new form), a password of know-how
 #: protection, an encrypted key for a MAC, the passwords of a CPU, the data of its users.
 SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
-#: Those of them by which a client logs in.
+#: The secrets with which a client logs in.
 PASSWORDS: Final = frozenset((304, 1846))
 _IS_SECRET: Final = bytes([id_ in SECRETS for id_ in range(max(SECRETS) + 1)])
-#: How the names of objects and of classes begin or end.
-_OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class")
+#: How the names of objects and classes begin or end.
+_OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class", "GetNewRID")
 _CLASS: Final = ".Class_Rid"
-#: Stands in the place of a value that is hidden.
+#: A request has it in the place of an id that the server shall choose.
+NEW_OBJECT: Final = 211
+#: Replaces a hidden value.
 HIDDEN: Final = "not shown"
 
 
@@ -63,7 +65,7 @@ def plain_id(number: int) -> str:
 
 
 def short_name(number: int) -> str:
-    """Return what an id is called, without its number and what tables put around a name: ``CPUexecUnit``, ``DB3``, ``DAI``."""
+    """Return the name of an id without its number and without prefixes and suffixes: ``CPUexecUnit``, ``DB3``, ``DAI``."""
     row = IDS.get(number)
     if row is None:
         return id_name(number)
@@ -72,9 +74,9 @@ def short_name(number: int) -> str:
 
 
 def member_name(number: int) -> str:
-    """Return what an attribute or a member is called, without its class: ``OperatingState``, ``1845``.
+    """Return the name of an attribute or member without its class: ``OperatingState``, ``1845``.
 
-    An element of an array stands there by its index, which is no member even where an object or a class has the same number.
+    If only an object or a class has this id, the number is returned: in an address it is the index of an array element.
     """
     row = IDS.get(number)
     if row is not None and (row.name.startswith(_OBJECTS) or row.name.endswith(_CLASS)):
@@ -83,16 +85,16 @@ def member_name(number: int) -> str:
 
 
 def block_name(number: int) -> str:
-    """Return the name of a block by the id of its object, for example ``DB3``; empty when it is none."""
+    """Return the name of a block by the id of its object, for example ``DB3``; empty if it is not a block."""
     kind = BLOCK_KINDS.get(number >> 16)
     return f"{kind}{number & 0xFFFF}" if kind is not None else ""
 
 
 def is_secret(id_: int) -> bool:
-    """Tell whether an id is one of `SECRETS`; this is asked of every value."""
+    """Return whether an id is one of `SECRETS`. This is called for every value."""
     return 0 <= id_ < len(_IS_SECRET) and _IS_SECRET[id_] != 0
 
 
 def is_packed(struct_id: int) -> bool:
-    """Tell whether a structure's octets come as the program holds them: those of types that the program declares."""
+    """Return whether a structure is sent as its raw octets: those of types that the program declares are."""
     return 0x90000000 < struct_id < 0x9FFFFFFF or 0x02000000 < struct_id < 0x02FFFFFF

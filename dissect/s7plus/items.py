@@ -1,4 +1,4 @@
-"""The items of a transaction: address, value, and what became of it, whichever function carries them."""
+"""The items of a transaction, for all functions: address, value, and result."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.objects import every_object
 from dissect.s7plus.packed_values import misfit, packed_members
 from dissect.s7plus.program import Found, Program, symbol
+from dissect.s7plus.program_times import long_date_text, long_duration
 from dissect.s7plus.program_values import contradiction, program_value, program_values
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, parse_reference_list
-from dissect.s7plus.summary import single_address
+from dissect.s7plus.summary import references_text, single_address
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
     GET_MULTI_VARIABLES,
@@ -25,8 +26,8 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_showing import as_json, meant, octets_text, value_said
-from dissect.s7plus.value_tables import WSTRING
+from dissect.s7plus.value_showing import as_json, in_line, meant, members_said, octets_text
+from dissect.s7plus.value_tables import TIMESPAN, TIMESTAMP, WSTRING
 from dissect.s7plus.values import Packed, Value
 from dissect.wire.codes import CodeTable
 
@@ -34,22 +35,21 @@ READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED
 WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
 _READS_OR_WRITES: Final = READS | WRITES
 
-#: Elements of an array that are shown.
+#: How many elements of an array are shown.
 _SHOWN: Final = 8
 _NO_VALUE: Final[list[Value | None]] = [None]
-#: Return values from here on refuse.
+#: Return values from here on are refusals.
 _NEGATIVE: Final = 0x8000
 
 
 class PlusItem:
-    """One item. ``number`` counts from 1, in a notification it is the reference.
+    """One item. ``number`` counts from 1; in a notification it is the reference.
 
-    ``return_code`` is 0 when all is well, -1 when no answer says, else the lower 16 bits of a return value, in a notification
-    0x13 or 0x03; ``codes`` names it.
-    ``found`` is what the program calls it, where that passed. A value that contradicts its declaration has none: ``fits`` is
-    False, it is shown as its octets, and ``note`` says what contradicts. ``note`` also says that the checksum of the symbol
-    does, or that the answer leaves the item out, or has it though nobody asked. A number that comes several times makes
-    several items.
+    ``return_code`` is 0 if all is well, -1 if no answer says; else the lower 16 bits of a return value, or in a notification
+    0x13 or 0x03. ``codes`` names it. ``found`` is the name in the program, if that was captured. A value that contradicts its
+    declaration is shown as octets: ``fits`` is False, and ``note`` says what contradicts. ``note`` also says that the checksum
+    of the symbol differs, or that the answer lacks the item, or has it although it was not requested. A number that comes
+    several times gives several items.
     """
 
     __slots__ = ("address", "codes", "data", "fits", "found", "note", "number", "program", "return_code", "value")
@@ -68,7 +68,7 @@ class PlusItem:
 
     @property
     def label(self) -> str:
-        """The address as a person writes it; text from the wire, not escaped."""
+        """The address as a person writes it; text from the wire is not escaped."""
         address = self.address
         if address is None:
             return f"item {self.number}"
@@ -76,35 +76,44 @@ class PlusItem:
 
     @property
     def text(self) -> str:
-        """The value in few words, empty when there is none."""
+        """The value as a short text, empty if there is none."""
         if self.value is None:
             return ""
         if not self.fits:
             return octets_text(self.data) if self.data is not None else ""
         if self.is_plain:
-            return value_said(self.value, self._last_id)
+            return self._references() or in_line(self.value, self._last_id)
         text = self._program_value()
         if text is not None:
             variable = self.found.variable if self.found is not None else None
             return f"{variable.datatype_name if variable is not None else 'DTL'} {text!r}"
         members = self._members()
         if members is not None:
-            return f"Struct {members}"
+            return f"Struct {members_said(members)}"
         elements = self._elements()
         if elements is not None and self.found is not None and self.found.variable is not None:
             shown = [str(one) for one in elements[:_SHOWN]]
             more = " …" if len(elements) > _SHOWN else ""
             return f"{self.found.variable.datatype_name}[{len(elements)}] {', '.join(shown)}{more}"
-        return value_said(self.value, self._last_id)
+        return in_line(self.value, self._last_id)
 
     @property
     def meaning(self) -> str:
-        """What the number means that the value is, empty where nobody says."""
-        return meant(self.value.content, self._last_id) if self.value is not None and self.is_plain else ""
+        """The meaning of a value that is a code or a time; empty if it has none."""
+        value = self.value
+        if value is None or not self.is_plain:
+            return ""
+        content = value.content
+        if isinstance(content, int):
+            if value.type == TIMESTAMP:
+                return long_date_text(content) or ""
+            if value.type == TIMESPAN:
+                return long_duration(content)
+        return meant(content, self._last_id)
 
     @property
     def json_value(self) -> object:
-        """The value as JSON-ready data, None when there is none, or it contradicts its declaration."""
+        """The value as JSON-ready data; None if there is none or it contradicts its declaration."""
         if not self.fits:
             return None
         if self.value is not None and self.is_plain:
@@ -123,12 +132,21 @@ class PlusItem:
 
     @property
     def is_plain(self) -> bool:
-        """True where the program says nothing of the value."""
+        """True if the program says nothing about the value."""
         return self.found is None and self.value is not None and not isinstance(self.value.content, Packed)
+
+    def _references(self) -> str:
+        """Return what a subscription gets or loses by its new reference list; empty for any other value."""
+        listed = self.value is not None and self._last_id == REFERENCE_LIST
+        return references_text(self.value, self._called) if self.value is not None and listed else ""
+
+    def _called(self, address: Address) -> str:
+        found = self.program.find(address) if self.program is not None else None
+        return symbol(address, found) if found is not None else address.label
 
     @property
     def _last_id(self) -> int:
-        """The attribute or member that the item is, 0 where that is not known."""
+        """The id of the attribute or member that the item is, 0 if it is not known."""
         address = self.address
         if address is None:
             return 0
@@ -147,11 +165,11 @@ class PlusItem:
         return packed_members(content, self.program)
 
     def _elements(self) -> list[str | None] | None:
-        """Return the elements of an array as they were declared."""
+        """Return the elements of an array as they are declared."""
         return program_values(self.found, self.value) if self.value is not None else None
 
     def understand(self, program: Program) -> None:
-        """Take what the program says of the item: its name, and whether the value fits its declaration."""
+        """Apply the declarations of the program: the name of the item, and whether its value fits."""
         address = self.address
         if address is None:
             return
@@ -181,7 +199,7 @@ class Half:
 
 
 def join_items(asked: Half | None, told: Half | None, session: PlusSession | None) -> list[PlusItem]:
-    """Join the items of a request with those of its response; none for functions that neither read nor write."""
+    """Join the items of a request with those of its response; empty for functions that neither read nor write."""
     items: list[PlusItem] = []
     if asked is None and told is not None and told.pdu.opcode == NOTIFICATION:
         items = _notified(told, session)
@@ -196,7 +214,7 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
         if session is not None:
             item.understand(session.program)
         if item.value is not None and is_secret(address.lids[-1] if address.lids else address.sub_area):
-            item.value = Value(0, WSTRING, HIDDEN)  # an answer to a read does not say so itself
+            item.value = Value(0, WSTRING, HIDDEN)  # the answer to a read does not name the attribute
             item.data = None
             item.note = ""
             item.fits = True
@@ -204,7 +222,7 @@ def join_items(asked: Half | None, told: Half | None, session: PlusSession | Non
 
 
 def _subscriptions(asked: Half, told: Half | None) -> list[PlusItem]:
-    """Return what new subscriptions ask for, by reference; no values come with them."""
+    """Return the items of new subscriptions, by reference; they come without values."""
     code = told.pdu.return_code if told is not None and told.pdu.function == CREATE_OBJECT else -1
     if 0 < code < _NEGATIVE:
         code = 0
@@ -220,7 +238,7 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
     address = single_address(asked.contents)
     whole = told.pdu.return_code if told is not None else -1
     if 0 < whole < _NEGATIVE:
-        whole = 0  # it says something of the whole that is no refusal, or that some items were refused
+        whole = 0  # not a refusal of the whole request; some items may be refused
     writes = asked.pdu.function in WRITES
     if address is not None:
         item = PlusItem(1, address, asked.contents.value if writes else None, whole)
@@ -238,14 +256,14 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
         and _in_order(source.contents, len(known))
         and not (told is not None and told.contents.refusals)
     ):
-        for number, one in source.contents.items:  # nearly always
+        for number, one in source.contents.items:  # the usual case
             item = PlusItem(number, known[number - 1], one, whole)
             item.data = _data(one, source)
             items.append(item)
         return items
     values: dict[int, list[Value | None]] = {}
     for index, sent in source.contents.items if source is not None else []:
-        values.setdefault(index, []).append(sent)  # one that comes twice is shown twice
+        values.setdefault(index, []).append(sent)  # an item that comes twice is shown twice
     refusals = dict(told.contents.refusals) if told is not None else {}
     for number in sorted({*range(1, len(known) + 1), *values, *refusals}):
         code = refusals[number] & 0xFFFF if number in refusals else whole
@@ -262,7 +280,7 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
 
 
 def _in_order(contents: Contents, count: int) -> bool:
-    """Tell whether there are so many values, numbered from 1."""
+    """Return whether there are ``count`` values, numbered from 1."""
     index = 0
     for number, _ in contents.items:
         index += 1
@@ -290,7 +308,7 @@ def _subscribed(session: PlusSession | None, subscription: int, reference: int) 
 
 
 def _data(value: Value | None, half: Half | None) -> bytes | None:
-    """Return the octets of a value behind its flags and type."""
+    """Return the octets of a value after its flags and type."""
     if value is None or half is None or value.end == 0:
         return None
     return half.pdu.data[value.offset + 2 : value.end]

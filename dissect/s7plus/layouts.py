@@ -19,17 +19,17 @@ _SOURCE: Final = "docs/s7plus.md"
 
 
 def little_means(octets: bytes) -> str | None:
-    """Return the number that octets hold, the lowest first."""
+    """Return a little-endian number as text."""
     return str(int.from_bytes(octets, "little"))
 
 
 def little_hex_means(octets: bytes) -> str | None:
-    """Return a checksum that octets hold, the lowest first."""
+    """Return a little-endian checksum as text."""
     return f"0x{int.from_bytes(octets, 'little'):08x}"
 
 
 def text_means(octets: bytes) -> str | None:
-    """Return a name in UTF-8 that a 0 ends."""
+    """Return a zero-terminated name in UTF-8."""
     return octets.rstrip(b"\0").decode("utf-8", "replace")
 
 
@@ -43,14 +43,14 @@ HEADER: Final = Layout(
     "S7comm-plus header", "reference section 1.4", [*_BEGINNING, Field("length", 2, "Bytes after the header.")]
 )
 
-#: The keep-alive, which is nothing but a header.
+#: The keep-alive, which is only a header.
 KEEP_ALIVE: Final = Layout(
     "S7comm-plus keep-alive",
     _SOURCE,
     [*_BEGINNING, Field("number", 1, "Counts keep-alives."), Field("reserved", 1, "0.")],
 )
 
-#: Before the data of every V3 frame; as many octets of a digest as it says follow.
+#: Precedes the data of every V3 frame. A digest of the stated length follows.
 INTEGRITY: Final = Layout(
     "S7comm-plus integrity part", "reference section 1.4", [Field("digest_length", 1, "Bytes of the digest, 32.")]
 )
@@ -96,7 +96,7 @@ NOTIFICATION: Final[Layout] = Layout(
     ],
 )
 
-#: Of V1, which only old S7-1200 speak (one source); everything behind its opcode is contents.
+#: Notifications of V1, which only old S7-1200 use (one source); all octets after the opcode are contents.
 NOTIFICATION_V1: Final = Layout("S7comm-plus notification", _SOURCE, [Field("opcode", 1, "0x33.", codes=OPCODES)])
 
 EVENT: Final = Layout(
@@ -123,7 +123,7 @@ _VALUE: Final = [
 
 #: A value with nothing before it.
 VALUE: Final = Layout("value", _SOURCE, _VALUE)
-#: A member of a structure or of a list; of a structure ``content`` is what stands before its own members.
+#: A member of a structure or of a list. If it is a structure itself, ``content`` ends before its own members.
 MEMBER: Final = Layout("member", _SOURCE, [_MEMBER_ID, *_VALUE])
 #: The end of a list of members, items, keys or errors.
 LIST_END: Final = Layout("end of list", _SOURCE, [Field("end", 1, "0.")])
@@ -160,12 +160,12 @@ OBJECT_END: Final = Layout("end of object", _SOURCE, [_TAG])
 ATTRIBUTE: Final = Layout("attribute", _SOURCE, [_TAG, _ID, *_VALUE])
 RELATION: Final = Layout("relation", _SOURCE, [_TAG, _ID, Field("rid", 4, "The other object.", says=id_name)])
 
-#: A list of variables and a list of their names begin with their tag; blocks with a length follow, the last has length 0.
+#: Lists of variables and of names begin with a tag; then come blocks with a length, the last one with length 0.
 VARIABLE_LIST: Final = Layout("list of variables", _SOURCE, [_TAG])
 NAME_LIST: Final = Layout("list of names", _SOURCE, [_TAG])
 LIST_BLOCK: Final = Layout("block", _SOURCE, [Field("length", 2, "Bytes of the block, 0 behind the last.")])
 LIST_ID: Final = Layout("list head", _SOURCE, [Field("first", 4, "0x80000002 in captures, the low byte first.")])
-#: The four-byte numbers, and LID and CRC, have their lowest byte first.
+#: LID, CRC and the four-byte numbers are little-endian.
 VARIABLE: Final = Layout(
     "variable",
     _SOURCE,
@@ -194,7 +194,7 @@ VARIABLE_NAME: Final = Layout(
         Field("name", REST, "The name and a 0.", means=text_means),
     ],
 )
-#: A variable of an S7-1200 with firmware 2: its name, what it is, and the tag that ends it.
+#: A variable of an S7-1200 with firmware 2: its name, its description, and the tag that ends it.
 TAG_DESCRIPTION: Final = Layout(
     "tag description",
     _SOURCE,
@@ -300,7 +300,7 @@ NOTIFICATION_HEAD: Final = Layout(
     _SOURCE,
     [Field("sequence", VLQ, "Counts notifications."), Field("changes", 1, "Counts changes of the subscription.")],
 )
-#: Of an S7-1200 with old firmware, whose sequence number stands where others have the credit.
+#: The head of an S7-1200 with old firmware: its sequence number is where others have the credit.
 NOTIFICATION_HEAD_SHORT: Final = Layout(
     "notification head", _SOURCE, [Field("changes", 1, "Counts changes of the subscription.")]
 )

@@ -28,16 +28,16 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: Octets of the header of a frame: protocol id, version, and the size of what follows; a trailer has as many.
+#: Octets of a frame header: protocol id, version, and the size of what follows. A trailer has the same size.
 HEADER_SIZE: Final = 4
-#: Size of the digest in the integrity part of V3, and of that part, which begins with the size.
+#: Octets of the digest in the integrity part of V3; octets of that part, which begins with the size of the digest.
 DIGEST_SIZE: Final = 32
 INTEGRITY_SIZE: Final = 33
-#: Subscriptions of S7-1200 with old firmware have ids below this. Their notifications have no credit; a sequence number of one
-#: octet stands in its place.
+#: Subscriptions of S7-1200 with old firmware have ids below this. Their notifications have a sequence number of one octet in
+#: place of the credit.
 SHORT_HEADS: Final = 0x70000000
 _LAYER: Final = "s7plus"
-#: The fixed parts, each of which most PDUs ask for: what is this module's own is found without a look into a table.
+#: The fixed parts, as names of this module: most PDUs need them, and a name of the module itself is found faster.
 _REQUEST: Final = layouts.REQUEST
 _RESPONSE: Final = layouts.RESPONSE
 _NOTIFICATION: Final = layouts.NOTIFICATION
@@ -46,9 +46,9 @@ _NOTIFICATION: Final = layouts.NOTIFICATION
 class PlusPdu:
     """One S7comm-plus PDU.
 
-    ``octets`` are its frames one behind the other, headers and trailer included; ``data`` what they carry, integrity parts
-    left out, from the opcode on; ``body`` what follows the fixed part of ``data``. Numbers that the PDU does not have are -1.
-    ``whole`` tells whether the trailer was seen; ``integrity`` is the digest of the first frame, empty before V3.
+    ``octets`` are all its frames, joined, with headers and trailer. ``data`` is what the frames carry, from the opcode on,
+    without integrity parts; ``body`` is what follows the fixed part of ``data``. Numbers that the PDU does not have are -1.
+    ``whole``: the trailer was seen. ``integrity`` is the digest of the first frame, empty before V3.
     """
 
     __slots__ = (
@@ -89,9 +89,9 @@ class PlusPdu:
         self.cut = False
         self.version = -1
         self.frames = 0
-        # Where all frames but the first begin: within ``data``, and within ``octets``.
+        # Where each frame but the first begins: its offset within ``data`` -> its offset within ``octets``.
         self.frame_starts: dict[int, int] = {}
-        self._places: tuple[list[int], list[int]] | None = None  # the same, to be searched
+        self._places: tuple[list[int], list[int]] | None = None  # the same with the first frame, for bisection
         self.whole = False
         self.integrity = b""
         self.data = b""
@@ -105,7 +105,7 @@ class PlusPdu:
         self.return_value = -1
         self.subscription_id = -1
         self.credit_tick = -1
-        self.number = -1  # of a keep-alive; octets that a system event confirms
+        self.number = -1  # of a keep-alive; for a system event the number of octets that it confirms
         self.message = b""  # text of a system event
         self.malformed: list[Malformed] = []
 
@@ -121,26 +121,26 @@ class PlusPdu:
 
     @property
     def function_name(self) -> str:
-        """Name of the function, empty when there is none."""
+        """Name of the function, empty if there is none."""
         return FUNCTIONS.name(self.function) if self.function >= 0 else ""
 
     @property
     def return_code(self) -> int:
-        """The lower 16 bits of the return value, -1 when there is none."""
+        """The lower 16 bits of the return value, -1 if there is none."""
         return self.return_value & 0xFFFF if self.return_value >= 0 else -1
 
     @property
     def wants_response(self) -> bool:
-        """False for a request that asks for no answer."""
+        """True for a request, unless its flags ask for no response."""
         return self.opcode == REQUEST and not (self.transport_flags >= 0 and self.transport_flags & NO_RESPONSE)
 
     @property
     def readable(self) -> bool:
-        """True when opcode and sequence number are there, so that the PDU can be paired."""
+        """True if opcode and sequence number could be read, so that the PDU can be paired."""
         return self.opcode in (REQUEST, RESPONSE, RESPONSE2) and self.sequence >= 0
 
     def place(self, at: int) -> int:
-        """Return where the octet ``at`` of ``data`` stands within ``octets``."""
+        """Return the offset within ``octets`` of the octet ``at`` of ``data``."""
         if self._places is None:
             self._places = ([0, *self.frame_starts], [self.data_offset, *self.frame_starts.values()])
         starts, begins = self._places
@@ -156,9 +156,9 @@ class PlusPdu:
 def parse_plus(
     octets: bytes, frame: int = 0, time_ns: int = 0, connection: int = 0, side: int = 0, cut: bool = False
 ) -> PlusPdu:
-    """Read one S7comm-plus PDU, whose frames stand one behind the other. Never raises.
+    """Read one S7comm-plus PDU, given its joined frames. Never raises.
 
-    ``cut`` says that octets of it are missing at the end, so that a missing trailer is no fault of its sender.
+    ``cut``: octets are missing at the end, so that a missing trailer is not a fault of the sender.
     """
     pdu = PlusPdu(octets, frame, time_ns, connection, side)
     pdu.cut = cut
@@ -189,7 +189,7 @@ def parse_plus(
 
 
 class _Latest:
-    """The PDU that was parsed last, unless it is very large: pairing and judging look at it once more."""
+    """The PDU that was parsed last, unless it is very large, because pairing and judging parse the same octets again."""
 
     __slots__ = ("pdu",)
 
@@ -203,9 +203,9 @@ LARGEST_KEPT: Final = 0x40000
 
 
 def parsed(octets: bytes) -> PlusPdu:
-    """Return the PDU of these octets, which are whole; the one that was parsed last where it has the same.
+    """Return the PDU of these octets, which must be complete; if it is the one parsed last, the same object.
 
-    Its frame, time and connection mean nothing. Never raises.
+    Its frame, time and connection have no meaning. Never raises.
     """
     latest = _LATEST.pdu
     return latest if latest is not None and latest.octets == octets else parse_plus(octets)
@@ -232,7 +232,7 @@ def _read_event(pdu: PlusPdu, octets: bytes) -> None:
 
 
 def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
-    """Take the frames apart: what they carry goes to ``data``; the trailer ends the PDU."""
+    """Split the PDU into frames: join what they carry in ``data``; the trailer ends the PDU."""
     size = len(octets)
     parts: list[bytes] = []
     at = 0
@@ -265,7 +265,7 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
 
 
 def _read_integrity(pdu: PlusPdu, octets: bytes, start: int, end: int, first: bool) -> int:
-    """Return where the data of a frame begins: in V3 behind a digest, which is kept for the first frame."""
+    """Return where the data of a frame begins: in V3 after a digest, which is kept if it is the ``first`` frame's."""
     if pdu.version != V3 or start >= end:
         return start
     size = octets[start]
@@ -314,7 +314,7 @@ def _read_head(pdu: PlusPdu) -> None:
 def _read_notification(pdu: PlusPdu, data: bytes) -> None:
     size = len(data)
     if pdu.version == V1:
-        pdu.body = data[1:]  # another form, which only old S7-1200 speak
+        pdu.body = data[1:]  # another form, which only old S7-1200 use
         return
     if size >= 5:
         pdu.subscription_id = u32(data, 1)
@@ -331,7 +331,7 @@ def _read_notification(pdu: PlusPdu, data: bytes) -> None:
 
 
 def fixed_part(pdu: PlusPdu) -> Layout | None:
-    """Return the layout of the fixed part that begins ``data``, None when there is none or its kind is unknown."""
+    """Return the layout of the fixed part at the beginning of ``data``; None if there is none or its kind is unknown."""
     if pdu.version == SYSTEM_EVENT:
         return layouts.EVENT
     if pdu.opcode == NOTIFICATION:
@@ -342,7 +342,7 @@ def fixed_part(pdu: PlusPdu) -> Layout | None:
 
 
 def is_beginning(pdu: PlusPdu) -> bool:
-    """Tell whether a PDU begins where its octets begin: nothing but its opcode tells it from the rest of another one."""
+    """Return whether the octets are the beginning of a PDU, not the rest of one. Only the fields of the fixed part show it."""
     if pdu.opcode == NOTIFICATION:
         return pdu.version == V1 or pdu.credit_tick >= 0
     if not pdu.readable:

@@ -1,4 +1,4 @@
-"""What was noted of objects on the way over a PDU, for who looks at the same one again."""
+"""Keeps the places of objects that were noted while a PDU was skimmed, for the next look at the same PDU."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from mypy_extensions import i64
 
 
 class Noted:
-    """A sound PDU with objects and what was seen on the way over it.
+    """A sound PDU with objects, and what was noted while it was skimmed.
 
-    ``octets`` are its frames, ``data`` the octets in which its data stand, from ``at`` to ``end``; ``places`` are those that
-    `Skipper.noted` has for ``marks``, the others as in `dissect.s7plus.skimming.Body`.
+    ``octets`` are its frames; ``data`` has its data from ``at`` to ``end``. ``places`` is `Skipper.noted` for ``marks``; the
+    other fields are as in `dissect.s7plus.skimming.Body`.
     """
 
     __slots__ = ("at", "data", "end", "ids", "integrity_id", "marks", "object_id", "octets", "places")
@@ -29,7 +29,7 @@ class Noted:
 
 
 class _Latest:
-    """What was noted of the response that was passed over last, unless it is very large: judging looks at the same one."""
+    """What was noted of the response skimmed last, unless it is very large: it is judged right after that."""
 
     __slots__ = ("noted",)
 
@@ -41,11 +41,11 @@ _LATEST: Final = _Latest()
 
 
 def keep_noted(noted: Noted | None) -> None:
-    """Keep what was noted of a response, None for nothing, until the next one is passed over."""
+    """Keep what was noted of a response (None for nothing) until the next one is skimmed."""
     _LATEST.noted = noted
 
 
 def latest_noted(octets: bytes, marks: bytes) -> Noted | None:
-    """Return what was noted of a response when it was passed over; None unless it was the last one that may have objects."""
+    """Return what was noted of this response; None unless it was the last one that may have objects."""
     noted = _LATEST.noted
     return noted if noted is not None and noted.marks is marks and noted.octets == octets else None

@@ -40,14 +40,14 @@ from dissect.wire.varint import VLQ, build_varint, read_varint
 
 
 class Attribute:
-    """An attribute of an object: its id and its value, which may be read only when somebody asks for it."""
+    """An attribute of an object: its id, and its value, which may be read only when it is needed."""
 
     __slots__ = ("_end", "_octets", "_start", "_value", "id")
 
     def __init__(self, id_: int, value: Value | None, octets: bytes = b"", start: int = 0, end: int = 0) -> None:
         self.id = id_
         self._value = value
-        self._octets = octets  # where the value is, from ``start`` to ``end``, when it is not read yet
+        self._octets = octets  # contains the value from ``start`` to ``end``, until it is read
         self._start = start
         self._end = end
 
@@ -61,7 +61,7 @@ class Attribute:
         return self._value
 
     def text(self) -> str:
-        """Return its value as a text, empty when it is none."""
+        """Return the value if it is a text, else an empty text."""
         if self._value is None and _is_plain(self._octets, self._start, WSTRING):
             return _text_at(self._octets, self._start + _HEAD, self._end).decode("utf-8", "replace")
         content = self.value.content
@@ -70,20 +70,20 @@ class Attribute:
         return content if isinstance(content, str) else ""
 
     def number(self) -> int:
-        """Return its value as a number, -1 when it is none."""
+        """Return the value if it is a number, else -1."""
         if self._value is None and _is_plain(self._octets, self._start, UDINT):
             return read_varint(self._octets, self._start + _HEAD, self._end, VLQ)[0]
         content = self.value.content
         return int(content) if isinstance(content, int) else -1
 
     def numbers(self) -> list[int]:
-        """Return the whole numbers among the elements of its value, none when it has no elements."""
+        """Return the whole numbers among the elements of the value; empty if it has no elements."""
         if self._value is None and u16(self._octets, self._start) in _ARRAYS:
             return numbers_at(self._octets, self._start + _HEAD, self._end)
         return whole_numbers(self.value)
 
     def member(self, id_: int) -> str:
-        """Return the first member with this id of the structure that it is; empty where it is no text in UTF-8."""
+        """Return the text of the first member with this id, if the value is a structure; empty if it is not UTF-8 text."""
         if self._value is None and _is_plain(self._octets, self._start, STRUCT):
             at = member_at(self._octets, self._start, self._end, id_)
             if at >= 0:
@@ -101,12 +101,12 @@ class Attribute:
 #: Octets of flags and type, and of the id of an object.
 _HEAD: Final = 2
 _RID: Final = 4
-#: What lists of references begin with.
+#: Flags and type of reference lists.
 _ARRAYS: Final = frozenset((ARRAY << 8 | UDINT, ADDRESS_ARRAY << 8 | UDINT))
 
 
 def numbers_at(octets: bytes, at: i64, end: i64) -> list[int]:
-    """Return numbers of at most 32 bits without sign that are sound and whose count is at ``at``."""
+    """Return unsigned numbers of at most 32 bits; their count is at ``at``, and they were found sound before."""
     skipper = Skipper(octets, at, end)
     found: list[int] = []
     left = skipper.number()
@@ -123,12 +123,12 @@ def whole_numbers(value: Value) -> list[int]:
 
 
 def _is_plain(octets: bytes, at: int, type_: int) -> bool:
-    """Tell whether one value of a type begins here, which is sound."""
+    """Return whether a single value of a type begins here; it was found sound before."""
     return octets[at] == 0 and octets[at + 1] == type_
 
 
 def _text_at(octets: bytes, at: int, end: int) -> bytes:
-    """Return the octets of a text that is sound and whose length is at ``at``."""
+    """Return the octets of a text whose length is at ``at``; it was found sound before."""
     size, begin = read_varint(octets, at, end, VLQ)
     return octets[begin : begin + size]
 
@@ -144,7 +144,7 @@ class Relation:
 
 
 class PlusObject:
-    """An object. ``elements`` are what it holds, in wire order; ``attribute`` is 0 in captures, else ``more`` is there."""
+    """An object. ``elements`` are its content in wire order; ``more`` is there unless ``attribute`` is 0, as in captures."""
 
     __slots__ = ("attribute", "class_flags", "class_id", "elements", "end", "more", "offset", "rid")
 
@@ -157,11 +157,11 @@ class PlusObject:
         self.attribute = attribute
         self.more = more
         self.elements = elements
-        self.offset = 0  # of its tag, and behind the tag that ends it
+        self.offset = 0  # offset of its tag; ``end`` is the offset after its end tag
         self.end = 0
 
     def find(self, id_: int) -> Value | None:
-        """Return the value of an attribute, None when the object has none of this id."""
+        """Return the value of an attribute; None if the object does not have it."""
         found = self._attribute(id_)
         return found.value if found is not None else None
 
@@ -172,11 +172,11 @@ class PlusObject:
         return None
 
     def holds(self, id_: int) -> bool:
-        """Tell whether there is an attribute, without reading it."""
+        """Return whether there is an attribute with this id, without reading its value."""
         return self._attribute(id_) is not None
 
     def holds_any(self, ids: frozenset[int]) -> bool:
-        """Tell whether there is an attribute of these ids."""
+        """Return whether there is an attribute with one of these ids."""
         for element in self.elements:
             if isinstance(element, Attribute):
                 id_ = element.id
@@ -185,64 +185,64 @@ class PlusObject:
         return False
 
     def relation(self, id_: int) -> int:
-        """Return the id of the object that a relation leads to, 0 when there is no such relation."""
+        """Return the id of the object that a relation refers to, 0 if there is no such relation."""
         for element in self.elements:
             if isinstance(element, Relation) and element.id == id_:
                 return element.rid
         return 0
 
     def text(self, id_: int) -> str:
-        """Return an attribute that is a text, empty when it is none."""
+        """Return the text of an attribute, empty if it is not a text."""
         found = self._attribute(id_)
         return found.text() if found is not None else ""
 
     def number(self, id_: int) -> int:
-        """Return an attribute that is a number, -1 when it is none."""
+        """Return the number of an attribute, -1 if it is not a number."""
         found = self._attribute(id_)
         return found.number() if found is not None else -1
 
     def numbers(self, id_: int) -> list[int]:
-        """Return the whole numbers among the elements of an attribute, none where there are none."""
+        """Return the whole numbers among the elements of an attribute; empty if there are none."""
         found = self._attribute(id_)
         return found.numbers() if found is not None else []
 
     def member(self, id_: int, member: int) -> str:
-        """Return a text in an attribute that is a structure, empty when there is none."""
+        """Return the text of a member of an attribute that is a structure; empty if there is none."""
         found = self._attribute(id_)
         return found.member(member) if found is not None else ""
 
     @property
     def objects(self) -> list[PlusObject]:
-        """The objects inside it."""
+        """The objects inside this one."""
         return [element for element in self.elements if isinstance(element, PlusObject)]
 
     @property
     def lists(self) -> tuple[list[NameList], list[VariableList]]:
-        """Its lists of names and of variables."""
+        """The lists of names and the lists of variables."""
         names = [element for element in self.elements if isinstance(element, NameList)]
         return names, [element for element in self.elements if isinstance(element, VariableList)]
 
     @property
     def names(self) -> list[str]:
-        """Names of the variables it lists."""
+        """Names of the listed variables."""
         return [name for element in self.elements if isinstance(element, NameList) for name in element.names]
 
     @property
     def variables(self) -> list[Variable]:
-        """Variables it lists, in the order of their names."""
+        """The listed variables, in the order of their names."""
         return [
             variable for element in self.elements if isinstance(element, VariableList) for variable in element.variables
         ]
 
 
-#: What stands in an object.
+#: What an object may contain.
 Element = Attribute | Relation | PlusObject | VariableList | NameList | TagDescription
 
 
 def read_elements(walk: Walk) -> list[Element]:
-    """Read elements one behind the other, up to an octet that is no tag of one. Raises `FormatError`.
+    """Read elements up to an octet that is not the tag of one. Raises `FormatError`.
 
-    Of a walk that wants some attributes only, relations and the other attributes are left out, as far as they are sound.
+    If the walk wants only some attributes, relations and other attributes are left out, as far as they are sound.
     """
     elements: list[Element] = []
     read_into(walk, elements)
@@ -250,16 +250,16 @@ def read_elements(walk: Walk) -> list[Element]:
 
 
 def read_into(walk: Walk, elements: list[Element]) -> None:
-    """Read elements as `read_elements` does, to the end of ``elements``: where it raises, they hold what came before.
+    """Like `read_elements`, but append to ``elements``: if this raises, they hold what was read before.
 
-    An object at which it ends is among them, with what was read of it.
+    An object within which reading ended is among them, with what was read of it.
     """
     while True:
         wanted = walk.wanted
         if wanted is not None:
             skipper = Skipper(walk.octets, walk.at, walk.end)
             skipper.attributes(wanted.attributes, walk.depth)
-            if skipper.spent <= walk.budget:  # else reading them finds where too much is too much
+            if skipper.spent <= walk.budget:  # else read them, to find the place where the budget is exceeded
                 walk.at = skipper.at
                 walk.spend(skipper.spent, "value")
         tag = walk.peek()
@@ -317,7 +317,7 @@ def _read_object(walk: Walk, elements: list[Element]) -> None:
 
 
 def _read_head(walk: Walk) -> PlusObject:
-    """Read what an object begins with, its tag included."""
+    """Read the beginning of an object, with its tag."""
     start = walk.at
     walk.spend(STEP, "object")
     walk.at += 1
@@ -332,20 +332,20 @@ def _read_head(walk: Walk) -> PlusObject:
 
 
 def objects_at(octets: bytes, places: list[int], end: i64) -> tuple[list[PlusObject], list[PlusObject]]:
-    """Return objects that are sound, before ``end``, of what `dissect.s7plus.skipping.Skipper` noted of them.
+    """Return the objects at ``places``, which `Skipper.noted` has of sound octets that end at ``end``.
 
-    Second come all of them, those that others hold included, as `every_object` returns them.
+    The second list has all objects, also those inside others, as `every_object` returns them.
     """
     found: list[PlusObject] = []
     every: list[PlusObject] = []
-    within: list[PlusObject] = []  # the objects that are begun, the innermost last
+    within: list[PlusObject] = []  # the objects that have begun, innermost last
     inner: PlusObject | None = None
     skipper = Skipper(octets, 0, end)
     for place in places:
         at: i64 = place
         tag: i64 = octets[at]
         if tag == ATTRIBUTE_TAG:
-            if inner is not None:  # nobody asks for what stands in no object
+            if inner is not None:  # attributes outside of objects are not needed
                 skipper.at = at + 1
                 id_ = skipper.number()
                 inner.elements.append(Attribute(int(id_), None, octets, int(skipper.at), int(end)))
@@ -369,7 +369,7 @@ def objects_at(octets: bytes, places: list[int], end: i64) -> tuple[list[PlusObj
 
 
 def _head_at(octets: bytes, skipper: Skipper) -> PlusObject:
-    """Read what a sound object begins with, behind its tag, where ``skipper`` is."""
+    """Read the beginning of a sound object, after its tag, from ``skipper``."""
     at: i64 = skipper.at
     skipper.at = at + _RID
     class_id = skipper.number()
@@ -384,12 +384,12 @@ def _head_at(octets: bytes, skipper: Skipper) -> PlusObject:
 
 
 def objects_of(elements: list[Element]) -> list[PlusObject]:
-    """Return the objects among elements that stand in no object."""
+    """Return the objects among ``elements``, not those inside other objects."""
     return [element for element in elements if isinstance(element, PlusObject)]
 
 
 def every_object(objects: list[PlusObject]) -> list[PlusObject]:
-    """Return objects and all those inside them, each before those it holds."""
+    """Return objects and all objects inside them, each before those inside it."""
     found: list[PlusObject] = []
     for one in objects:
         found.append(one)
@@ -401,7 +401,7 @@ def every_object(objects: list[PlusObject]) -> list[PlusObject]:
 
 
 def build_elements(elements: list[Element]) -> bytes:
-    """Return elements one behind the other. Raises as `build_value` does."""
+    """Return the octets of elements. Raises as `build_value` does."""
     return b"".join([_build_element(element) for element in elements])
 
 
@@ -420,7 +420,7 @@ def _build_element(element: Element) -> bytes:
 
 
 def build_object(found: PlusObject) -> bytes:
-    """Return an object with its tags. Raises as `build_value` does."""
+    """Return the octets of an object with its tags. Raises as `build_value` does."""
     head = bytes((OBJECT_TAG,)) + found.rid.to_bytes(4, "big")
     numbers = [found.class_id, found.class_flags, found.attribute, *([found.more] if found.attribute else [])]
     body = b"".join([build_varint(number, VLQ) for number in numbers]) + build_elements(found.elements)

@@ -1,8 +1,8 @@
-"""What CreateObject and Explore say of objects: their ids and classes, and the few attributes that somebody asks for.
+"""Reads what CreateObject and Explore say about objects: ids, classes, and the few attributes that are needed.
 
-In one pass the contents are found sound, and the places of what matters are noted; of a response that is the pass that
-pairing made. Values are read when they are asked for. Everything else is left to `dissect.s7plus.bodies`. That both agree is a
-property test (tests/s7plus/test_outlines.py).
+One pass checks that the contents are sound and notes the places of what matters; for a response, that is the pass that pairing
+made already. Values are read when they are needed. PDUs that are not sound are left to `dissect.s7plus.bodies`. A property test
+ensures that both agree (tests/s7plus/test_outlines.py).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dissect.wire.varint import VLQ64, read_varint
 
 
 class Outline(Made):
-    """A sound request or response with objects, of which only the attributes are there that somebody asks for.
+    """A sound request or response with objects; it has only the attributes that are needed.
 
     Numbers that it does not have are -1.
     """
@@ -30,7 +30,7 @@ class Outline(Made):
     __slots__ = ("_every", "integrity_id", "return_code", "sequence", "session_id")
 
     def __init__(self, objects: list[PlusObject], every: list[PlusObject]) -> None:
-        """``objects`` stand in no other, ``every`` are those and all inside them."""
+        """``objects`` are those that are not inside another one; ``every`` are these and all objects inside them."""
         super().__init__()
         self.objects = objects
         self._every = every
@@ -41,12 +41,12 @@ class Outline(Made):
 
     @property
     def every(self) -> list[PlusObject]:
-        """The objects with those inside them, each before those it holds."""
+        """The objects and all objects inside them, each before those inside it."""
         return self._every
 
 
 def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outline | None:
-    """Return what stands in a request or a response of a function. None when it must be read, or is another PDU. Never raises.
+    """Return the outline of a request or response of ``function``; None if it must be read or is another PDU. Never raises.
 
     ``marks`` is made by `dissect.s7plus.skipping.marks`.
     """
@@ -69,13 +69,13 @@ def outline(octets: bytes, request: bool, function: i64, marks: bytes) -> Outlin
         found.object_id = int(noted.object_id)
         found.session_id = u32(data, at + SESSION_AT)
     else:
-        found.return_code = read_varint(data, at + RESPONSE_SIZE, noted.end, VLQ64)[0] & 0xFFFF  # of what is sound
+        found.return_code = read_varint(data, at + RESPONSE_SIZE, noted.end, VLQ64)[0] & 0xFFFF  # sound
     found.sequence = u16(data, at + SEQUENCE_AT)
     return found
 
 
 def _note(octets: bytes, request: bool, function: i64, marks: bytes) -> Noted | None:
-    """Pass over a request or a response of a function, noting the places of its objects; None when it is not sound."""
+    """Skim a request or response of a function, noting the places of its objects; None if it is not sound."""
     data = octets
     at, end = one_frame(octets)
     version: i64 = octets[1] if at >= 0 else 0

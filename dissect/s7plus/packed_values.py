@@ -1,8 +1,8 @@
-"""Structures of the program, which are sent as the octets that the CPU holds: their members by name (docs/s7plus.md).
+"""Members, by name, of structures of the program, which are sent as the raw octets in the CPU (docs/s7plus.md).
 
-Where a member stands, the list of variables of its type says, for the optimised layout and for the classic one; a flag of the
-value tells which of them its octets have. That is known from one source only and was in no capture: what does not fit
-leaves the octets.
+The list of variables of a type says where its members are, in the optimised layout and in the classic one; a flag of the value
+says which layout its octets have. That is known from one source only, no capture has it: structures that do not fit stay
+octets.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from dissect.wire.octets import u16
 
 #: Flag of a packed structure: its octets have the classic layout.
 CLASSIC: Final = 0x001
-#: Levels of structures inside each other, and members and elements of one value.
+#: Bounds: nested structures, and members and elements of one value.
 _LEVELS: Final = 8
 _MEMBERS: Final = 5000
 
-#: A member's value: a number, a text, a list, or the members of a structure by name.
+#: The value of a member: a number, a text, a list, or a dict of members by name.
 Member = object
 
 _BOOL: Final = 1
 _BBOOL: Final = 40
-#: Octets of the types that are numbers; those in `_SIGNED` are two's complement.
+#: Octets of types that are numbers; types in `_SIGNED` are two's complement.
 _SIZES: Final[dict[int, int]] = {
     2: 1, 3: 1, 4: 2, 5: 2, 6: 4, 7: 4, 8: 4, 9: 2, 10: 4, 11: 4, 12: 2, 14: 8, 48: 8, 49: 8, 50: 8, 51: 8, 52: 1,
     53: 2, 54: 4, 55: 1, 61: 2, 64: 8, 65: 8, 66: 8, DTL: DTL_SIZE,
@@ -39,7 +39,7 @@ _SIGNED: Final = frozenset((5, 7, 11, 50, 55, 64))
 
 
 class _UnknownError(Exception):
-    """How the octets are to be read is not known."""
+    """It is not known how to read the octets."""
 
 
 class _MisfitError(Exception):
@@ -47,7 +47,7 @@ class _MisfitError(Exception):
 
 
 class _Reading:
-    """Reads one value; ``left`` is how many members and elements it may yet have."""
+    """Reads one value; ``left`` is how many more members and elements it may have."""
 
     __slots__ = ("classic", "left", "octets", "program")
 
@@ -71,7 +71,7 @@ class _Reading:
             return self._one(variable, begin, level)
         size = self._stride(variable)
         if variable.datatype == _BOOL or variable.datatype == _BBOOL or size <= 0:
-            raise _UnknownError  # how bits are packed is not known
+            raise _UnknownError  # it is not known how bits are packed
         return [
             self._one(variable, begin + number * size, level) for number in range(min(variable.count, _MEMBERS + 1))
         ]
@@ -149,12 +149,12 @@ def _scalar(datatype: int, octets: bytes) -> Member:
 
 
 def _float(number: float) -> Member:
-    """Return a number, or the text of one that JSON does not have."""
+    """Return a number, or its text if JSON has no such number."""
     return number if math.isfinite(number) else repr(number)
 
 
 def packed_members(packed: Packed, program: Program) -> dict[str, Member] | None:
-    """Return the members of a structure of the program by name, None where its type did not pass or does not fit.
+    """Return the members of a structure of the program by name; None if its type was not captured or does not fit.
 
     Never raises.
     """
@@ -162,7 +162,7 @@ def packed_members(packed: Packed, program: Program) -> dict[str, Member] | None
 
 
 def misfit(packed: Packed, program: Program) -> bool:
-    """Tell whether the octets of a structure contradict the declaration of its type, as far as that passed."""
+    """Return whether the octets of a structure contradict the declaration of its type, as far as that was captured."""
     return _read(packed, program)[1]
 
 

@@ -1,4 +1,4 @@
-"""The function of an S7comm-plus PDU in the form that pairing works with."""
+"""`PlusParameters`: the function of an S7comm-plus PDU in the form that pairing uses."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from mypy_extensions import i64
 from dissect.s7.parameters import Parameters
 from dissect.s7plus.tables import FUNCTIONS, INIT_SSL, NOTIFICATION, OPCODES
 
-#: What stands in `Parameters.rosctr` and `Transaction.rosctr` for S7comm-plus, which has none; never shown.
+#: `Parameters.rosctr` and `Transaction.rosctr` of S7comm-plus, which has no ROSCTR; never shown.
 PLUS: Final = 0x72
 
-#: Added to a function code, so that it never equals one of S7comm.
+#: Added to a function code, so that it differs from all codes of S7comm.
 _FUNCTION: Final = 0x20000
-#: Stands in `Parameters.function` for a notification, which has no function.
+#: `Parameters.function` of a notification, which has no function.
 _NOTIFICATION: Final = 0x30000
-#: All functions without a name share one row of statistics: there may be sixty thousand of them.
+#: The row of statistics for all functions without a name, of which there may be sixty thousand.
 _UNKNOWN: Final = 0x30001
 
 
 def is_plus_key(key: int) -> bool:
-    """Tell whether a row of statistics is one of S7comm-plus."""
+    """Return whether a row of statistics is about S7comm-plus."""
     return key >= _FUNCTION
 
 
 def names_function(key: int) -> bool:
-    """Tell whether such a row is that of one function, whose code is in its lower 16 bits."""
+    """Return whether such a row is about one function, whose code is in its lower 16 bits."""
     return key < _NOTIFICATION
 
 
-#: What people call the protocol, in front of its functions.
+#: The name of the protocol, before the name of a function.
 TITLE: Final = "S7comm-plus"
 
 
 class PlusParameters(Parameters):
-    """What S7comm-plus PDUs of one function have in common. ``code`` is the function on the wire, -1 for a notification."""
+    """Shared by all S7comm-plus PDUs of a function. ``code`` is the function on the wire, -1 for a notification."""
 
     __slots__ = ("_row", "code")
 
@@ -48,7 +48,7 @@ class PlusParameters(Parameters):
 
     @property
     def function_name(self) -> str:
-        """Name of the function with the protocol before it."""
+        """Name of the protocol and of the function."""
         return f"{TITLE} {self.code_name or OPCODES.name(NOTIFICATION).lower()}"
 
     @property
@@ -58,7 +58,7 @@ class PlusParameters(Parameters):
 
     @property
     def statistics_key(self) -> int:
-        """Number of the row of statistics that this function counts in."""
+        """Number of the row of statistics in which this function counts."""
         return self._row
 
     @property
@@ -73,7 +73,7 @@ class PlusParameters(Parameters):
 
 
 class PlusParameterCache:
-    """One object for each function; bounded: when it is full it starts anew."""
+    """One `PlusParameters` object for each function; when the cache is full, it starts anew."""
 
     CAPACITY: Final = 4096
 

@@ -1,4 +1,4 @@
-"""Pieces that the bodies of several functions have: ids, counts, addresses, numbered values and refusals, the qualifier."""
+"""Pieces that the bodies of several functions share: ids, counts, addresses, numbered values and refusals, the qualifier."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ, VLQ64
 
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
-#: The qualifier of every capture, with its three members, and what reading those costs.
+#: The qualifier of all captures, with its three members, and the work that reading these costs.
 USUAL_QUALIFIER: Final = _QUALIFIER + bytes.fromhex("896900120000000089 6a001300 896b000400 00")
 _COST: Final = 3 * STEP
 
@@ -32,12 +32,12 @@ def take_return_value(walk: Walk) -> int:
 
 
 def return_note(value: int) -> str:
-    """Return what a return value says in few words."""
+    """Return a short text for a return value."""
     return coded(f"0x{value:x}", RETURN_CODES.name(value & 0xFFFF)) if value else "0 OK"
 
 
 def return_details(value: int) -> str:
-    """Return all that a return value says: error, generic error, where in the firmware it arose, and what follows."""
+    """Return a text for all parts of a return value: error, generic error, origin within the firmware, and what follows."""
     if value < 1 << 16:
         return return_note(value)
     said = [return_note(value)]
@@ -51,7 +51,7 @@ def return_details(value: int) -> str:
 
 
 def take_object_id(walk: Walk, found: Contents) -> None:
-    """Read the id of the object that is meant. Raises `FormatError`."""
+    """Read the id of the object that a request is about. Raises `FormatError`."""
     at = walk.at
     found.object_id = walk.fixed(4, "object id")
     walk.part(layouts.OBJECT_ID, at, id_name(found.object_id) if walk.shown else "")
@@ -65,7 +65,7 @@ def take_reserved(walk: Walk, size: int) -> None:
 
 
 def take_qualifier(walk: Walk) -> None:
-    """Read the qualifier, which was the same in every capture. Raises `FormatError`."""
+    """Read the qualifier, which is the same in all captures. Raises `FormatError`."""
     at = walk.at
     if not walk.shown and walk.octets.startswith(USUAL_QUALIFIER, at, walk.end):
         walk.at = at + len(USUAL_QUALIFIER)
@@ -86,7 +86,7 @@ def take_count(walk: Walk) -> int:
 
 
 def take_ids(walk: Walk, found: Contents, count: int) -> None:
-    """Read so many ids of attributes. Raises `FormatError`."""
+    """Read ``count`` ids of attributes. Raises `FormatError`."""
     walk.spend(count, "count")
     for _ in range(count):
         at = walk.at
@@ -96,7 +96,7 @@ def take_ids(walk: Walk, found: Contents, count: int) -> None:
 
 
 class _Asked:
-    """What a read asks for: addresses, and of attributes the object and their ids; and what reading it costs."""
+    """What a read requests: addresses, or an object and ids of its attributes; and the work that reading it costs."""
 
     __slots__ = ("addresses", "cost", "ids", "object_id")
 
@@ -108,7 +108,7 @@ class _Asked:
 
 
 class _Known:
-    """What reads ask for, by the octets of that: polling repeats them. ``size`` counts these octets."""
+    """Parsed requests of reads by their octets, because polling repeats them. ``size`` is the sum of these octets."""
 
     def __init__(self) -> None:
         self.asked: dict[bytes, _Asked] = {}
@@ -116,12 +116,12 @@ class _Known:
 
 
 _KNOWN: Final = _Known()
-#: Octets of the addresses that are remembered; an address takes at least four, and some hundred when it is read.
+#: Octets of remembered requests; an address has at least four, and takes some hundred in memory once it is parsed.
 _MAX_KNOWN: Final = 1 << 16
 
 
 def take_read_addresses(walk: Walk, found: Contents) -> None:
-    """Read the addresses of a read of several, with the qualifier that follows. Raises `FormatError`."""
+    """Read the addresses in a read of several items, and the qualifier after them. Raises `FormatError`."""
     begin = walk.at
     end = walk.octets.find(_QUALIFIER, begin, walk.end) if not walk.shown else -1
     asked = walk.octets[begin:end] if end > begin else b""
@@ -141,7 +141,7 @@ def take_read_addresses(walk: Walk, found: Contents) -> None:
 
 
 def addresses_of(asked: bytes) -> list[Address]:
-    """Return what a read that is sound asks for, by the octets of that."""
+    """Return the addresses that a sound read requests; ``asked`` are their octets."""
     known = _KNOWN.asked.get(asked)
     if known is not None:
         return known.addresses
@@ -163,9 +163,9 @@ def _remember(asked: bytes, found: Contents, cost: int) -> None:
 
 
 def take_addresses(walk: Walk, found: Contents) -> int:
-    """Read the addresses of items: of variables, or attributes of one object. Return how many items there are.
+    """Read the addresses of items: variables, or attributes of one object. Return the number of items.
 
-    Raises `FormatError` for what is no such list.
+    Raises `FormatError` if it is not such a list.
     """
     at = walk.at
     link = walk.fixed(4, "link")
@@ -201,7 +201,7 @@ def _take_address(walk: Walk) -> Address:
 
 
 def take_values(walk: Walk, found: Contents, count: int) -> None:
-    """Read as many numbers with values."""
+    """Read ``count`` numbers with values."""
     for _ in range(count):
         at = walk.at
         number = walk.number(VLQ, "item")
@@ -211,7 +211,7 @@ def take_values(walk: Walk, found: Contents, count: int) -> None:
 
 
 def _is_asked_for(wanted: Wanted, found: Contents, number: int) -> bool:
-    """Tell whether an item is a variable of the program, or an attribute that somebody will ask for."""
+    """Return whether an item is a variable of the program, or an attribute that the walk wants."""
     if wanted.written or not 0 < number <= len(found.addresses):
         return True
     address = found.addresses[number - 1]
@@ -261,12 +261,12 @@ def take_refusals(walk: Walk, found: Contents) -> None:
 
 
 def take_value(walk: Walk, found: Contents) -> None:
-    """Read the one value there is. Raises `FormatError`."""
+    """Read a single value. Raises `FormatError`."""
     found.value = read_value(walk, layouts.VALUE, walk.at, "", found.ids[-1] if found.ids else 0)
 
 
 def take_objects(walk: Walk, found: Contents) -> None:
-    """Read objects, as many as there are. Raises `FormatError`, and then keeps those that were begun."""
+    """Read all objects that follow. Raises `FormatError`; the objects begun by then are kept."""
     elements: list[Element] = []
     try:
         read_into(walk, elements)
@@ -277,7 +277,7 @@ def take_objects(walk: Walk, found: Contents) -> None:
 
 
 def take_integrity_id(walk: Walk, found: Contents) -> None:
-    """Read the integrity id where it stands within the body. Raises `FormatError`."""
+    """Read an integrity id that is within the body. Raises `FormatError`."""
     at = walk.at
     found.integrity_id = walk.number(VLQ, "integrity id")
     walk.part(layouts.INTEGRITY_ID, at)

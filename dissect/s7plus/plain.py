@@ -1,7 +1,7 @@
-"""The head of a PDU that is one sound frame, which most are, read in place: no object is made of it.
+"""Reads the head of a PDU that is one sound frame, as most are, in place, without making an object.
 
-Everything else is left to `dissect.s7plus.message`, which knows what is wrong and where. That both agree is a property test
-(tests/s7plus/test_plain.py).
+Other PDUs are left to `dissect.s7plus.message`, which knows which faults they have and where. A property test ensures that both
+agree (tests/s7plus/test_plain.py).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _TRAILER: Final = 4
 REQUEST_SIZE: Final = 14
 RESPONSE_SIZE: Final = 10
 NOTIFICATION_SIZE: Final = 12
-#: Where in the data of a request its sequence number and its session id stand.
+#: Offsets in the data of a request: sequence number and session id.
 SEQUENCE_AT: Final = 7
 SESSION_AT: Final = 9
 _BIT_7: Final = 0x80
@@ -39,7 +39,7 @@ _FUNCTIONS: Final = frozenset([row.number for row in FUNCTIONS])
 
 
 def one_frame(octets: bytes) -> tuple[i64, i64]:
-    """Return where the data of a PDU begin and end that is one sound frame and a trailer; (-1, -1) for any other."""
+    """Return where the data of a PDU begin and end if it is one sound frame with a trailer; (-1, -1) for any other PDU."""
     end: i64 = len(octets) - _TRAILER
     if end < HEADER_SIZE or octets[0] != PROTOCOL_ID or octets[end] != PROTOCOL_ID:
         return -1, -1
@@ -57,9 +57,9 @@ def one_frame(octets: bytes) -> tuple[i64, i64]:
 
 
 class Head:
-    """What the engine asks of a PDU; numbers that it does not have are -1, as in `PlusPdu`. One serves for many PDUs.
+    """What the engine needs of a PDU; missing numbers are -1, as in `PlusPdu`. One object is used for many PDUs.
 
-    ``begins`` is `is_beginning`. ``at`` and ``end`` are where its data begin and end, after `read` only.
+    ``begins`` is the result of `is_beginning`. ``at`` and ``end`` are where its data begin and end; only `read` sets them.
     """
 
     __slots__ = (
@@ -88,7 +88,7 @@ class Head:
         self.wants_response = False
 
     def read(self, octets: bytes) -> bool:
-        """Read the head of a PDU in one sound frame; False for any other, which is left to `take`. Never raises."""
+        """Read the head of a PDU that is one sound frame; False for any other, for which `take` is used. Never raises."""
         at, end = one_frame(octets)
         if at < 0 or at >= end:
             return False
@@ -126,7 +126,7 @@ class Head:
         return True
 
     def take(self, pdu: PlusPdu) -> None:
-        """Take the head of a PDU of any kind."""
+        """Copy the head of a PDU of any kind."""
         self.version = pdu.version
         self.frames = pdu.frames
         self.opcode = pdu.opcode
@@ -137,7 +137,7 @@ class Head:
         self.wants_response = pdu.wants_response
 
     def return_code(self, octets: bytes) -> i64:
-        """Return the lower 16 bits of the return value of the response that was read last, -1 for none."""
+        """Return the lower 16 bits of the return value of the response that was read last, -1 if there is none."""
         at: i64 = self.at + RESPONSE_SIZE
         if self.opcode == REQUEST or self.function not in _FUNCTIONS:
             return -1
@@ -148,7 +148,7 @@ class Head:
 
 
 def _number(octets: bytes, at: i64, end: i64) -> i64:
-    """Read a number of at most 32 bits without sign, -1 for none."""
+    """Read an unsigned number of at most 32 bits, -1 if there is none."""
     if at < end and octets[at] < _BIT_7:
         return octets[at]
     if at + 1 < end and octets[at + 1] < _BIT_7:

@@ -1,7 +1,7 @@
-"""What passed of the program of a CPU: the names of the variables of its blocks.
+"""`Program`: what was captured of the program of a CPU: the names of the variables of its blocks.
 
-By them addresses are shown as people write them. Explore answers and downloads carry, for each block, an object of class 511
-with the list of its variables and of their names.
+With these names, addresses are shown as people write them. Explore responses and downloads have an object of class 511 for each
+block, with a list of its variables and a list of their names.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from dissect.s7plus.variables import NameList, Variable, VariableList
 
 #: Class of an object that describes a type.
 TYPE_INFO: Final = 511
-#: Attributes that hold the code of a block.
+#: Attributes with the code of a block.
 CODE: Final = frozenset((2533, 2580))
-#: Variables that are remembered of one CPU; when there are more, those that came first are forgotten.
+#: Variables that are remembered of one CPU; beyond that, those seen first are forgotten.
 MAX_VARIABLES: Final = 200_000
-#: Structures inside each other whose members are listed.
+#: Nested structures whose members are listed.
 _LEVELS: Final = 8
-#: First octet of the id of the type information of areas, and the areas by the octet behind it (one source only).
+#: First octet of the id of an area's type information, and the areas by the second octet (one source only).
 _AREA_TYPES: Final = 0x90
 _AREA_ORDER: Final[dict[int, int]] = {1: 80, 2: 81, 3: 82, 4: 83, 5: 84}
-#: Number between the index of an element and its member, in the address of a member of an array of structures (one source).
+#: The number between element index and member in the address of a member of an array of structures (one source).
 _ELEMENT: Final = 1
-#: Datatypes whose characters may be addressed by first and count.
+#: Datatypes whose characters may be addressed by first character and count.
 _STRINGS: Final = frozenset((19, 62))
 
 
 class TypeInformation:
-    """The variables of a type, as the octets that told them until somebody asks for one."""
+    """The variables of a type; they stay octets until one of them is needed."""
 
     __slots__ = ("_known", "_names", "_variables", "count")
 
@@ -58,26 +58,26 @@ class TypeInformation:
         return known
 
 
-#: Blocks and areas of which is remembered which type is theirs.
+#: Blocks and areas whose type is remembered.
 _MAX_AREAS: Final = 4096
 
 
 class Program:
     """The variables of a CPU's blocks and areas, by the id of their type information.
 
-    ``stamp`` is 0 as long as none passed, and another number, which no other program has, whenever they change.
+    ``stamp`` is 0 until a type was captured. Each change sets a number that no other program has.
     """
 
     __slots__ = ("_count", "_of_areas", "_types", "stamp")
 
     def __init__(self) -> None:
         self._types: dict[int, TypeInformation] = {}
-        self._of_areas: dict[int, int] = {}  # what `_type_of` found among these types
+        self._of_areas: dict[int, int] = {}  # results of `_type_of`
         self._count = 0
         self.stamp: i64 = 0
 
     def learn(self, objects: list[PlusObject]) -> None:
-        """Take the type information among objects, not that inside them; it replaces what was known of the same type before."""
+        """Take the type information among ``objects`` (not inside them); it replaces what was known about the same type."""
         for one in objects:
             if one.class_id != TYPE_INFO:
                 continue
@@ -94,11 +94,11 @@ class Program:
 
     @property
     def count(self) -> int:
-        """Variables that are remembered, those of types included."""
+        """Number of remembered variables, including those of types."""
         return self._count
 
     def adopt(self, other: Program) -> None:
-        """Take over what another program knows and this one does not."""
+        """Take over the types that ``other`` knows and this program does not."""
         for rid, told in other._types.items():
             if rid not in self._types:
                 self._types[rid] = told
@@ -141,7 +141,7 @@ class Program:
             self._count -= told.count
 
     def _changed(self) -> None:
-        """Note that the types are others now."""
+        """Note that the types have changed."""
         self._of_areas.clear()
         self.stamp = next_stamp()
 
@@ -150,7 +150,7 @@ class Program:
         return told.known if told is not None else None
 
     def find(self, address: Address) -> Found | None:
-        """Return what an address means, None when its type is not known, or the checksum of its symbol differs."""
+        """Return what an address means; None if its type is not known, or the checksum of its symbol differs."""
         if not self._types or not address.lids:
             return None
         known = self._known(self._type_of(address.area))
@@ -159,7 +159,7 @@ class Program:
         return self._walk(address, known)
 
     def _type_of(self, area: int) -> int:
-        """Return the id of the type information of a block or an area, as far as it passed; -1 for none."""
+        """Return the id of the type information of a block or area, -1 if it was not captured."""
         if not self._types:
             return -1
         found = self._of_areas.get(area)
@@ -187,7 +187,7 @@ class Program:
             return None
         name, variable = entry
         if _is_other(address, variable):
-            return None  # the program is not the one whose names these are
+            return None  # these names are of another program
         path = f'"{name}"'
         at = 1
         element = False
@@ -203,7 +203,7 @@ class Program:
                     at += 1
                 continue
             if variable.datatype in _STRINGS and lids[at] == 0 and at == len(lids) - 2:
-                at = len(lids)  # its characters from the first one on: the string itself
+                at = len(lids)  # all characters from the first one on: the string itself
                 break
             members = self._known(variable.type_id)
             below = members.get(lids[at]) if members is not None else None
@@ -218,7 +218,7 @@ class Program:
         return Found(path, variable, variable.is_array and not element)
 
     def doubt(self, address: Address) -> str:
-        """Return why an address gets no name although its type passed, empty where there is nothing to say."""
+        """Return why an address gets no name although its type was captured; empty if there is nothing to say."""
         if not self._types:
             return ""
         known = self._known(self._type_of(address.area))
@@ -228,18 +228,18 @@ class Program:
         return f"CRC 0x{entry[1].crc:08x} in the program that passed, which differs: no name"
 
     def members(self, type_id: int) -> list[tuple[str, Variable]] | None:
-        """Return the names and variables of a type, None when it did not pass."""
+        """Return the names and variables of a type; None if it was not captured."""
         known = self._known(type_id)
         return list(known.values()) if known is not None else None
 
 
 def _is_other(address: Address, variable: Variable) -> bool:
-    """Tell whether the symbol of an address is not the one that was declared. Of members the rule is not known."""
+    """Return whether the checksum of an address differs from that of the declaration. For members the rule is not known."""
     return address.crc != 0 and len(address.lids) == 1 and variable.crc != 0 and address.crc != variable.crc
 
 
 class Symbol:
-    """A variable by its ``name`` and its ``address``, as both stand in transactions."""
+    """A variable by ``name`` and ``address``, written as in transactions."""
 
     __slots__ = ("address", "name", "variable")
 
@@ -250,16 +250,16 @@ class Symbol:
 
     @property
     def declared(self) -> str:
-        """Its type in the program: ``Real``, ``Array[0..9] of Int``."""
+        """The declared type: ``Real``, ``Array[0..9] of Int``."""
         variable = self.variable
         bounds = ",".join([f"{low}..{low + count - 1}" for low, count in reversed(variable.dimensions)])
         return f"Array[{bounds}] of {variable.datatype_name}" if bounds else variable.datatype_name
 
 
 class Found:
-    """The meaning of an address: the path of names, and the variable; None where it goes on in what is not known.
+    """The meaning of an address: the path of names, and the variable; None if the address goes on in an unknown structure.
 
-    ``whole_array`` tells that the variable is an array and none of its elements is meant.
+    ``whole_array``: the variable is an array, and the address is not that of an element.
     """
 
     __slots__ = ("path", "variable", "whole_array")

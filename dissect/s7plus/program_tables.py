@@ -1,6 +1,6 @@
-"""What the program of a CPU is made of: datatypes, sections, languages, kinds of blocks (docs/s7plus.md).
+"""Tables about the program of a CPU: datatypes, sections, languages, kinds of blocks (docs/s7plus.md).
 
-The names are those of the public sources; STEP 7 shows the datatypes under the same ones.
+The names are those of the public sources; STEP 7 uses the same names for datatypes.
 """
 
 from __future__ import annotations
@@ -190,14 +190,14 @@ LANGUAGES: Final = CodeTable("S7comm-plus block language", 1, [
     (501, "ProDiag_OB", ""),
 ])  # fmt: skip
 
-#: What a client is, attribute 299 of its session.
+#: The role of a client, attribute 299 of its session.
 ROLES: Final = CodeTable("S7comm-plus session role", 1, [
     (0, "undefined", ""),
     (1, "engineering", ""),
     (2, "HMI", ""),
 ])  # fmt: skip
 
-#: How an Explore compares, member 1247.
+#: The comparison in an Explore, member 1247.
 FILTERS: Final = CodeTable("S7comm-plus filter operation", 1, [
     (1, "Equal", ""),
     (2, "Unequal", ""),
@@ -225,7 +225,7 @@ SECTIONS: Final = CodeTable("S7comm-plus section", 1, [
     (7, "Operand", ""),
 ])  # fmt: skip
 
-#: What a client asks of the CPU, attribute 2167. 1 and 3 were seen in captures; the others are from one source only.
+#: What a client requests of the CPU, attribute 2167. 1 and 3 were seen in captures; the others are from one source only.
 STATE_REQUESTS: Final = CodeTable("S7comm-plus operating state request", 1, [
     (1, "STOP", "The CPU shall stop."),
     (2, "reset retentive", "The CPU shall reset its retentive memory."),
@@ -233,13 +233,13 @@ STATE_REQUESTS: Final = CodeTable("S7comm-plus operating state request", 1, [
     (4, "redundant RUN", "The CPU shall run, with its partner."),
 ])  # fmt: skip
 
-#: What state the CPU is in, member 3486.
+#: The operating state of the CPU, member 3486.
 OPERATING_STATES: Final = CodeTable("S7comm-plus operating state", 1, [
     (4, "STOP", "The CPU does not run its program."),
     (8, "RUN", "The CPU runs its program."),
 ])  # fmt: skip
 
-#: What a session may do, attributes 1842 and 1843.
+#: The rights of a session, attributes 1842 and 1843.
 PROTECTION_LEVELS: Final = CodeTable("S7comm-plus protection level", 1, [
     (1, "full access", "Everything."),
     (2, "read access", "Reading, and what panels do."),
@@ -247,7 +247,7 @@ PROTECTION_LEVELS: Final = CodeTable("S7comm-plus protection level", 1, [
     (4, "no access", "Nothing without a password."),
 ])  # fmt: skip
 
-#: Attributes and members whose numbers have names.
+#: Attributes and members that are numbers with names.
 MEANINGS: Final[dict[int, CodeTable]] = {
     299: ROLES,
     1247: FILTERS,

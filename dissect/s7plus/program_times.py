@@ -1,4 +1,4 @@
-"""Times of S7-1200 and S7-1500 as IEC 61131-3 writes them: LTime, LTOD, LDT, DTL (docs/s7plus.md)."""
+"""Times of S7-1200 and S7-1500 as IEC 61131-3 text: LTime, LTOD, LDT, DTL (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def long_time_of_day(ns: int) -> str | None:
 
 
 def long_date_text(ns: int) -> str | None:
-    """Return nanoseconds since 1970 as ``LDT#`` and ISO 8601; None for a number that is no time."""
+    """Return nanoseconds since 1970 as ``LDT#`` and ISO 8601; None if the number is not a valid time."""
     text = iso_time(ns)
     return f"LDT#{text}" if "T" in text else None
 
 
 def dtl_text(octets: bytes) -> str | None:
-    """Return the 12 octets of a DTL (year, month, day, weekday, hour, minute, second, nanosecond) as text; None for no time."""
+    """Return the 12 octets of a DTL (year, month, day, weekday, hour, minute, second, nanosecond) as text; None if invalid."""
     year, month, day, hour, minute, second = u16(octets, 0), octets[2], octets[3], octets[5], octets[6], octets[7]
     rest = u32(octets, 8)
     if not 1 <= month <= 12 or not 1 <= day <= _DAYS[month - 1] or hour > 23 or minute > 59 or second > 59:

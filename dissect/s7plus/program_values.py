@@ -1,7 +1,7 @@
-"""Values as the program means them: the type that a variable was declared with, over the one it is sent with (docs/s7plus.md).
+"""Values by the declared type of their variable, where that differs from the type they are sent with (docs/s7plus.md).
 
-Used only where the declaration passed in the capture. A value that contradicts its declaration is shown as its octets, and
-`contradiction` says why.
+Used only if the declaration was captured. A value that contradicts its declaration is shown as octets; `contradiction` says
+why.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ DTL: Final = 67
 DTL_STRUCT: Final = 0x02000000 | DTL
 DTL_SIZE: Final = 12
 _DATE_AND_TIME_SIZE: Final = 8
-#: Octets before the characters of a String, and the elements before those of a WString.
+#: Octets before the characters of a String; also elements before those of a WString.
 _LENGTHS: Final = 2
-#: Kinds of bits, which arrays hold in other numbers than are declared.
+#: Datatypes of bits: arrays of them are sent with other numbers of elements than declared.
 _BITS: Final = frozenset((1, 40))
 
 
 def program_value(found: Found | None, value: Value) -> str | None:
-    """Return a value as its declaration means it, None where it says nothing else than the value itself.
+    """Return the text of a value by its declaration; None if that adds nothing to the value itself.
 
-    The value must not contradict its declaration. A DTL says itself that it is one.
+    The value must not contradict its declaration. A DTL is recognised without one.
     """
     content = value.content
     if isinstance(content, Packed):
@@ -74,7 +74,7 @@ def program_value(found: Found | None, value: Value) -> str | None:
 
 
 def program_values(found: Found | None, value: Value) -> list[str | None] | None:
-    """Return the elements of an array as its declaration means them, None where they say nothing else."""
+    """Return the texts of the elements of an array by its declaration; None if that adds nothing."""
     variable = found.variable if found is not None else None
     content = value.content
     if found is None or variable is None or not found.whole_array or not value.array or not isinstance(content, list):
@@ -86,7 +86,7 @@ def program_values(found: Found | None, value: Value) -> list[str | None] | None
 
 
 def contradiction(found: Found, value: Value, program: Program) -> str:
-    """Return in what a value contradicts the declaration of its variable, empty where it does not."""
+    """Return how a value contradicts the declaration of its variable; empty if it does not."""
     variable = found.variable
     if variable is None:
         return ""
@@ -121,13 +121,13 @@ def _form(value: Value) -> str:
 
 
 def _wrong_characters(variable: Variable, value: Value, whole_array: bool) -> str:
-    """Return what is wrong with a String, a WString or a Date_And_Time, which are sent as arrays of numbers."""
+    """Return what is wrong with a String, WString or Date_And_Time, which are sent as arrays of numbers; empty for nothing."""
     declared = DATATYPES.name(variable.datatype)
     content = value.content
     if value.type != _SENT_AS[variable.datatype] or not value.array or not isinstance(content, list):
         return f"declared {declared}, sent as {value.type_name}{'' if value.array else ' without elements'}"
     if whole_array:
-        return ""  # how several strings are sent is not known
+        return ""  # it is not known how several strings are sent
     count = len(content)
     if variable.datatype == DATE_AND_TIME:
         return "" if count == _DATE_AND_TIME_SIZE else f"declared {declared}, sent with {count} bytes"
@@ -139,7 +139,7 @@ def _wrong_characters(variable: Variable, value: Value, whole_array: bool) -> st
 
 
 def _characters(datatype: int, numbers: list[int]) -> str:
-    """Return the characters of a String or WString: maximum, length, and as many elements as the maximum."""
+    """Return the characters of a String or WString: maximum length, length, then as many elements as the maximum."""
     characters = numbers[_LENGTHS : _LENGTHS + numbers[1]]
     if datatype == STRING:
         return bytes(characters).decode("latin-1")
@@ -154,7 +154,7 @@ def _char(number: int) -> str | None:
     return chr(number)
 
 
-#: What a number means, by the declared type.
+#: The text of a number, by declared type.
 _MEANINGS: Final[dict[int, Callable[[int], str | None]]] = {
     3: _char,
     9: date_text,
@@ -168,7 +168,7 @@ _MEANINGS: Final[dict[int, Callable[[int], str | None]]] = {
 }
 #: Declared types that are sent as arrays of numbers.
 _ARRAYS_OF: Final = frozenset((STRING, WSTRING, DATE_AND_TIME))
-#: The type that a declared one is sent with; of other declared types it is not known.
+#: The type that values of a declared type are sent with; for other declared types it is not known.
 _SENT_AS: Final[dict[int, int]] = {
     1: BOOL, 2: BYTE, 3: USINT, 4: WORD, 5: INT, 6: DWORD, 7: DINT, 8: REAL, 9: UINT, 10: UDINT, 11: DINT, 12: WORD,
     14: USINT, 19: USINT, 40: BOOL, 48: LREAL, 49: ULINT, 50: LINT, 51: LWORD, 52: USINT, 53: UINT, 54: UDINT, 55: SINT,

@@ -1,6 +1,6 @@
-"""Which items an answer has: whether it refuses any, and whether they are those that were asked for.
+"""Finds out whether a response refuses items, and whether it has the items that were requested.
 
-Both are asked of every answer, so that most of them are not read whole for it.
+Both are needed for every response, so that most responses are not parsed for it.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.text import count
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: What objects hold that matters: the code of a block, or the names of variables; and what of them is asked for.
+#: What matters in objects: code of a block, names of variables; and the attributes that are read.
 MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)), ASKED_OF_OBJECTS)
-#: Where a request with a list of items says how many there are; in version 3 the integrity part stands before that.
+#: Offset of the item count in a request with a list of items; in version 3 the integrity part comes before.
 _COUNT: Final = 4 + REQUEST_SIZE + 4
-#: Items that are named.
+#: How many items a text names.
 _NAMED: Final = 3
 
 
 def glimpse(octets: bytes) -> i64:
-    """Return what `dissect.s7plus.skimming.skim` says of a PDU, `MET` for the code of a block or the names of variables."""
+    """Return the result of `dissect.s7plus.skimming.skim`; `MET` stands for code of a block or names of variables."""
     return skim(octets, MARKS)
 
 
 def reads_again(octets: bytes, asked: bytes, read: i64) -> bool:
-    """Tell whether a request surely is another read of the same: `glimpse` says ``read`` of it as well.
+    """Return whether a request certainly reads the same as the read before; `glimpse` would then return ``read`` for it.
 
-    ``asked`` are the addresses of the read before, ``read`` is what `glimpse` said of that.
+    ``asked`` are the octets of the addresses in the read before, ``read`` is the result of `glimpse` for it.
     """
     return read & SOUND != 0 and skim_again(octets, asked, read >> PLACE)
 
 
 def answered(octets: bytes, skimmed: i64) -> tuple[int, bool]:
-    """Return what a response says: the lower 16 bits of its return value, -1 for none, and whether it refuses anything.
+    """Return the lower 16 bits of a response's return value, -1 for none, and whether the response refuses anything.
 
-    ``skimmed`` is what `glimpse` says of it. Never raises.
+    ``skimmed`` is the result of `glimpse`. Never raises.
     """
     if skimmed & SOUND:
         code: int = (skimmed >> WORDS & CODES) - 1
@@ -65,15 +65,15 @@ def answered(octets: bytes, skimmed: i64) -> tuple[int, bool]:
 
 
 def refuses_items(pdu: PlusPdu) -> bool:
-    """Tell whether a response to a read or write of several variables refuses any of them. Never raises."""
+    """Return whether a response to a read or write of several variables refuses any of them. Never raises."""
     if pdu.function == SET_MULTI_VARIABLES:
         _, at = read_varint(pdu.body, 0, len(pdu.body), VLQ64)
-        return 0 < at < len(pdu.body) and read_varint(pdu.body, at, len(pdu.body), VLQ)[0] != 0  # 80 00 is zero too
+        return 0 < at < len(pdu.body) and read_varint(pdu.body, at, len(pdu.body), VLQ)[0] != 0  # 80 00 is 0, too
     return pdu.function == GET_MULTI_VARIABLES and bool(parse_contents(pdu, False, MAX_WORK).refusals)
 
 
 def notifies_refusal(octets: bytes, skimmed: i64) -> bool:
-    """Tell whether a notification refuses items of its subscription; ``skimmed`` as for `answered`. Never raises."""
+    """Return whether a notification refuses items of its subscription; ``skimmed`` as for `answered`. Never raises."""
     if skimmed & SOUND:
         return skimmed & REFUSES != 0
     pdu = parsed(octets)
@@ -83,10 +83,10 @@ def notifies_refusal(octets: bytes, skimmed: i64) -> bool:
 
 
 def count_mismatch(function: i64, request: bytes, response: bytes, skimmed: i64) -> str:
-    """Return in which items the answer to a read or write of several variables differs from its request; empty for none.
+    """Return which items of a response to a read or write of several variables do not match its request; empty if all do.
 
-    ``skimmed`` is what `glimpse` says of the response. Halves that are not whole, or contradict themselves, are not compared.
-    Never raises.
+    ``skimmed`` is the result of `glimpse` for the response. Halves that are incomplete or contradict themselves are not
+    compared. Never raises.
     """
     if skimmed & SOUND:
         if function == SET_MULTI_VARIABLES and not skimmed & REFUSES:
@@ -117,7 +117,7 @@ def _compared(function: i64, request: PlusPdu, response: PlusPdu) -> str:
 
 
 def _sound_contents(function: i64, pdu: PlusPdu) -> Contents | None:
-    """Return the contents of a PDU of this function, None when they are not all there or contradict themselves."""
+    """Return the contents of a PDU of this function; None if they are incomplete or contradict themselves."""
     if not pdu.whole or pdu.malformed or pdu.function != function:
         return None
     found = parse_contents(pdu, False, MAX_WORK)

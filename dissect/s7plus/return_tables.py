@@ -1,7 +1,7 @@
-"""What the parts of a return value say (docs/s7plus.md).
+"""Meanings of the parts of a return value (docs/s7plus.md).
 
-The numbers and names are those of the public Wireshark plugin; five of the errors were seen in captures. Names are written as
-words. Where a row has no sentence, nothing is known beyond its name.
+Numbers and names are those of the public Wireshark plugin, written as words; five of the errors were seen in captures. If a row
+has no sentence, nothing but its name is known.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Final
 
 from dissect.wire.codes import CodeTable
 
-#: The lower 16 bits, a signed number: negative ones (0x8000 and above) are refusals.
+#: The lower 16 bits, as a signed number: negative ones (0x8000 and above) are refusals.
 RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFDFF, "Concurrent transaction running", "Another change of the program is under way."),
     (0xFE00, "Multi ES incompatible other ES version", "An engineering station of another version is connected."),
@@ -59,7 +59,7 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFEF9, "Invalid state", ""),
     (0xFEFA, "Duplicate qualifier value", ""),
     (0xFEFB, "CBT container needed", ""),
-    (0xFEFC, "Not createable by transaction", ""),
+    (0xFEFC, "Not creatable by transaction", ""),
     (0xFEFD, "Invalid transaction state", ""),
     (0xFEFE, "Invalid version", ""),
     (0xFEFF, "Value conversion not possible", ""),
@@ -74,9 +74,9 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFF08, "Async call failed", ""),
     (0xFF09, "Callback missing", ""),
     (0xFF0A, "Null pointer", ""),
-    (0xFF0B, "En error store refused by BL", ""),
-    (0xFF0C, "En error store is busy", ""),
-    (0xFF0D, "En error store handler not free", ""),
+    (0xFF0B, "Store refused by BL", ""),
+    (0xFF0C, "Store is busy", ""),
+    (0xFF0D, "Store handler not free", ""),
     (0xFF0E, "File find element", ""),
     (0xFF0F, "File invalid find state", ""),
     (0xFF10, "State invalid case", ""),
@@ -138,7 +138,7 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFF78, "Service comm format differs from store format", ""),
     (0xFF79, "Service aborted", ""),
     (0xFF7A, "Service multi-ES not supported", "Several engineering stations at once are not supported."),
-    (0xFF7B, "Service not changable in error state", "This cannot be changed in the state the CPU is in."),
+    (0xFF7B, "Service not changeable in error state", "This cannot be changed in the state the CPU is in."),
     (0xFF7C, "Service subscription is not running", "The subscription does not run."),
     (0xFF7D, "Service subscription prepare sequence error", ""),
     (0xFF7E, "Service unknown com format", ""),
@@ -147,7 +147,7 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFF81, "Service async RMC impossible", ""),
     (0xFF82, "Service wrong argument format", ""),
     (0xFF83, "Service wrong number of arguments", ""),
-    (0xFF84, "Service not changable in run", "This cannot be changed while the CPU runs."),
+    (0xFF84, "Service not changeable in run", "This cannot be changed while the CPU runs."),
     (0xFF85, "Service request serialization error", ""),
     (0xFF86, "Service notification parsing error", ""),
     (0xFF87, "Service object parsing error", ""),
@@ -188,16 +188,16 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFFAB, "Struct only in details accessible", ""),
     (0xFFAC, "Value not moveable", ""),
     (0xFFAE, "OCB already used", ""),
-    (0xFFAF, "AID already set", ""),
-    (0xFFB0, "Duplicate AID", ""),
+    (0xFFAF, "Attribute ID already set", ""),
+    (0xFFB0, "Duplicate attribute ID", ""),
     (0xFFB1, "No proxy object allowed", ""),
     (0xFFB2, "Allocator not found", ""),
-    (0xFFB3, "Object factory notfound", ""),
+    (0xFFB3, "Object factory not found", ""),
     (0xFFB4, "Cannot delete native object", ""),
     (0xFFB5, "Value timeout", ""),
     (0xFFB6, "Composition not allowed", ""),
     (0xFFB7, "Async but callback interface not found", ""),
-    (0xFFB8, "Element is transistent", ""),
+    (0xFFB8, "Element is transient", ""),
     (0xFFB9, "Hierarchy overflow", ""),
     (0xFFBA, "Invalid association", ""),
     (0xFFBB, "Qualifier not sync", ""),
@@ -209,13 +209,13 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFFC1, "Association not found", ""),
     (0xFFC2, "Association not qualified", ""),
     (0xFFC3, "Invalid value range", "The value lies outside the range allowed."),
-    (0xFFC4, "Duplicate RID", ""),
+    (0xFFC4, "Duplicate object ID", ""),
     (0xFFC5, "Link interface not found", ""),
     (0xFFC6, "Async only", ""),
     (0xFFC7, "Variable type not allowed", ""),
     (0xFFC8, "Variable is specific only", ""),
     (0xFFC9, "Invalid composition", ""),
-    (0xFFCA, "No free RID", ""),
+    (0xFFCA, "No free object ID", ""),
     (0xFFCB, "Buffer overflow", ""),
     (0xFFCC, "Duplicate link", ""),
     (0xFFCD, "Object is locked", ""),
@@ -227,18 +227,18 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (0xFFD3, "Cannot create abstract object", ""),
     (0xFFD4, "No separate load memory file allowed", ""),
     (0xFFD5, "Create child object within create child object", ""),
-    (0xFFD6, "M n assoc not supported", ""),
+    (0xFFD6, "M:N association not supported", ""),
     (0xFFD7, "Read only property", "The attribute can only be read."),
     (0xFFD8, "Directory not found", ""),
-    (0xFFD9, "Filename exced range", ""),
+    (0xFFD9, "File name exceeds range", ""),
     (0xFFDA, "Class not allowed", "Objects of this class are not allowed here."),
     (0xFFDB, "Unexpected attribute", "The object does not take this attribute."),
     (0xFFDC, "Numeric underflow", ""),
     (0xFFDD, "Numeric overflow", ""),
     (0xFFDE, "Unexpected token", ""),
     (0xFFDF, "Bad cast", ""),
-    (0xFFE0, "Invalid AID", "The object has no attribute of this id."),
-    (0xFFE2, "Invalid RID", ""),
+    (0xFFE0, "Invalid attribute ID", "The object has no attribute of this id."),
+    (0xFFE2, "Invalid object ID", ""),
     (0xFFE3, "Object exists with same ID", "An object of this id exists."),
     (0xFFE4, "Unexpected frag type", ""),
     (0xFFE5, "Unexpected end tag", ""),
@@ -295,17 +295,17 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (25, "Service legitimated for level 2", "The password gave read access."),
     (26, "Service legitimated for level 3", "The password gave access for panels."),
     (27, "Service multi response pending", ""),
-    (28, "Next messageblock", ""),
+    (28, "Next message block", ""),
     (29, "Object skipped", ""),
     (30, "Warning DS cannot distribute", ""),
     (31, "Warning DS container item not found", ""),
     (32, "Warning DS precondition missing", ""),
     (33, "Service legitimated for level 1", "The password gave full access."),
     (34, "Warning service transaction aborted", ""),
-    (35, "Message BLO breallocated", ""),
+    (35, "Message BLOB reallocated", ""),
     (36, "Message dir already exists", ""),
     (37, "Message temporarily out of resources", ""),
-    (38, "Message legitim level currently disabled", ""),
+    (38, "Message legitimation level currently disabled", ""),
     (39, "Reschedule handler", ""),
     (40, "Blob end reached", ""),
     (41, "Warning single ES", ""),
@@ -319,7 +319,7 @@ RETURN_CODES: Final = CodeTable("S7comm-plus return value", 4, [
     (219, "Comp types meta types", ""),
 ])  # fmt: skip
 
-#: Bits 40 to 46: the same in few groups.
+#: Bits 40 to 46: the same errors in few groups.
 GENERIC_CODES: Final = CodeTable("S7comm-plus generic error", 2, [
     (0, "OK", ""),
     (1, "General", ""),
@@ -350,7 +350,7 @@ GENERIC_CODES: Final = CodeTable("S7comm-plus generic error", 2, [
     (26, "Unknown service", ""),
     (27, "Invalid storage format", ""),
     (28, "Invalid com format", ""),
-    (29, "Not changable in run", ""),
+    (29, "Not changeable in run", ""),
     (30, "Wrong number of arguments of invoke", ""),
     (31, "Wrong argument format of invoke", ""),
     (32, "Invoke failed", ""),
@@ -381,7 +381,7 @@ GENERIC_CODES: Final = CodeTable("S7comm-plus generic error", 2, [
     (57, "General remove link", ""),
     (58, "Invalid ID", ""),
     (59, "General com error", ""),
-    (60, "Not changable in error state", ""),
+    (60, "Not changeable in error state", ""),
     (61, "Multi ES not supported", ""),
     (62, "Service aborted", ""),
     (63, "Source file not existing", ""),
@@ -420,11 +420,11 @@ ORIGINS: Final = CodeTable("S7comm-plus origin of a return value", 2, [
     (8, "alarms", ""),
     (13, "compiler", ""),
     (14, "kernel", ""),
-    (25, "models", ""),
-    (26, "models", ""),
+    (25, "general object model", ""),
+    (26, "hardware configuration", ""),
     (32, "file system", ""),
     (33, "communication", ""),
     (64, "execution levels", ""),
     (91, "T blocks", ""),
-    (92, "IEC functions", ""),
+    (92, "IE configuration", ""),
 ])  # fmt: skip

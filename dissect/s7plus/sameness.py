@@ -1,8 +1,8 @@
-"""What of a PDU is the same in others that say the same: all but numbers that each has for itself.
+"""Compares PDUs, leaving out the numbers that differ in each PDU, so that a repeated one is recognised.
 
-These are the digest, the sequence number, the session of a request, and the integrity id. PDUs of one `Seen.kind` with the same
-`Seen.body` are as long as each other and have the same contents at the same places, but for the integrity id, if they are
-sound: tests/s7plus/test_sameness.py holds that against `dissect.s7plus.bodies`.
+These numbers are the digest, the sequence number, the session of a request, and the integrity id. Sound PDUs with the same
+`Seen.kind` and `Seen.body` have the same length and the same contents at the same offsets, apart from the integrity id.
+tests/s7plus/test_sameness.py checks that against `dissect.s7plus.bodies`.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from dissect.s7plus.tables import (
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: Octets of the longest PDU that is looked at.
+#: Octets of the longest PDU that is compared.
 _LONGEST: Final = 4096
 _BIT_7: Final = 0x80
-_FLAGS: Final = 9  # of a response, whose return value follows
+_FLAGS: Final = 9  # of a response; its return value follows
 _CREDIT: Final = 11
 _ID: Final = 4
-#: Zeros that end a PDU of version 3 at least (`FILL` at most); octets of an integrity id that is looked at.
+#: Fewest zeros that end a PDU of version 3 (`FILL` is the most); octets of the longest integrity id that is recognised.
 _LEAST_FILL: Final = 4
 _LONGEST_ID: Final = 4
-#: Requests and responses whose contents may end in objects: what is behind them decides whether another one follows.
+#: Requests and responses whose contents may end with objects: only the next octets decide whether another object follows.
 _OPEN_REQUESTS: Final = frozenset((CREATE_OBJECT, BEGIN_SEQUENCE))
 _OPEN_RESPONSES: Final = frozenset((DELETE_OBJECT,))
 
 
 class Seen:
-    """The PDU at hand. ``alike`` is for who reads it: whether it was taken for one of those that are alike.
+    """The current PDU. The caller sets ``alike``: whether it was taken for one of those that are the same.
 
-    ``kind`` and ``body`` are what it has in common with others; ``has_id`` tells that ``integrity_id`` was found where it
-    stands in PDUs that are sound, and is no part of ``body``. ``session`` are session, transport flags and version of a
-    request in one number. Numbers that it does not have are -1.
+    ``kind`` and ``body`` are what it has in common with others. ``has_id``: ``integrity_id`` was found where sound PDUs have
+    it, and is not part of ``body``. ``session`` is session, transport flags and version of a request as one number. Numbers
+    that the PDU does not have are -1.
     """
 
     __slots__ = (
@@ -70,7 +70,7 @@ class Seen:
         self.alike = False
         self.octets = b""
         self.body = b""
-        self.at: i64 = 0  # where the data begin
+        self.at: i64 = 0  # offset of the data
         self.kind: i64 = 0
         self.version: i64 = 0
         self.opcode: i64 = 0
@@ -82,7 +82,7 @@ class Seen:
         self.integrity_id: i64 = -1
 
     def read(self, octets: bytes) -> bool:
-        """Take a PDU; False for one that is not compared with others. Never raises."""
+        """Take a PDU; return False if it is not compared with others. Never raises."""
         at, end = one_frame(octets)
         size: i64 = end - at
         self.alike = at >= 0 and NOTIFICATION_SIZE <= size <= _LONGEST and self._take(octets, at, end)
@@ -148,7 +148,7 @@ class Seen:
         return True
 
     def _explored(self, octets: bytes, at: i64, end: i64) -> bool:
-        """Take an answer to Explore, which has its integrity id in front of the objects."""
+        """Take a response to Explore, which has its integrity id before the objects."""
         stop: i64 = read_varint(octets, at + RESPONSE_SIZE, end, VLQ64)[1]
         if stop < 0:
             return False
@@ -165,10 +165,9 @@ class Seen:
         return True
 
     def _id(self, octets: bytes, begin: i64, end: i64) -> i64:
-        """Find the integrity id in front of the zeros that end a PDU. Returns where it begins, -1 where that is in doubt.
+        """Find the integrity id before the zeros that end a PDU; return its offset, -1 if that is not certain.
 
-        It begins with no octet that leaves its number as it is: where another one was read in its place, that has another
-        number.
+        It does not begin with an octet that adds nothing to its number: an id read from another offset would be another number.
         """
         last: i64 = end - 1
         while last >= begin and octets[last] == 0 and end - last <= FILL + 1:
@@ -195,5 +194,5 @@ class Seen:
         return first
 
     def _name(self, what: i64, size: i64) -> None:
-        """Set the kind: of a function or a subscription, with so many octets that are not in the body."""
+        """Set ``kind`` from a function or subscription, and the number of octets that are not in ``body``."""
         self.kind = ((what << 4 | size) << 8 | self.version) << 8 | self.opcode

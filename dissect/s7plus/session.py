@@ -1,6 +1,6 @@
-"""What passed on a connection about its sessions: who the client is, which CPU answers, what is subscribed.
+"""What a connection showed about its sessions: who the client is, which CPU answers, what is subscribed.
 
-Bounded throughout; nothing here raises.
+Everything is bounded; nothing here raises.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.contents import Address, Made
+from dissect.s7plus.identification import is_record, read_record
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, Program, symbol
 from dissect.s7plus.program_tables import ROLES
@@ -30,35 +31,30 @@ _VERSION_TEXT: Final = 319
 _CHALLENGE: Final = 303
 #: Attribute by which a client authenticates itself: the key of its session, encrypted for the CPU.
 SESSION_KEY: Final = 1830
-#: Attribute with the identification record of a module (I&M0), and the object that stands for the CPU.
-IDENTIFICATION: Final = 3753
+#: The object that represents the CPU, and has its identification record.
 CPU_PROXY: Final = 49
 CPU_EXEC_UNIT: Final = 52
 STATE_REQUEST: Final = 2167  # written to the execution unit: STOP, RUN …
-#: What tells more of blocks and subscriptions.
+#: Further attributes of blocks and subscriptions.
 NUMBER: Final = 2521
 LANGUAGE: Final = 2523
 CYCLE: Final = 1049
-#: Attributes of objects that are asked for, here and by `dissect.s7plus.events`, those that are only sought included.
+#: All attributes of objects that this module and `dissect.s7plus.events` look for.
 ASKED_OF_OBJECTS: Final = CODE | {
     REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _SESSION_VERSION, _CHALLENGE,
     NUMBER, LANGUAGE, CYCLE, STATE_REQUEST,
 }  # fmt: skip
 OPERATING_STATE: Final = 3486
-#: Attribute of every piece of hardware that says how it is, with its operating state as a member; only that of the execution
-#: unit is the CPU's.
+#: Attribute of every piece of hardware: its condition, with its operating state as a member. Only the operating state of the
+#: execution unit is that of the CPU.
 DIAGNOSIS: Final = 2237
 
 _NEW_LIST: Final = 0x80000000
-#: Subscriptions of a connection that are remembered, and items of one.
+#: Bounds: subscriptions of a connection that are remembered, and items of one.
 MAX_SUBSCRIPTIONS: Final = 256
 MAX_ITEMS: Final = 4096
-#: The identification record: head, vendor, order number, serial number, hardware revision, software revision.
-IM0_HEAD: Final = bytes.fromhex("002000380100")
-IM0_SIZE: Final = 60
 
-
-#: What a CPU says of itself (`Identity.told`), and where.
+#: What a CPU says about itself (`Identity.told`), and where it says it.
 ORDER_NUMBER: Final = "order_number"
 HARDWARE: Final = "hardware"
 FIRMWARE: Final = "firmware"
@@ -71,9 +67,9 @@ _MAX_TOLD: Final = 16
 
 
 class Identity:
-    """Order number, firmware and serial number of a CPU, empty where they did not pass; its latest operating state, else -1.
+    """Order number, firmware and serial number of a CPU, empty if not seen; its latest operating state, -1 if not seen.
 
-    ``told`` is what was said since somebody took it: (name of the above, value, where it was said).
+    ``told`` collects what the CPU said, until `StationWatch` takes it: (name of the fact, value, where it was said).
     """
 
     __slots__ = ("_read", "_record", "firmware", "order_number", "serial_number", "state", "told")
@@ -88,21 +84,15 @@ class Identity:
         self.told: list[tuple[str, str, str]] = []
 
     def tell(self, key: str, value: str, where: str) -> None:
-        """Note what the CPU says of itself."""
+        """Note what the CPU says about itself."""
         if value and len(self.told) < _MAX_TOLD:
             self.told.append((key, value, where))
 
     def take(self, octets: bytes) -> None:
-        """Take an identification record; tools ask for the same one again and again."""
+        """Take an identification record. Tools request the same one again and again, so it is decoded only if it changed."""
         if octets != self._record:
-            prefix, major, minor, patch = octets[46:50]
             self._record = octets
-            self._read = (
-                octets[8:28].decode("latin-1").strip(" \0"),
-                octets[28:44].decode("latin-1").strip(" \0"),
-                str(int.from_bytes(octets[44:46], "big") or ""),
-                f"{chr(prefix)}{major}.{minor}.{patch}",
-            )
+            self._read = read_record(octets)
         self.order_number, self.serial_number, hardware, self.firmware = self._read
         self.tell(ORDER_NUMBER, self.order_number, IN_RECORD)
         self.tell(SERIAL_NUMBER, self.serial_number, IN_RECORD)
@@ -111,7 +101,7 @@ class Identity:
 
 
 class Counted:
-    """The latest of the requests that a client counts together: its sequence number and integrity id, -1 for none yet."""
+    """The latest of the requests that a client counts together: its sequence number and integrity id, -1 before the first."""
 
     __slots__ = ("integrity_id", "sequence")
 
@@ -120,7 +110,7 @@ class Counted:
         self.integrity_id: i64 = -1
 
     def repeats(self, sequence: i64, integrity_id: i64) -> bool:
-        """Take the next request; True when its integrity id is not as far ahead as its sequence number.
+        """Take the next request; True if its integrity id did not move in the same direction as its sequence number.
 
         Requests are taken in the order in which they were answered.
         """
@@ -137,15 +127,16 @@ class Counted:
 
 
 class PlusSession:
-    """What is known of one connection. Texts are from the wire and not escaped.
+    """What is known about one connection. Texts are from the wire and not escaped.
 
-    ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report its
-    operating state. ``outputs_told`` and ``elsewhere_told`` tell that no further write to outputs, or to other
-    areas, is worth looking at. ``tls``: the client asked for TLS.
-    ``challenged``: the CPU offers authentication, and ``authenticated``: the client took it. ``given`` are the ids of its
-    sessions. Clients count the requests that change something, ``writes``, and all others, ``reads``, on their own.
-    ``explores`` counts Explore requests, the first and the last of which are in the packets ``explored``.
-    ``stamp`` is 0 as long as nothing was subscribed to, and another number, which no other session has, whenever that changes.
+    ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report the
+    operating state of the CPU. ``outputs_told``, ``elsewhere_told``: a write to outputs, or to other areas, was reported;
+    further ones need no look.
+    ``tls``: the client asked for TLS.
+    ``challenged``: the CPU offers authentication; ``authenticated``: the client used it. ``given`` are the ids of its sessions.
+    ``writes`` and ``reads``: clients count requests that change something, and all others, separately. ``explores`` counts
+    Explore requests; ``explored`` are the packets of the first and the last one. ``stamp`` is 0 until something is subscribed.
+    Each change of the subscriptions sets a number that no other session has.
     """
 
     __slots__ = (
@@ -183,14 +174,14 @@ class PlusSession:
         self.session_name = ""
         self.explores: i64 = 0
         self.explored: list[int] = []
-        self.explored_ns: i64 = 0  # time of the last one
+        self.explored_ns: i64 = 0  # time of the last Explore request
         self.outputs_told = False
         self.elsewhere_told = False
         self.tls = False
         self.challenged = False
         self.authenticated = False
         self.given: set[int] = set()
-        self.latest: i64 = -1  # the one of these that was used last
+        self.latest: i64 = -1  # the id in ``given`` that was used last
         self.reads: Counted = Counted()
         self.writes: Counted = Counted()
         self.states: set[int] = set()
@@ -199,7 +190,7 @@ class PlusSession:
 
     @property
     def role_name(self) -> str:
-        """``engineering``, ``HMI``, or empty when nothing was said."""
+        """``engineering``, ``HMI``, or empty if the client did not say."""
         return ROLES.name(self.role) if self.role > 0 else ""
 
     def note_explore(self, frame: int, time_ns: i64) -> None:
@@ -209,19 +200,19 @@ class PlusSession:
         self.explored_ns = time_ns
 
     def label(self, address: Address) -> str:
-        """Return an address as a person writes it, with the names of the program where they are known."""
+        """Return the text of an address for a person, with names of the program where they are known."""
         found = self.program.find(address)
         return symbol(address, found) if found is not None else address.label
 
     @property
     def who(self) -> str:
-        """What the client calls itself, its host and its user, as far as it said so."""
+        """How the client calls itself, its host and its user, as far as it said so."""
         client = [self.application or self.session_name, f"on {self.host}" if self.host else ""]
         client.append(f"as {self.user}" if self.user else "")
         return " ".join([text for text in client if text])
 
     def describe(self) -> str:
-        """Return who the client is and which CPU answers, in a few words."""
+        """Return who the client is and which CPU answers, as a short text."""
         role = f"({self.role_name})" if self.role_name else ""
         cpu = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
         who = " ".join([text for text in (self.who, role) if text])
@@ -240,7 +231,7 @@ class PlusSession:
                 self.role = one.number(_ROLE)
 
     def session_opened(self, told: Made) -> None:
-        """Take the answer: its object says which CPU it is, and whether clients can authenticate themselves there."""
+        """Take the answer to that request: its object says which CPU this is, and whether clients can authenticate."""
         self.challenged = False
         self.authenticated = False
         self.reads = Counted()
@@ -254,7 +245,7 @@ class PlusSession:
                 self.challenged = True
 
     def _identify(self, version: str) -> None:
-        """Take what a CPU says of itself, for example ``1;6ES7 215-1AG40-0XB0 ;V4.3``."""
+        """Take the version text of a CPU, for example ``1;6ES7 215-1AG40-0XB0 ;V4.3``."""
         words = version.split(";")
         if len(words) == 3 and words[2].startswith("V"):
             self.identity.order_number = words[1].strip()
@@ -263,16 +254,16 @@ class PlusSession:
             self.identity.tell(FIRMWARE, self.identity.firmware, IN_SESSION)
 
     def identified(self, octets: bytes) -> None:
-        """Take the identification record of the CPU (I&M0, as IEC 61158-6-10 lays it out)."""
-        if len(octets) == IM0_SIZE and octets.startswith(IM0_HEAD):
+        """Take the identification record of the CPU (I&M0, laid out as in IEC 61158-6-10)."""
+        if is_record(octets):
             self.identity.take(octets)
 
     # ---- subscriptions ----------------------------------------------------------------------------------------------
 
     def subscribe(self, asked: Made, told: Made, lists: ReferenceLists) -> None:
-        """Take a request that makes subscriptions, and the answer with their ids, in the order of the objects.
+        """Take a request that creates subscriptions, and the answer with their ids, in the order of the objects.
 
-        ``lists`` are what they ask for.
+        ``lists``: what each of them subscribes to.
         """
         if len(lists) == 0:
             return
@@ -289,7 +280,7 @@ class PlusSession:
                 self.states.add(id_)
 
     def change(self, id_: int, told: References) -> None:
-        """Take a new reference list of a subscription."""
+        """Take a changed reference list of a subscription."""
         found = self.subscriptions.get(id_)
         if found is None:
             return
@@ -307,14 +298,15 @@ class PlusSession:
         self.states.discard(id_)
 
     def address_of(self, subscription: int, reference: int) -> Address | None:
-        """Return what a reference in a notification stands for, None when its subscription did not pass."""
+        """Return the address that a reference in a notification stands for; None if its subscription was not captured."""
         known = self.subscriptions.get(subscription)
         return known.get(reference) if known is not None else None
 
 
-#: What a reference list says: whether it is a new one, the references it takes away, those it adds with their addresses.
+#: Content of a reference list: whether it is a new list, the references that it removes, and those that it adds, with
+#: addresses.
 References = tuple[bool, list[int], list[tuple[int, Address]]]
-#: What the objects of subscriptions ask for, by where they stand in their PDU.
+#: What subscriptions ask for: by the offset of the subscription object in its PDU, the address of each reference.
 ReferenceLists = dict[int, dict[int, Address]]
 
 
@@ -330,7 +322,7 @@ def _change(known: dict[int, Address], told: References) -> None:
 
 
 def is_state(address: Address) -> bool:
-    """Tell whether a variable is the operating state of the CPU, or the structure that it is a member of."""
+    """Return whether a variable is the operating state of the CPU, or the structure that has it as a member."""
     if address.area != CPU_EXEC_UNIT:
         return False
     return address.lids[-1] == OPERATING_STATE if address.lids else address.sub_area == DIAGNOSIS
@@ -341,7 +333,7 @@ def _has_state(known: dict[int, Address]) -> bool:
 
 
 def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:
-    """Return what the subscriptions among objects ask for."""
+    """Return what the subscriptions among ``objects`` ask for."""
     found: ReferenceLists = {}
     for one in objects:
         if one.class_id == SUBSCRIPTION:
@@ -352,7 +344,7 @@ def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:
 
 
 def parse_reference_list(numbers: list[int]) -> References:
-    """Read the numbers of a reference list. What does not fit ends it."""
+    """Read the numbers of a reference list, up to the first item that does not fit."""
     if len(numbers) < 3:
         return False, [], []
     head, removed, added = numbers[:3]
@@ -372,7 +364,7 @@ def parse_reference_list(numbers: list[int]) -> References:
 
 
 def crc_places(numbers: list[int]) -> list[int]:
-    """Return where in a reference list the checksums of symbols stand; as far as its items fit, like `parse_reference_list`."""
+    """Return where in a reference list the checksums of symbols stand, up to the first item that does not fit."""
     places: list[int] = []
     at = 3 + numbers[1] if len(numbers) > 3 else 0
     while at > 0 and at + 6 <= len(numbers) and len(places) < numbers[2]:

@@ -1,7 +1,7 @@
-"""Whether the contents of a PDU are sound (counts, lengths, depths, types, the end), found without making anything of them.
+"""Checks whether the contents of a PDU are sound (counts, lengths, depths, types, the end), without making objects of them.
 
-This is asked of every PDU. What is surely sound is passed over; everything else is left to `dissect.s7plus.bodies`, which knows
-what is wrong and where. That nothing passes in which it finds a fault is a property test (tests/s7plus/test_skimming.py).
+This is done for every PDU. Contents that are certainly sound are passed over; all others are left to `dissect.s7plus.bodies`,
+which knows which faults they have and where. A property test ensures that no faulty PDU passes (tests/s7plus/test_skimming.py).
 """
 
 from __future__ import annotations
@@ -51,35 +51,36 @@ from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ64, read_varint
 
-#: What `skim` says of contents: they are sound; they must be read; items are refused in them. `MET` of skipping is another.
+#: Bits of the result of `skim`: contents are sound; they must be read; items are refused. `MET` of skipping is another bit.
 SOUND: Final = 8
 UNSOUND: Final = 16
 REFUSES: Final = 4
-#: And of a read: it may ask for the operating state, or for what the CPU is.
+#: For a read: it may request the operating state, or the identification of the CPU.
 ASKS: Final = 1
-#: How many bits such words take. Above them stand the lower 16 bits of the return value of a response, plus 1; 0 for none.
+#: How many bits these take. Above them are the lower 16 bits of the return value of a response, plus 1; 0 for none.
 WORDS: Final = 8
-#: What a return code plus 1 takes there.
+#: Mask of that: a return code plus 1.
 CODES: Final = 0x1FFFF
 _CODE: Final = 0xFFFF
-#: Above which bits stands how many values an answer has, where they are numbered from 1; 0 where they are not, or some are
-#: refused. Below that is all the rest.
+#: From this bit on: how many values a response has, if they are numbered from 1 and none is refused; else 0. All other results
+#: are below it.
 VALUES: Final = 32
-#: Of a request to read several variables there stands which of them is the operating state, 0 for none or more than one, and
-#: above these bits where within the frame the addresses end; neither where one of them is larger than this.
+#: For a request to read several variables, the bits from `VALUES` on have the number of the item that is the operating state (0
+#: for none or several), and those from `PLACE` on the offset in the frame at which the addresses end. If one of them exceeds
+#: `PLACES`, both are left out.
 PLACE: Final = 48
 PLACES: Final = 0x7FFF
 _WITHOUT_PLACES: Final = (1 << VALUES) - 1
 _NO_CODE: Final = -1
 
-#: Of objects of which nothing matters.
+#: Marks for objects of which nothing matters.
 _NO_MARKS: Final = marks(frozenset(), frozenset())
 _BIT_7: Final = 0x80
-#: The last two octets of the ids of the operating state, and of the structure that holds it, however many they have.
+#: The last two octets of the ids of the operating state and of the structure that holds it, whatever their length.
 _STATE: Final = (OPERATING_STATE >> 7 | _BIT_7) << 8 | OPERATING_STATE & (_BIT_7 - 1)
 _DIAGNOSIS: Final = (DIAGNOSIS >> 7 | _BIT_7) << 8 | DIAGNOSIS & (_BIT_7 - 1)
 _DETAILS: Final = 62
-#: Octets of an id; of a filter of Explore before its members; of what stands between the parts of a notification; of a time.
+#: Octets of: an id; a filter of Explore before its members; what is between the parts of a notification; a time.
 _ID: Final = 4
 _FILTER: Final = 5
 _SECOND_PART: Final = 6
@@ -87,11 +88,11 @@ _TIME: Final = 8
 
 
 def skim(octets: bytes, marks: bytes) -> i64:
-    """Pass over a PDU of version 1, 2 or 3. Returns `UNSOUND` when its contents must be read. Never raises.
+    """Skim a PDU of version 1, 2 or 3; return `UNSOUND` if its contents must be read. Never raises.
 
-    Else `SOUND`, with `REFUSES`, `ASKS` and what ``marks`` says of the objects in it (`Skipper.seen`), above `WORDS` bits the
-    return code plus 1, and above `VALUES` bits how many values there are, or what is read; 0 for contents that nobody judges:
-    of what is no whole PDU, or of a function whose body is not known.
+    Else return `SOUND`, with `REFUSES`, `ASKS` and the bits of ``marks`` for the objects in it (`Skipper.seen`); from bit
+    `WORDS` on the return code plus 1; from bit `VALUES` on how many values there are, or what is read. Return 0 for contents
+    that are not judged: those of an incomplete PDU, or of a function whose body is not known.
     """
     at, end = one_frame(octets)
     if at >= 0:
@@ -104,7 +105,7 @@ def skim(octets: bytes, marks: bytes) -> i64:
 
 
 def _skim(pdu: bytes, octets: bytes, at: i64, end: i64, version: i64, single: bool, marks: bytes) -> i64:
-    """Pass over the data of a PDU, which stand in ``octets`` from ``at`` to ``end``."""
+    """Skim the data of a PDU, ``octets[at:end]``."""
     opcode: i64 = octets[at] if at < end else 0
     if opcode == NOTIFICATION:
         if version == V1:
@@ -146,7 +147,7 @@ def _skim(pdu: bytes, octets: bytes, at: i64, end: i64, version: i64, single: bo
 
 
 def skim_again(octets: bytes, asked: bytes, place: i64) -> bool:
-    """Tell whether a request to read is sound and asks for what another did: the octets ``asked``, which end at ``place``."""
+    """Return whether a request is a sound read of the same: the octets ``asked``, which end at the offset ``place``."""
     at, end = one_frame(octets)
     begin: i64 = place - len(asked)
     if at < 0 or at + REQUEST_SIZE != begin or place > end or octets[begin:place] != asked:
@@ -157,7 +158,7 @@ def skim_again(octets: bytes, asked: bytes, place: i64) -> bool:
 
 
 def skim_refusals(octets: bytes) -> list[tuple[int, int]] | None:
-    """Return which items a notification refuses, by number and kind; None for one that must be read, and any other PDU."""
+    """Return the items that a notification refuses, as (number, kind); None if it must be read, or is another PDU."""
     at, end = one_frame(octets)
     if at < 0 or end - at < NOTIFICATION_SIZE or octets[at] != NOTIFICATION or octets[1] == V1:
         return None
@@ -169,11 +170,11 @@ def skim_refusals(octets: bytes) -> list[tuple[int, int]] | None:
 
 
 class Body:
-    """The body of a PDU, which ``skipper`` passes over; each method returns False where it must be read.
+    """The body of a PDU, which ``skipper`` passes over. Each method returns False if the PDU must be read.
 
-    ``refusals`` are the items that a notification refuses, by number and kind.
-    ``known`` is False for functions whose body nobody knows. ``object_id`` is the object that CreateObject creates in, ``ids``
-    are those of the objects that were created, ``integrity_id`` is -1 as long as none has passed.
+    ``refusals`` are the items that a notification refuses, as (number, kind). ``known`` is False for functions whose body is
+    not known. ``object_id`` is the object in which CreateObject creates, ``ids`` are those of the created objects.
+    ``integrity_id`` is -1 until one was passed.
     """
 
     __slots__ = (
@@ -199,11 +200,11 @@ class Body:
         self._end: i64 = 0
         self._version: i64 = 0
         self._marks = b""
-        self._asks: i64 = 0  # `ASKS`, once it does
-        self._item: i64 = 0  # the one by which it does, 0 for more than one
+        self._asks: i64 = 0  # `ASKS`, once such an item was passed
+        self._item: i64 = 0  # the number of that item, 0 for several
         self._place: i64 = 0  # where the addresses of a read end
-        self._refused: i64 = 0  # `REFUSES`, once an item is
-        self._numbered: i64 = 0  # as far as they are numbered from 1
+        self._refused: i64 = 0  # `REFUSES`, once an item is refused
+        self._numbered: i64 = 0  # how many values are numbered from 1 on
         self.integrity_id: i64 = -1
         self.object_id: i64 = -1
         self.ids: list[int] = []
@@ -212,7 +213,7 @@ class Body:
         self.skipper: Skipper = Skipper(b"", 0, 0)
 
     def begin(self, octets: bytes, at: i64, end: i64, version: i64, marks: bytes) -> None:
-        """Begin with the body of a PDU, from ``at`` to ``end`` of ``octets``."""
+        """Begin with the body of a PDU, ``octets[at:end]``."""
         self._octets = octets
         self._end = end
         self._version = version
@@ -232,7 +233,7 @@ class Body:
         self.skipper.begin(octets, at, end)
 
     def result(self, sound: bool, code: i64) -> i64:
-        """Return what `skim` returns for contents that are sound, or not; the octets are let go, and this one is free again."""
+        """Return the result of `skim`; then drop the octets and mark this object as free."""
         skipper = self.skipper
         result: i64 = UNSOUND
         if sound and skipper.spent <= MAX_WORK:
@@ -249,13 +250,13 @@ class Body:
         return result
 
     def tell(self, noted: Noted) -> None:
-        """Add what was seen to what was noted, before this one is let go."""
+        """Copy what was seen to ``noted``, before this object is freed."""
         noted.ids = self.ids
         noted.integrity_id = self.integrity_id
         noted.object_id = self.object_id
 
     def request(self, function: i64) -> bool:
-        """Pass over the body of a request, its end left out."""
+        """Pass over the body of a request, without its end."""
         skipper = self.skipper
         if function == GET_MULTI_VARIABLES:
             return self._addresses() >= 0 and self._read_end()
@@ -282,13 +283,13 @@ class Body:
         if function == INVOKE:
             return self._skip(2 * _ID) and self._items() and self._skip(1)
         if function == SET_VAR_SUBSTREAMED:
-            # Which attribute is written stands in the first value; whether it may be compressed is left open.
+            # The first value says which attribute is written; whether that may be compressed is not checked here.
             return self._skip(_ID) and skipper.value(0) and self._qualifier(2) and skipper.careful_value(0, True)
         self.known = False
         return True
 
     def response(self, function: i64, details: bool) -> bool:
-        """Pass over the body of a response behind its return value, its end left out; ``details`` says that objects follow."""
+        """Pass over the body of a response after its return value, without its end. ``details``: objects follow."""
         skipper = self.skipper
         if function == GET_MULTI_VARIABLES:
             return self._items() and self._refusals()
@@ -316,7 +317,7 @@ class Body:
         return True
 
     def notification(self, subscription: i64) -> bool:
-        """Pass over the body of a notification, its end included."""
+        """Pass over the body of a notification, with its end."""
         skipper = self.skipper
         if subscription >= SHORT_HEADS:
             if skipper.number() < 0:
@@ -331,7 +332,7 @@ class Body:
         return left == 0 or (NOTIFICATION_FILL - 1 <= left <= NOTIFICATION_FILL and self._zeros(skipper.at))
 
     def ends(self, fill: i64) -> bool:
-        """Pass over the end of a request or response, of at most ``fill`` zeros."""
+        """Pass over the end of a request or response, with at most ``fill`` zeros."""
         at: i64 = self.skipper.at
         left: i64 = self._end - at
         if left == 0 or self._filled(at, fill) or (self._version == V2 and self._is_digest(at)):
@@ -342,7 +343,7 @@ class Body:
         return self._filled(at, FILL) or self._is_digest(at)
 
     def read_ends(self) -> bool:
-        """Pass over what stands behind the addresses of a read."""
+        """Pass over what follows the addresses of a read."""
         return self._qualifier(0) and self.ends(FILL)
 
     def _filled(self, at: i64, fill: i64) -> bool:
@@ -365,7 +366,7 @@ class Body:
         return self._octets[at] if at < self._end else -1
 
     def _octet(self) -> i64:
-        """Read an octet; beyond the end a number that nothing has octets for."""
+        """Read an octet; beyond the end return a number larger than any octet or count that could be there."""
         at: i64 = self.skipper.at
         self.skipper.at = at + 1
         return self._octets[at] if at < self._end else self._end
@@ -379,25 +380,25 @@ class Body:
         return self.integrity_id >= 0
 
     def _count(self) -> i64:
-        """Read a count of things that take one octet or more each, -1 where it lies."""
+        """Read a count of elements of at least one octet each, -1 if it is too large."""
         count = self.skipper.number()
         return count if count <= self._end - self.skipper.at else -1
 
     def _qualifier(self, more: i64) -> bool:
-        """Pass over the usual qualifier and as many octets behind it."""
+        """Pass over the usual qualifier and ``more`` octets after it."""
         at: i64 = self.skipper.at
         behind: i64 = at + len(USUAL_QUALIFIER)
         return behind <= self._end and self._octets[at:behind] == USUAL_QUALIFIER and self._skip(behind - at + more)
 
     def _ids(self) -> bool:
-        """Pass over an object and the ids of its attributes. A compressed value of one is left to be read."""
+        """Pass over an object and the ids of its attributes; a compressed value of one must be read."""
         if not self._skip(_ID):
             return False
         count = self._count()
         return count >= 0 and self.skipper.ids(count)
 
     def _addresses(self) -> i64:
-        """Pass over the addresses of items. Returns how many values they have, -1 where they must be read."""
+        """Pass over the addresses of items. Return how many values they have, -1 if they must be read."""
         if not self._skip(_ID):
             return -1
         skipper = self.skipper
@@ -428,7 +429,7 @@ class Body:
         return count if fields == 0 else -1
 
     def _attributes(self, count: i64) -> bool:
-        """Pass over so many attributes of the execution unit, each of which is an item."""
+        """Pass over ``count`` attributes of the execution unit, each of which is an item."""
         index: i64 = 0
         while index < count:
             id_ = self.skipper.number()
@@ -441,7 +442,7 @@ class Body:
         return True
 
     def _read_end(self) -> bool:
-        """Pass over the qualifier behind the addresses of a read, and note where they end."""
+        """Pass over the qualifier after the addresses of a read, and note where these end."""
         self._place = self.skipper.at
         return self._qualifier(0)
 
@@ -457,7 +458,7 @@ class Body:
         return True
 
     def _values(self, count: i64) -> bool:
-        """Pass over so many numbers and values."""
+        """Pass over ``count`` numbers with values."""
         skipper = self.skipper
         if count < 0:
             return False
@@ -468,7 +469,7 @@ class Body:
         return True
 
     def _items(self) -> bool:
-        """Pass over numbers and values up to the number 0, counting them while they are numbered from 1."""
+        """Pass over numbers with values up to the number 0; count them while they are numbered from 1."""
         skipper = self.skipper
         count: i64 = skipper.items()
         while True:
@@ -477,13 +478,13 @@ class Body:
                 self._numbered = count
                 return number == 0
             if number != count + 1:
-                count = -2  # and stays negative
+                count = -2  # stays negative
             count += 1
             if not skipper.value(0):
                 return False
 
     def _refusals(self) -> bool:
-        """Pass over numbers and return values up to the number 0."""
+        """Pass over numbers with return values up to the number 0."""
         skipper = self.skipper
         while True:
             number = skipper.number()
@@ -584,13 +585,13 @@ class Body:
                 return False
 
 
-#: Those that are free: making one for each PDU would take as long as passing over it. Threads do not share one. There are
-#: several, as a list that is emptied and filled again and again gets its memory anew each time.
+#: Free objects: making one for each PDU would take as long as skimming it. Threads do not share one. There are several, because
+#: a list that is emptied and filled again and again gets new memory each time.
 _FREE: Final[list[Body]] = [Body() for _ in range(8)]
 
 
 def free_body() -> Body:
-    """Return one that nobody uses; `Body.result` gives it back."""
+    """Return a free object; `Body.result` gives it back."""
     try:
         return _FREE.pop()
     except IndexError:

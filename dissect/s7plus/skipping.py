@@ -1,7 +1,7 @@
-"""Passes over values without making anything of them, so that judging a PDU costs little where nobody looks at its values.
+"""Passes over values without making objects of them, so that judging a PDU costs little if its values are not needed.
 
-Only what is sound and plain is passed; everything else is left to `dissect.s7plus.value_reading`, which knows what is wrong and
-where. That both agree is a property test (tests/s7plus/test_skipping.py).
+Only sound and plain values are passed; others are left to `dissect.s7plus.value_reading`, which knows which faults they have
+and where. A property test ensures that both agree (tests/s7plus/test_skipping.py).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from dissect.wire.octets import u32
 from dissect.wire.varint import SIGNED64, VLQ64, pass_varint
 
 _BIT_7: Final = 0x80
-#: Octets that are read at once, where they are there; of these the bits behind the first, behind two, and behind three.
+#: Octets that are read at once, where possible; then the number of bits after the first octet, after two, after three.
 _WORD: Final = 8
 _BEHIND_1: Final = 56
 _BEHIND_2: Final = 48
@@ -49,7 +49,7 @@ _BEHIND_3: Final = 40
 #: Octets of the longest number of 32 bits.
 _LONGEST: Final = 5
 _SEVERAL: Final = SPARSE_ARRAY | ARRAY | ADDRESS_ARRAY
-#: What the elements of a type are that have no fixed size: numbers of variable size, with 32 bits or 64, or else.
+#: Kinds of types without a fixed size: numbers of variable size with 32 or 64 bits, or others.
 _OTHER: Final = 0x80
 _NUMBER: Final = 0x81
 _WIDE: Final = 0x82
@@ -61,32 +61,32 @@ _KINDS: Final = {
     NULL: 0, WSTRING: _TEXT, BLOB: _BLOB, VARIANT: _VARIANT, **FIXED_SIZES,
     **{type_: _WIDE if kind in (VLQ64, SIGNED64) else _NUMBER for type_, kind in VARIABLE_SIZES.items()},
 }  # fmt: skip
-#: By type: octets of one element, or one of the above.
+#: By type: octets of one element, or one of these kinds.
 _SIZES: Final = bytes([_KINDS.get(type_, _UNKNOWN) for type_ in range(256)])
-#: Octets of compressed blobs that are inflated at once where they may swell: many tools send the same ones again and again.
+#: Compressed blobs that may swell are inflated at once if they are not larger: many tools send the same ones again and again.
 _SMALL: Final = 64
-#: Structures inside each other that are passed over; deeper ones are read.
+#: Nested structures that are passed over; deeper ones are read.
 _MAX_NESTED: Final = 8
 #: Octets of the id of an object or a structure.
 _RID: Final = 4
-#: Octets that a structure as the program holds it begins with.
+#: Octets at the beginning of a structure that is sent as raw octets.
 _INTERFACE_TIME: Final = 8
-#: What a table of attributes says of one: it may hold compressed blobs, or somebody wants it.
+#: Bits in a table of attributes: it may hold compressed blobs; it is wanted.
 _CAREFUL: Final = 1
 _WANTED: Final = 2
-#: What `Skipper.seen` says when one of those that `marks` was given passed.
+#: Bit in `Skipper.seen`: an attribute or class that was given to `marks` was passed.
 MET: Final = 2
-#: What `marks` says of attributes whose places are noted (`Skipper.noted`).
+#: Bit in a table of `marks`: the place of the attribute is noted (`Skipper.noted`).
 _NOTED: Final = 4
-#: Above which bits `_pass_attribute` says what the table has for an attribute, and what is below.
+#: From this bit on, `_pass_attribute` returns the table's entry for the attribute; below it the octets.
 _MARK: Final = 16
 _PASSED: Final = 0xFFFF
-#: Ids that such a table knows; attributes have at most two octets of seven bits.
+#: Ids that such a table covers; ids of attributes have at most two octets of seven bits.
 _IDS: Final = 1 << 14
 
 
 def table(wanted: frozenset[int]) -> bytes:
-    """Return for each id of an attribute whether it is among those that are wanted, for `Skipper.attributes`."""
+    """Return a table for `Skipper.attributes`, by id of an attribute; ``wanted`` are those that are needed."""
     said = bytearray(_IDS)
     for id_ in COMPRESSED:
         said[id_] = _CAREFUL
@@ -100,9 +100,9 @@ _COMPRESSED: Final = table(frozenset())
 
 
 def marks(attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset()) -> bytes:
-    """Return a table for `Skipper.elements`: `MET` for each id of an attribute and of a class that is among these.
+    """Return a table for `Skipper.elements`, with `MET` for the ids of these attributes and classes.
 
-    ``noted`` are the attributes whose places are to be noted.
+    ``noted`` are the attributes whose places are noted.
     """
     said = bytearray(2 * _IDS)
     for id_ in COMPRESSED:
@@ -117,16 +117,16 @@ def marks(attributes: frozenset[int], classes: frozenset[int], noted: frozenset[
 
 
 def is_wanted(wanted: bytes, id_: int) -> bool:
-    """Tell whether a table wants an attribute; it does not know ids beyond its own, and so wants them."""
+    """Return whether a table wants an attribute; ids beyond the table are wanted."""
     return id_ >= len(wanted) or wanted[id_] == _WANTED
 
 
 class Skipper:
-    """Passes over values and objects of ``octets``, from ``at`` on and before ``end``.
+    """Passes over values and objects in ``octets``, from ``at`` up to an end.
 
-    ``spent`` is the work that reading them would cost. ``seen`` are the bits that the table of `elements` has for the classes
-    of objects and the ids of attributes that were passed. ``noted`` are the places of the tags of objects, of their ends, of
-    lists and of the attributes that the table says are to be noted; None where nobody asks for them.
+    ``spent`` is the work that reading them would cost. ``seen`` has the bits of the table of `elements` for all classes and
+    attributes that were passed. ``noted`` are the places of the tags of objects, of their ends, of lists, and of the attributes
+    that the table marks; None if places are not needed.
     """
 
     __slots__ = ("_careful", "_end", "_inflated", "_octets", "at", "noted", "seen", "spent")
@@ -134,7 +134,7 @@ class Skipper:
     def __init__(self, octets: bytes, at: i64, end: i64) -> None:
         self._octets: bytes = octets
         self._end: i64 = end
-        self._inflated: i64 = 0  # octets that small compressed blobs become
+        self._inflated: i64 = 0  # octets of inflated small blobs
         self._careful = False
         self.at: i64 = at
         self.spent: i64 = 0
@@ -153,9 +153,9 @@ class Skipper:
         self.noted = None
 
     def value(self, depth: i64, nested: i64 = 0) -> bool:
-        """Pass over a value; False when it must be read, and then ``at`` means nothing.
+        """Pass over a value; return False if it must be read: then ``at`` has no meaning.
 
-        ``depth`` is that of the walk around it.
+        ``depth`` is that of the walk around the value.
         """
         octets = self._octets
         end: i64 = self._end
@@ -198,16 +198,16 @@ class Skipper:
         return True
 
     def careful_value(self, depth: i64, careful: bool) -> bool:
-        """Pass over a value as `value` does; with ``careful`` blobs that may become large are left to be read."""
+        """Pass over a value as `value` does; if ``careful``, a blob that may become large must be read."""
         self._careful = careful
         passed = self.value(depth)
         self._careful = False
         return passed
 
     def attributes(self, wanted: bytes, depth: i64) -> None:
-        """Pass over attributes that nobody wants, and relations, up to something else, whose tag is then at ``at``.
+        """Pass over relations and unwanted attributes up to something else, whose tag is then at ``at``.
 
-        ``wanted`` is made by `table`. Blobs that may become large are left to be read.
+        ``wanted`` is made by `table`. A blob that may become large must be read.
         """
         octets = self._octets
         while True:
@@ -233,9 +233,9 @@ class Skipper:
                 return
 
     def elements(self, bits: bytes) -> bool:
-        """Pass over objects and all that stands in them, up to an octet that is no tag; False when they must be read.
+        """Pass over objects with their contents, up to an octet that is not a tag; return False if they must be read.
 
-        ``bits`` is made by `marks`. What it says of the classes and attributes that pass is added to ``seen``.
+        ``bits`` is made by `marks`; its bits for the passed classes and attributes are added to ``seen``.
         """
         octets = self._octets
         end: i64 = self._end
@@ -291,7 +291,7 @@ class Skipper:
         return level == 0 and self.at == end
 
     def number(self) -> i64:
-        """Read a number of at most 32 bits without sign, -1 for none."""
+        """Read an unsigned number of at most 32 bits, -1 if there is none."""
         at: i64 = self.at
         if at + 1 < self._end:
             two: i64 = i64(read_i16_be(self._octets, at))
@@ -304,7 +304,7 @@ class Skipper:
         return self._long_number()
 
     def _long_number(self) -> i64:
-        """Read a number as `number` does, of any size and as close to the end as may be."""
+        """Read a number as `number` does, of any length, also close to the end."""
         octets = self._octets
         at: i64 = self.at
         stop: i64 = min(at + _LONGEST, self._end)
@@ -316,11 +316,11 @@ class Skipper:
             if octet < _BIT_7:
                 self.at = at
                 return value & 0xFFFFFFFF
-        self.at = self._end  # where nothing more is found
+        self.at = self._end  # so that nothing more is found
         return -1
 
     def numbers(self, count: i64) -> bool:
-        """Pass over so many numbers of at most 32 bits; False when they are not there."""
+        """Pass over ``count`` numbers of at most 32 bits; return False if they are not there."""
         octets = self._octets
         end: i64 = self._end
         at: i64 = self.at
@@ -336,7 +336,7 @@ class Skipper:
         return True
 
     def ids(self, count: i64) -> bool:
-        """Pass over as many ids of attributes, the last of which may be compressed: that is known to the next `value`."""
+        """Pass over ``count`` ids of attributes. If the last may be compressed, the next `value` takes that into account."""
         id_: i64 = 0
         while count > 0:
             id_ = self.number()
@@ -347,7 +347,7 @@ class Skipper:
         return True
 
     def items(self, most: i64 = _BIT_7 - 1) -> i64:
-        """Pass over plain values that are numbered 1, 2, 3 …, as far as they are, ``most`` of them; return how many."""
+        """Pass over plain values that are numbered 1, 2, 3 …, at most ``most``; return how many there were."""
         octets = self._octets
         at: i64 = self.at
         last: i64 = min(self._end, len(octets)) - _WORD
@@ -367,12 +367,12 @@ class Skipper:
         return count
 
     def wide(self) -> bool:
-        """Pass over a number of 64 bits without sign; False when it is not there."""
+        """Pass over an unsigned number of 64 bits; return False if it is not there."""
         self.at = pass_varint(self._octets, self.at, self._end, True)
         return self.at >= 0
 
     def members(self, depth: i64, nested: i64) -> bool:
-        """Pass over pairs of ids and values up to the id 0; False when they must be read."""
+        """Pass over pairs of id and value up to the id 0; return False if they must be read."""
         if nested >= _MAX_NESTED or depth + nested + 1 > MAX_DEPTH:
             return False
         careful = self._careful
@@ -396,7 +396,7 @@ class Skipper:
                 return False
 
     def _head(self, bits: bytes) -> bool:
-        """Pass over what an object begins with, behind its tag."""
+        """Pass over the beginning of an object, after its tag."""
         self.spent += STEP
         self.at += _RID
         class_id = self.number()
@@ -409,13 +409,13 @@ class Skipper:
         return True
 
     def _listed(self, passed: tuple[i64, i64]) -> bool:
-        """Take what `pass_variables` or `pass_names` returned."""
+        """Take the result of `pass_variables` or `pass_names`."""
         self.at = passed[0]
         self.spent += STEP * passed[1]
         return self.at >= 0
 
     def _one(self, kind: i64) -> bool:
-        """Pass over an element that has no fixed size."""
+        """Pass over an element without a fixed size."""
         if kind == _NUMBER or kind == _WIDE:
             at: i64 = self.at
             if at < self._end and self._octets[at] < _BIT_7:
@@ -427,7 +427,7 @@ class Skipper:
             if kind == _BLOB:
                 root = self.number()
                 if root < 0 or root > 1:
-                    return False  # then more stands in front of the length
+                    return False  # else more octets come before the length
             size = self.number()
             if size < 0:
                 return False
@@ -436,10 +436,10 @@ class Skipper:
             if self.at > self._end:
                 return False
             return not (self._careful and kind == _BLOB and self._is_risky(self._octets[begin : self.at]))
-        return False  # a Variant, or no type at all
+        return False  # a Variant, or an unknown type
 
     def _is_risky(self, blob: bytes) -> bool:
-        """Tell whether a blob of an attribute of compressed ones may become large, or is small and unsound."""
+        """Return whether a compressed blob may become large, or is small and not sound."""
         if not is_compressed(blob) or not may_swell(blob):
             return False
         if len(blob) > _SMALL:
@@ -449,7 +449,7 @@ class Skipper:
         return len(opened.fault) > 0 or self._inflated > MAX_INFLATED
 
     def _sparse(self, type_: i64) -> bool:
-        """Pass over pairs of keys and values up to the key 0."""
+        """Pass over pairs of key and value up to the key 0."""
         size: i64 = _SIZES[type_]
         if size == _UNKNOWN:
             return False
@@ -469,7 +469,7 @@ class Skipper:
                 return False
 
     def _struct(self, flags: i64, depth: i64, nested: i64) -> bool:
-        """Pass over a structure, its members one by one or as they stand in the program, or an array of them."""
+        """Pass over a structure, with separate members or as raw octets, or over an array of structures."""
         at: i64 = self.at
         if flags & SPARSE_ARRAY or at + _RID > self._end:
             return False
@@ -489,7 +489,7 @@ class Skipper:
         return True
 
     def _packed(self) -> bool:
-        """Pass over a structure as its octets stand in the program."""
+        """Pass over a structure that is sent as raw octets."""
         self.at += _INTERFACE_TIME
         flags = self.number()
         size = self.number()
@@ -502,12 +502,12 @@ class Skipper:
 
 
 def _pass_attribute(word: i64, bits: bytes) -> i64:
-    """Return how many octets an attribute takes, of which ``word`` are the first eight, its tag included; 0 for another look.
+    """Return the octets of an attribute, given its first eight octets (``word``, tag included); 0 if it needs a closer look.
 
-    That is told of plain values (`pass_plain`), which no compressed blob is. Above `_MARK` bits stands what ``bits`` say of the
-    attribute. Whether all of it is there the caller sees.
+    Only plain values (`pass_plain`) have a result; compressed blobs are not plain. The entry of ``bits`` for the attribute is
+    in the result from bit `_MARK` on. The caller checks that all octets are there.
     """
-    if word >> 56 != ATTRIBUTE_TAG - 0x100:  # with its sign
+    if word >> 56 != ATTRIBUTE_TAG - 0x100:  # the tag with its sign
         return 0
     id_: i64 = word >> _BEHIND_2 & 0xFF
     left: i64 = _BEHIND_2
@@ -523,9 +523,9 @@ def _pass_attribute(word: i64, bits: bytes) -> i64:
 
 
 def _pass_member(word: i64) -> i64:
-    """Return how many octets a member of a structure takes, of which ``word`` are the first eight; 0 for another look.
+    """Return the octets of a structure member, given its first eight octets (``word``); 0 if it needs a closer look.
 
-    That is told of plain values (`pass_plain`), which no compressed blob is, of members whose ids have one octet or two.
+    Only plain values (`pass_plain`) have a result, with ids of one or two octets.
     """
     first: i64 = word >> _BEHIND_1 & 0xFF
     if first < _BIT_7:
@@ -535,10 +535,10 @@ def _pass_member(word: i64) -> i64:
 
 
 def pass_plain(word: i64, left: i64) -> i64:
-    """Return where a plain value ends, counted from the first of the eight octets that ``word`` is; 0 for another look.
+    """Return where a plain value ends, counted from the first of the eight octets in ``word``; 0 if it needs a closer look.
 
-    ``left`` are the bits of the word behind which the value begins. A plain one has a fixed size, is a number that ends within
-    the word, or a text whose length stands there in one octet.
+    The value begins after the bits ``left`` of the word. A plain value has a fixed size, or is a number that ends within the
+    word, or a text whose length of one octet is there.
     """
     left -= 16
     head: i64 = word >> left & 0xFFFF
@@ -563,7 +563,7 @@ def pass_plain(word: i64, left: i64) -> i64:
 
 
 def passed(walk: Walk) -> bool:
-    """Pass over the value at which a walk is; False, and nothing is done, where it must be read."""
+    """Pass over the value at the position of ``walk``; return False and do nothing if it must be read."""
     skipper = Skipper(walk.octets, walk.at, walk.end)
     if not skipper.value(walk.depth):
         return False
@@ -573,7 +573,7 @@ def passed(walk: Walk) -> bool:
 
 
 def member_at(octets: bytes, at: int, end: int, id_: int) -> int:
-    """Return where the value of the first member with this id begins in the structure at ``at``, -1 where it is not found."""
+    """Return where the value of the first member with this id begins, in the structure at ``at``; -1 if it is not found."""
     skipper = Skipper(octets, at + 2 + _RID, end)
     if skipper.at > end or is_packed(u32(octets, at + 2)):
         return -1

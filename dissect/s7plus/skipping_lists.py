@@ -1,4 +1,4 @@
-"""Passes over the lists of variables and of their names that objects hold (`dissect.s7plus.variables` reads them)."""
+"""Passes over the lists of variables and of names in objects (`dissect.s7plus.variables` reads them)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from mypy_extensions import i64
 from dissect.s7plus.tables import VARIABLE_NUMBERS
 from dissect.wire.octets import u16
 
-#: Of a list of variables (`dissect.s7plus.variables`): its id, a variable without its numbers, its attributes within that, and
-#: by their highest four bits how many numbers of four octets there are.
+#: Octets in a list of variables: its id; a variable without its numbers; the offset of the attributes within a variable. Then
+#: by the highest four bits of the attributes: how many numbers of four octets follow.
 _LIST_ID: Final = 4
 _VARIABLE: Final = 16
 _ATTRIBUTES: Final = 9
@@ -18,7 +18,7 @@ _NUMBERS: Final = bytes(VARIABLE_NUMBERS)
 
 
 def pass_variables(octets: bytes, at: i64, limit: i64) -> tuple[i64, i64]:
-    """Pass over a list of variables behind its tag. Returns (where it ends, how many there are), (-1, 0) to be read."""
+    """Pass over a list of variables after its tag. Return (its end, its number of variables); (-1, 0) if it must be read."""
     count: i64 = 0
     begun = False
     while at + 2 <= limit:
@@ -43,7 +43,7 @@ def pass_variables(octets: bytes, at: i64, limit: i64) -> tuple[i64, i64]:
 
 
 def pass_names(octets: bytes, at: i64, limit: i64) -> tuple[i64, i64]:
-    """Pass over a list of names behind its tag. Returns (where it ends, how many there are), (-1, 0) to be read."""
+    """Pass over a list of names after its tag. Return (its end, its number of names); (-1, 0) if it must be read."""
     count: i64 = 0
     while at + 2 <= limit:
         end: i64 = at + 2 + u16(octets, at)

@@ -1,4 +1,4 @@
-"""Numbers by which it is seen that what was learned of a program or of subscriptions is still what it was."""
+"""Unique numbers that change with a program or with subscriptions, so that cached results can be checked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mypy_extensions import i64
 
 
 class _Stamps:
-    """The latest number that was given."""
+    """The latest number that was given out."""
 
     __slots__ = ("latest",)
 
@@ -20,6 +20,6 @@ _STAMPS: Final = _Stamps()
 
 
 def next_stamp() -> i64:
-    """Return a number above 0 that was not given before."""
+    """Return a number above 0 that was not given out before."""
     _STAMPS.latest += 1
     return _STAMPS.latest

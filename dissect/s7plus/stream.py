@@ -1,4 +1,4 @@
-"""S7comm-plus where nothing but its own lengths separates frames: inside TLS, whose records may join and split them."""
+"""S7comm-plus inside TLS, whose records may join and split frames, so that only their own lengths separate them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _FIRST: Final = bytes((PROTOCOL_ID,))
 
 
 class FrameStream:
-    """Cuts one direction into frames, each with its trailer if it has one. What is kept is never more than a frame.
+    """Splits one direction into frames, each with its trailer if it has one. At most one frame is kept.
 
-    A frame that no trailer follows is one of several of a PDU: it is given with the octets that come next, which tell.
+    A frame without a trailer is one of several of a PDU; only the next octets show that, so that it is returned with them.
     """
 
     __slots__ = ("_rest",)
@@ -31,9 +31,10 @@ class FrameStream:
         return len(self._rest)
 
     def push(self, octets: bytes) -> list[bytes]:
-        """Take the next octets; return the frames they complete, and what is none as it came.
+        """Take the next octets; return the frames that they complete, and other octets as they came.
 
-        A whole frame in ``octets`` ends what was unfinished before it: its length lied. One behind what is none is found.
+        If ``octets`` are a whole frame, the unfinished frame before it had a wrong length, and ends. After octets that
+        are not a frame, the next frame is searched for.
         """
         found: list[bytes] = []
         rest = self._rest
@@ -58,21 +59,21 @@ class FrameStream:
         return found
 
     def finish(self) -> bytes:
-        """Return what is left of an unfinished frame: no more of it will come."""
+        """Return the rest of an unfinished frame, as no more of it will come."""
         rest = self._rest
         self._rest = b""
         return rest
 
 
 def _is_open(octets: bytes) -> bool:
-    """Tell whether a frame lacks octets by its own length."""
+    """Return whether a frame lacks octets by its own length."""
     return len(octets) < HEADER_SIZE or len(octets) < HEADER_SIZE + u16(octets, 2)
 
 
 def _next(octets: bytes, at: i64, size: i64) -> i64:
-    """Return where behind ``at``, which begins none, the next whole frame with a trailer begins, ``size`` for nowhere."""
+    """Return where the next whole frame with a trailer begins after ``at``, where none begins; ``size`` if there is none."""
     if is_sound(octets, at, size):
-        return size  # S7comm, whose contents are its own
+        return size  # S7comm; its content is not searched
     place: i64 = octets.find(_FIRST, at + 1)
     while place >= 0 and size - place > 2 * HEADER_SIZE:
         whole: i64 = place + 2 * HEADER_SIZE + u16(octets, place + 2)
@@ -88,7 +89,7 @@ def _end(octets: bytes, at: i64, size: i64) -> i64:
         return -1
     version: i64 = octets[at + 1]
     if version == 0xFF:
-        return at + HEADER_SIZE  # a keep-alive is nothing but a header
+        return at + HEADER_SIZE  # a keep-alive is only a header
     end: i64 = at + HEADER_SIZE + u16(octets, at + 2)
     if end > size:
         return -1

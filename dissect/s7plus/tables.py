@@ -1,7 +1,7 @@
 """Code tables of S7comm-plus (docs/s7plus.md names the sources).
 
-Siemens publishes nothing about this protocol. Versions, opcodes, functions and return values are those of Thomas Wiens's
-public Wireshark plugin and of his S7CommPlusDriver; what both leave open stays a number.
+Siemens publishes nothing about this protocol. Versions, opcodes, functions and return values are those of Thomas Wiens's public
+Wireshark plugin and of his S7CommPlusDriver; codes that both leave open stay numbers.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ GET_VAR_SUBSTREAMED: Final = 0x0586
 ERROR_2: Final = 0x05A9
 INIT_SSL: Final = 0x05B3
 
-#: Functions that answer a request of any other function: it could not be carried out.
+#: Functions of a response that says that a request could not be carried out, whatever its function.
 ERRORS: Final = frozenset((ERROR, ERROR_2))
 
 FUNCTIONS: Final = CodeTable("S7comm-plus function", 4, [
@@ -102,7 +102,7 @@ TAGS: Final = CodeTable("S7comm-plus element", 2, [
     (NAMES_TAG, "list of names", "Their names, in the same order."),
 ])  # fmt: skip
 
-#: The upper four bits of a variable's attributes; beside each kind the count of numbers that end its entry.
+#: The upper four bits of a variable's attributes; each kind with the count of numbers at the end of its entry.
 VARIABLE_KINDS: Final = CodeTable("S7comm-plus kind of variable", 1, [
     (0, "array of FB instances", ""),
     (1, "plain", ""),
@@ -131,7 +131,7 @@ REFUSED_ITEM_3: Final = 0x03
 OBJECTS_ITEM: Final = 0x81
 PLAIN_VALUE_ITEM: Final = 0x83
 
-#: What begins an item of a notification.
+#: The octet that begins an item of a notification.
 NOTIFIED: Final = CodeTable("S7comm-plus notified item", 2, [
     (0x00, "end", "No item follows."),
     (REFUSED_ITEM_3, "refused", "The CPU refuses the item, and gives no reason."),
@@ -143,11 +143,11 @@ NOTIFIED: Final = CodeTable("S7comm-plus notified item", 2, [
     (UNKNOWN_ITEM, "unknown", "Four bytes of unknown meaning; two sources, in no capture."),
 ])  # fmt: skip
 
-#: Bit of the transport flags: the sender wants no answer.
+#: Bit of the transport flags: the sender wants no response.
 NO_RESPONSE: Final = 0x40
 
 PARTIAL_ERROR: Final = 19
 
 def refuses(code: int) -> bool:
-    """Tell whether the lower 16 bits of a return value say no, to the whole request or to a part of it."""
+    """Return whether the lower 16 bits of a return value refuse the whole request or a part of it."""
     return code >= 0x8000 or code == PARTIAL_ERROR

@@ -1,4 +1,4 @@
-"""How values are read, and cut into parts (docs/s7plus.md). Everything here raises `FormatError` for what does not fit."""
+"""Reads values and splits them into parts (docs/s7plus.md). Everything here raises `FormatError` for what does not fit."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ from dissect.s7plus.walk import STEP, FormatError, Walk, big_endian
 from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ
 
-#: By type: octets of those of fixed size, how those of variable size are read (0 for none), and whether they have signs. What a
-#: table of another module says takes longer to ask for each value.
+#: By type: octets if the size is fixed; the kind of a number of variable size (0 for none); whether it is signed. They are
+#: copied here because a look into another module's table takes longer, and is needed for each value.
 _SIZES: Final = bytes([FIXED_SIZES.get(type_, 0) for type_ in range(256)])
 _KINDS: Final = [VARIABLE_SIZES.get(type_, 0) for type_ in range(256)]
 _SIGNED: Final = bytes([type_ in SIGNED_TYPES for type_ in range(256)])
 _NAMES: Final[list[str]] = list(TYPE_NAMES)
-#: The bits of the exponent of a single in its first octet and in the second.
+#: The bits of the exponent of a single in its first and in its second octet.
 _EXPONENT: Final = 0x7F
 _LAST_OF_EXPONENT: Final = 0x80
 
 
 def read_value(walk: Walk, layout: Layout, start: int, label: str = "", id_: int = 0) -> Value:
-    """Read a value and cut a part of ``layout`` from ``start``, which is where what names the value begins.
+    """Read a value, and make a part of ``layout`` that begins at ``start``, with the id or number before the value.
 
-    ``label`` is the beginning of the part's note, ``id_`` the attribute or member it is the value of, 0 for another. Members
-    of a structure follow as parts of their own. Raises `FormatError`.
+    ``label`` is the beginning of the part's note. ``id_`` is the attribute or member that the value belongs to, 0 for others.
+    Members of a structure become parts of their own. Raises `FormatError`.
     """
     offset = walk.at
     walk.spend(STEP, "value")
@@ -82,11 +82,11 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
             walk.spend(1, "key")
             pairs.append((key, walk.number(VLQ, "variant") if type_ == VARIANT else _read_one(walk, type_)))
     if flags & (ARRAY | ADDRESS_ARRAY):
-        # Elements of Null have no octets: the budget alone bounds how many there are.
+        # Elements of Null have no octets: only the budget bounds their number.
         count = walk.number(VLQ, "count") if type_ == NULL else walk.counted(VLQ, "count")
         walk.spend(count, "count")
         kind = _KINDS[type_]
-        if kind:  # as lists of references are
+        if kind:  # like reference lists
             name = _NAMES[type_]
             return [walk.number(kind, name) for _ in range(count)]
         return [_read_one(walk, type_) for _ in range(count)]
@@ -94,7 +94,7 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
 
 
 def _read_one(walk: Walk, type_: int) -> object:
-    """Read one element without its flags and type."""
+    """Read one element, which has no flags and type."""
     size: i64 = _SIZES[type_]
     if size:
         at: i64 = walk.at
@@ -108,7 +108,7 @@ def _read_one(walk: Walk, type_: int) -> object:
         if _SIGNED[type_] and number >> 8 * size - 1:
             number -= 1 << 8 * size
         if type_ == BOOL and number < 2:
-            return number != 0  # not as a conditional expression: compiled, that is a number
+            return number != 0  # not as a conditional expression, which becomes a number in compiled code
         return number
     kind = _KINDS[type_]
     if kind:
@@ -129,14 +129,14 @@ def _read_one(walk: Walk, type_: int) -> object:
 def _read_single(octets: bytes, at: i64) -> float | bytes:
     if octets[at] & _EXPONENT != _EXPONENT or octets[at + 1] < _LAST_OF_EXPONENT:
         return read_f32_be(octets, at)
-    # Neither a number nor an infinity perhaps. A signalling NaN does not survive the way through a double: its octets are kept.
+    # This may be a NaN or an infinity. A signalling NaN would not survive the conversion to double: its octets are kept.
     kept = octets[at : at + 4]
     single: float = FLOAT.unpack(kept)[0]
     return single if FLOAT.pack(single) == kept else kept
 
 
 def _read_variant(walk: Walk) -> Value:
-    """Read a value inside a value; it stays within the part of the outer one."""
+    """Read a value inside a value; it stays within the part of the outer value."""
     offset = walk.at
     flags = walk.u8("flags")
     type_ = walk.u8("type")
@@ -147,7 +147,7 @@ def _read_variant(walk: Walk) -> Value:
         struct: bool = type_ == STRUCT
         content = _read_struct(walk, flags, MEMBER, offset, "") if struct else _read_content(walk, flags, type_)
     finally:
-        walk.shown = shown  # also for what is left where it does not fit
+        walk.shown = shown  # also for the octets after a fault
     walk.depth -= 1
     return Value(flags, type_, content, offset, walk.at)
 
@@ -172,9 +172,9 @@ def _read_blob(walk: Walk) -> Blob:
 
 
 def parse_content(flags: int, type_: int, octets: bytes) -> Value | None:
-    """Return the value whose content ``octets`` are, None when they are not one content and nothing else.
+    """Return the value whose content is ``octets``; None if they are not exactly one content.
 
-    Not for structures, whose content here ends where their members begin.
+    Not for structures, whose content ends here before their members.
     """
     walk = Walk(octets, 0, len(octets), False)
     try:
@@ -185,7 +185,7 @@ def parse_content(flags: int, type_: int, octets: bytes) -> Value | None:
 
 
 def _look_into_blobs(walk: Walk, value: Value) -> None:
-    """Note the compressed blobs among the contents of a value, and those of them that do not keep what they promise."""
+    """Note the compressed blobs in a value, and the faults of those that are not sound."""
     content = value.content
     found = content if isinstance(content, list) else [(0, content)]
     for key, one in [pair for pair in found if isinstance(pair, tuple)]:
@@ -202,7 +202,7 @@ def _look_into_blobs(walk: Walk, value: Value) -> None:
 
 
 def _read_struct(walk: Walk, flags: int, layout: Layout, start: int, label: str) -> object:
-    """Read a structure behind its flags and type; the part ends where its members begin."""
+    """Read a structure after its flags and type; its part ends where its members begin."""
     if flags & SPARSE_ARRAY:
         walk.part(layout, start, f"{label}sparse array of structures")
         return _read_sparse_structs(walk)

@@ -11,7 +11,7 @@ ARRAY: Final = 0x10
 ADDRESS_ARRAY: Final = 0x20
 SPARSE_ARRAY: Final = 0x40
 
-#: Combinations that captures hold. Bit 7 changes nothing in the layout; a CPU 1511 with firmware 1.0 sets it.
+#: Combinations that captures have. Bit 7 does not change the layout; a CPU 1511 with firmware 1.0 sets it.
 VALUE_FLAGS: Final = CodeTable("S7comm-plus value flags", 2, [
     (0x00, "scalar", "One value."),
     (0x10, "array", "A count and as many values."),
@@ -75,23 +75,23 @@ VALUE_TYPES: Final = CodeTable("S7comm-plus value type", 2, [
     (STRUCT, "Struct", "An id, then members with ids, or packed bytes."),
 ])  # fmt: skip
 
-#: Their names by number, empty for what is no type: a look into a tuple where every value passes.
+#: The names by type, empty for unknown types: a tuple, because it is used for each value.
 TYPE_NAMES: Final = tuple([VALUE_TYPES.name(type_) if type_ in VALUE_TYPES else "" for type_ in range(256)])
 
-#: Octets of the types that have a fixed size.
+#: Octets of types of fixed size.
 FIXED_SIZES: Final[dict[int, int]] = {
     BOOL: 1, USINT: 1, SINT: 1, BYTE: 1, UINT: 2, INT: 2, WORD: 2, DWORD: 4, REAL: 4, RID: 4, LWORD: 8, LREAL: 8, TIMESTAMP: 8,
 }  # fmt: skip
 
-#: Those of the types that are numbers of variable size.
+#: Kinds of the types that are numbers of variable size.
 VARIABLE_SIZES: Final[dict[int, int]] = {
     UDINT: VLQ, AID: VLQ, ULINT: VLQ64, DINT: SIGNED, LINT: SIGNED64, TIMESPAN: SIGNED64,
 }  # fmt: skip
 
-#: Types whose numbers are two's complement.
+#: Types of signed numbers (two's complement).
 SIGNED_TYPES: Final = frozenset((SINT, INT, DINT, LINT, TIMESPAN))
-#: Types that people read as a pattern of bits.
+#: Types that people read as bit patterns.
 BIT_TYPES: Final = frozenset((BYTE, WORD, DWORD, LWORD))
 
-#: Flag of a packed structure: its count stands there twice.
+#: Flag of a packed structure: its count is sent twice.
 PACKED_COUNT_TWICE: Final = 0x400

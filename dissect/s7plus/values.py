@@ -1,6 +1,6 @@
-"""Values: flags, a type, and a content that both decide (docs/s7plus.md). What they are, and how they are written.
+"""Values: flags, a type, and a content that depends on both (docs/s7plus.md). This module builds their octets as well.
 
-`dissect.s7plus.value_reading` reads them, `dissect.s7plus.value_showing` shows them.
+`dissect.s7plus.value_reading` reads values, `dissect.s7plus.value_showing` shows them.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _TYPE_NAMES: Final[list[str]] = [VALUE_TYPES.name(type_) for type_ in range(256)
 
 
 class Value:
-    """A value. ``content`` is what ``flags`` and ``type`` make it.
+    """A value. ``flags`` and ``type`` decide what ``content`` is.
 
-    That is a number, a bool or a float; a text, or its octets where they are no UTF-8 (WString); a `Blob`; a `Struct` or
-    `Packed`, with an array flag `Rows`; None for Null; a `Value` for a Variant. Arrays are lists of these, sparse arrays lists
-    of (key, content).
+    It is a number, a bool or a float; a text, or octets if they are not UTF-8 (WString); a `Blob`; a `Struct` or `Packed`, or
+    `Rows` with an array flag; None for Null; a `Value` for a Variant. Arrays are lists of these, sparse arrays lists of (key,
+    content).
     """
 
     __slots__ = ("content", "end", "flags", "offset", "type")
@@ -44,7 +44,7 @@ class Value:
         self.flags = flags
         self.type = type_
         self.content = content
-        self.offset = offset  # of its flags, and behind its last octet
+        self.offset = offset  # offset of the flags; ``end`` is the offset after the last octet
         self.end = end
 
     def __eq__(self, other: object) -> bool:
@@ -63,7 +63,7 @@ class Value:
 
     @property
     def array(self) -> bool:
-        """True for an array that counts its elements."""
+        """True for an array with a count of elements."""
         return self.flags & (ARRAY | ADDRESS_ARRAY) != 0 and not self.sparse
 
     @property
@@ -78,7 +78,7 @@ Member = tuple[int, Value]
 
 
 class Struct:
-    """A structure whose members stand there one by one."""
+    """A structure with separate members."""
 
     __slots__ = ("id", "members")
 
@@ -87,12 +87,12 @@ class Struct:
         self.members = members
 
     def find(self, id_: int) -> Value | None:
-        """Return the first member of this id."""
+        """Return the first member with this id; None if there is none."""
         return find_member(self.members, id_)
 
 
 class Rows:
-    """An array of structures: one id, and the members of each."""
+    """An array of structures: one id for all, and the members of each."""
 
     __slots__ = ("id", "rows")
 
@@ -102,7 +102,7 @@ class Rows:
 
 
 class Packed:
-    """A structure of the program, as its octets. ``time`` is that of its interface, ``octets`` the content."""
+    """A structure of the program, as octets. ``time`` is the time of its interface, ``octets`` its content."""
 
     __slots__ = ("flags", "id", "octets", "time")
 
@@ -114,7 +114,7 @@ class Packed:
 
 
 class Blob:
-    """Octets behind the id of a root. A root above 1 has ``head`` (8 octets), ``kind`` and for kind 0 ``members``.
+    """Octets after the id of a root. A ``root`` above 1 has a ``head`` (8 octets), ``kind``, and for kind 0 ``members``.
 
     ``end`` is where the octets end within what they were read from.
     """
@@ -139,7 +139,7 @@ class Blob:
 
 
 def find_member(members: list[Member], id_: int) -> Value | None:
-    """Return the first member of a list with this id, None when there is none."""
+    """Return the first member of a list with this id; None if there is none."""
     for known, value in members:
         if known == id_:
             return value
@@ -150,7 +150,7 @@ def find_member(members: list[Member], id_: int) -> Value | None:
 
 
 def build_value(value: Value) -> bytes:
-    """Return the octets of a value. Raises ValueError or TypeError for a content that its flags and type do not take."""
+    """Return the octets of a value. Raises ValueError or TypeError if the content does not fit flags and type."""
     return bytes((value.flags, value.type)) + _build_content(value)
 
 
@@ -217,5 +217,5 @@ def _build_blob(blob: Blob) -> bytes:
 
 
 def build_members(members: list[Member]) -> bytes:
-    """Return the octets of a list of ids and values with its end."""
+    """Return the octets of a list of ids and values, with its end."""
     return b"".join([build_varint(id_, VLQ) + build_value(value) for id_, value in members]) + b"\0"

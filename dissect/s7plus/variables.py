@@ -1,6 +1,6 @@
-"""Lists of the variables of a block: what they are (0xAB), what they are called (0xAC), and the older form of both (0xA7).
+"""Lists of the variables of a block (0xAB) and of their names (0xAC), and an older form that has both (0xA7).
 
-The numbers of the first list have their lowest octet first, unlike everything else (docs/s7plus.md).
+The numbers in the first list are little-endian, unlike everything else (docs/s7plus.md).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dissect.wire.varint import SIGNED, VLQ
 _HEAD: Final = struct.Struct("<IIB")
 _OFFSETS: Final = struct.Struct("<BHH")
 
-# Kinds of variables (`dissect.s7plus.tables.VARIABLE_KINDS`), and where their numbers say what.
+# Kinds of variables (`dissect.s7plus.tables.VARIABLE_KINDS`), and the meaning of their numbers by position.
 _FB_ARRAY: Final = 0
 _PLAIN: Final = 1
 _PLAIN_BOTH: Final = 8
@@ -44,9 +44,9 @@ _ARRAYS: Final = frozenset((_FB_ARRAY, 3, 4, 6, 7, 10, 11, 13, 14))
 _SEVERAL: Final = frozenset((_FB_ARRAY, 4, 7, 11, 14))
 _TYPE_ID: Final[dict[int, int]] = {_FB_ARRAY: 2, 5: 2, 12: 2, 15: 2, 6: 6, 13: 6, 7: 18, 14: 18}
 _ELEMENT_SIZES: Final[dict[int, int]] = {6: 4, 13: 4, 7: 16, 14: 16}
-#: Octets of a list of nothing: the length of a block that is none.
+#: Octets of an empty list: a block length of 0.
 _NO_BLOCK: Final = 2
-#: Datatype of a bit that stands alone in an array of bits.
+#: Datatype of the elements of an array of bits.
 _BBOOL: Final = 40
 
 
@@ -55,9 +55,9 @@ def _signed(number: int) -> int:
 
 
 class Variable:
-    """A variable of a block: its LID, the CRC of its symbol, its type in the program, and where it stands.
+    """A variable of a block: its LID, the CRC of its symbol, its type in the program, and its offsets.
 
-    ``attributes`` are 16 bits (`dissect.s7plus.layouts.VARIABLE`); ``numbers`` as many as its kind has.
+    ``attributes`` are 16 bits (`dissect.s7plus.layouts.VARIABLE`); ``numbers`` are as many as its kind has.
     """
 
     __slots__ = ("attributes", "bit_offsets", "crc", "datatype", "lid", "numbers", "offset_1", "offset_2")
@@ -84,12 +84,12 @@ class Variable:
 
     @property
     def kind(self) -> int:
-        """What its numbers are (`dissect.s7plus.tables.VARIABLE_KINDS`)."""
+        """The kind of the variable, which says what its numbers mean (`dissect.s7plus.tables.VARIABLE_KINDS`)."""
         return self.attributes >> 12
 
     @property
     def datatype_name(self) -> str:
-        """Name of its type, that of the elements for an array."""
+        """Name of the type; for an array, the type of its elements."""
         return DATATYPES.name(self.datatype)
 
     @property
@@ -99,14 +99,14 @@ class Variable:
 
     @property
     def count(self) -> int:
-        """Elements of an array, in all dimensions; 0 for anything else."""
+        """Number of elements of an array, in all dimensions together; 0 for other variables."""
         if self.kind == _FB_ARRAY:
             return self.numbers[9]
         return self.numbers[3] if self.is_array else 0
 
     @property
     def dimensions(self) -> list[tuple[int, int]]:
-        """Lower bound and count of each dimension of an array, that which counts fastest first."""
+        """Lower bound and count of each dimension of an array; the dimension that counts fastest comes first."""
         if not self.is_array:
             return []
         if self.kind not in _SEVERAL:
@@ -117,17 +117,17 @@ class Variable:
 
     @property
     def type_id(self) -> int:
-        """Id of the type of a structure or an FB instance, or of the elements of an array of them; 0 for anything else."""
+        """Id of the type of a structure or FB instance, or of such elements of an array; 0 for other variables."""
         at = _TYPE_ID.get(self.kind, -1)
         return self.numbers[at] if at >= 0 else 0
 
     @property
     def most_characters(self) -> int:
-        """Maximal length of a String or WString as declared, 0 where it is not known."""
+        """Declared maximum length of a String or WString, 0 if it is not known."""
         return self.offset_1 if self.kind in _STRINGS or (self.is_array and not self.type_id) else 0
 
     def offset(self, classic: bool) -> int:
-        """Return where the variable stands within its structure, in the classic or in the optimised layout."""
+        """Return the offset of the variable within its structure, in the classic or in the optimised layout."""
         if self.kind == _PLAIN:
             return self.offset_1 if classic else self.offset_2
         if self.kind == _PLAIN_BOTH:
@@ -135,18 +135,18 @@ class Variable:
         return self.numbers[1 if classic else 0]
 
     def bit(self, classic: bool) -> int:
-        """Return the number of its bit, in the classic or in the optimised layout."""
+        """Return the number of the variable's bit, in the classic or in the optimised layout."""
         if self.datatype == _BBOOL and not classic:
             return self.bit_offsets & 7
         return self.bit_offsets >> 4 & 7 if classic and self.bit_offsets & 8 else self.attributes & 7
 
     def element_size(self, classic: bool) -> int:
-        """Return the octets of an element of an array of structures, 0 where they are not known."""
+        """Return the octets of an element of an array of structures, 0 if not known."""
         at = _ELEMENT_SIZES.get(self.kind, -1)
         return self.numbers[at if classic else at + 1] if at >= 0 else 0
 
     def index_text(self, index: int) -> str:
-        """Return the indices of an element as the program writes them: ``[3]``, ``[2,0]``; empty for one that is not there."""
+        """Return the indices of an element as the program writes them: ``[3]``, ``[2,0]``; empty if it does not exist."""
         dimensions = self.dimensions
         if not 0 <= index < self.count and self.datatype != _BBOOL:
             return ""
@@ -166,9 +166,9 @@ class Variable:
 
 
 class VariableList:
-    """The variables of a block, in blocks of octets as they were sent; ``first`` begins the first of these.
+    """The variables of a block, in the blocks in which they were sent; ``first`` is the number before the first block.
 
-    Where nobody looked yet, ``octets`` hold the list behind its tag, and it is read at the first question.
+    The list may be read only when it is needed: until then ``octets`` hold it, after its tag.
     """
 
     __slots__ = ("_blocks", "_octets", "count", "first")
@@ -181,7 +181,7 @@ class VariableList:
 
     @property
     def blocks(self) -> list[list[Variable]]:
-        """The variables of each block of octets."""
+        """The variables in each block of the list."""
         if self._octets:
             self._blocks = _read_blocks(Walk(self._octets, 0, len(self._octets), False))[1]
             self._octets = b""
@@ -205,7 +205,7 @@ class NameList:
 
     @property
     def blocks(self) -> list[list[bytes]]:
-        """The names of each block of octets."""
+        """The names in each block of the list."""
         if self._octets:
             self._blocks = _read_name_blocks(Walk(self._octets, 0, len(self._octets), False))
             self._octets = b""
@@ -218,7 +218,7 @@ class NameList:
 
 
 class TagDescription:
-    """A variable of an S7-1200 with firmware 2: its LID, name and type; ``octets`` are all of it but its tags."""
+    """A variable of an S7-1200 with firmware 2: its LID, name and type; ``octets`` are the description without its tags."""
 
     __slots__ = ("datatype", "lid", "name", "octets")
 
@@ -230,7 +230,7 @@ class TagDescription:
 
 
 def read_variables(walk: Walk) -> VariableList:
-    """Read a list of variables behind its tag. Raises `FormatError`."""
+    """Read a list of variables after its tag. Raises `FormatError`."""
     walk.part(VARIABLE_LIST, walk.at - 1)
     walk.enter("variables")
     if not walk.shown:
@@ -268,7 +268,7 @@ def _read_blocks(walk: Walk) -> tuple[int, list[list[Variable]]]:
 
 
 def _next_block(walk: Walk) -> int:
-    """Read the length of a block; return where it ends, 0 for the end of the list."""
+    """Read the length of a block; return where the block ends, 0 at the end of the list."""
     at = walk.at
     length = walk.fixed(2, "block length")
     walk.part(LIST_BLOCK, at)
@@ -296,7 +296,7 @@ def _read_variable(walk: Walk, end: int) -> Variable:
 
 
 def read_names(walk: Walk) -> NameList:
-    """Read a list of names behind its tag. Raises `FormatError`."""
+    """Read a list of names after its tag. Raises `FormatError`."""
     walk.part(NAME_LIST, walk.at - 1)
     walk.enter("names")
     if not walk.shown:
@@ -328,7 +328,7 @@ def _read_name_blocks(walk: Walk) -> list[list[bytes]]:
 
 
 def read_tag_description(walk: Walk) -> TagDescription:
-    """Read an old description of a variable behind its tag, with the tag that ends it. Raises `FormatError`."""
+    """Read an old description of a variable after its tag, with its end tag. Raises `FormatError`."""
     start = walk.at
     kind = walk.u8("kind")
     name = walk.take(walk.counted(VLQ, "name length"), "name").decode("utf-8", "replace")
@@ -376,7 +376,7 @@ def _numbers(walk: Walk, count: int) -> None:
 
 
 def build_variables(found: VariableList) -> bytes:
-    """Return a list of variables with its tag. Raises struct.error for numbers that do not fit."""
+    """Return the octets of a list of variables with its tag. Raises struct.error for numbers that do not fit."""
     blocks = [b"".join([_build_variable(variable) for variable in block]) for block in found.blocks]
     if blocks:
         blocks[0] = found.first.to_bytes(4, "big") + blocks[0]
@@ -393,7 +393,7 @@ def _build_variable(variable: Variable) -> bytes:
 
 
 def build_names(found: NameList) -> bytes:
-    """Return a list of names with its tag. Raises ValueError for a name of more than 255 octets."""
+    """Return the octets of a list of names with its tag. Raises ValueError for a name of more than 255 octets."""
     blocks = [b"".join([bytes((len(name),)) + name + b"\0" for name in block]) for block in found.blocks]
     return bytes((NAMES_TAG,)) + _build_blocks(blocks)
 
@@ -403,5 +403,5 @@ def _build_blocks(blocks: list[bytes]) -> bytes:
 
 
 def build_tag_description(found: TagDescription) -> bytes:
-    """Return an old description of a variable with its tags."""
+    """Return the octets of an old description of a variable with its tags."""
     return bytes((TAG_DESCRIPTION_TAG,)) + found.octets + bytes((TAG_DESCRIPTION_END_TAG,))

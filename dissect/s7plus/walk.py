@@ -1,4 +1,4 @@
-"""How the contents of a PDU are walked over: one number, text or part after another, and one way to say what is wrong."""
+"""`Walk`: reads the contents of a PDU, one number, text or part after another, and reports faults in a uniform way."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from dissect.wire.octets import u16, u32
 from dissect.wire.part import OCTETS, SURPLUS, Part
 from dissect.wire.varint import VLQ64, read_varint
 
-#: Levels of objects and values inside each other; the deepest in captures have seven.
+#: Nested objects and values that are read; the deepest in captures have seven levels.
 MAX_DEPTH: Final = 40
-#: Parts that are kept of one PDU; what comes after them is read and counted, and shown as octets.
+#: Parts of one PDU that are kept; later ones are read and counted, and shown as octets.
 MAX_PARTS: Final = 100_000
-#: What a value, an object, a variable, an address or a refusal costs; an element of an array and an id cost 1.
+#: Work for a value, an object, a variable, an address or a refusal; an element of an array and an id cost 1.
 STEP: Final = 5
-#: Work on a PDU that somebody waits for: what it costs to judge it. The largest of the captures at hand takes a fiftieth.
+#: Most work that judging a PDU may cost. The largest PDU in the captures at hand takes a fiftieth.
 MAX_WORK: Final = 500_000
-#: Reason of a fault that is none: the budget of a bounded walk is spent.
+#: The reason when the budget of a bounded walk is used up, which is not a fault of the PDU.
 EXHAUSTED: Final = "exhausted"
 
 
 class FormatError(Exception):
-    """Something does not fit; it never leaves this room. The arguments are those of `Malformed`."""
+    """Something does not fit; this never leaves the package. The arguments are those of `Malformed`."""
 
     def __init__(self, reason: str, field: str, at: int, needed: int, available: int) -> None:
         super().__init__(reason)
@@ -49,10 +49,11 @@ def big_endian(octets: bytes, at: int, size: int) -> int:
 
 
 class Wanted:
-    """What somebody will ask for, so that the rest may be passed over.
+    """What is needed of a PDU, so that the rest may be skipped.
 
-    ``attributes`` are those of objects (`dissect.s7plus.skipping.table`), and those whose written values are; ``written`` says
-    that all of these are. ``items`` are the numbers of the values in an answer, None for all.
+    ``attributes``: a table of the attributes of objects (`dissect.s7plus.skipping.table`), which also applies to written
+    values, unless ``written`` says that all of these are needed. ``items``: the numbers of the values in a response, None for
+    all.
     """
 
     __slots__ = ("attributes", "items", "written")
@@ -64,15 +65,14 @@ class Wanted:
 
 
 class Walk:
-    """Walks over ``octets[at:end]`` and raises `FormatError` where they end too soon.
+    """Reads ``octets[at:end]`` and raises `FormatError` if they end too soon.
 
-    ``parts`` are cut only with ``shown``. Values, objects and elements of arrays count against a ``budget``: by default more
-    than the octets can hold, so that only elements without octets are stopped; with ``most`` the walk ends there, which is no
-    fault of its sender; such a walk is ``hurried``, and compressed blobs are inflated only where they may swell (`may_swell`),
-    and none behind the first that is unsound.
-    ``wanted`` is what somebody will ask for, None for everything.
-    ``blobs`` are (offset, end) of these blobs, ``faults`` what does not stop the walk, ``uncut`` counts the parts after
-    `MAX_PARTS`.
+    ``parts`` are made only if ``shown``. Values, objects and elements of arrays count against a ``budget``. By default it is
+    more than the octets can hold, so that it only stops elements without octets. With ``most``, the walk ends when that is used
+    up, which is not a fault of the sender. Such a walk is ``hurried``: it inflates only compressed blobs that may swell
+    (`may_swell`), and none after the first that is not sound.
+    ``wanted``: what is needed, None for everything. ``blobs``: (offset, end) of compressed blobs. ``faults``: faults that do
+    not stop the walk. ``uncut`` counts the parts after `MAX_PARTS`.
     """
 
     __slots__ = (
@@ -102,12 +102,12 @@ class Walk:
         self.end = min(end, len(octets))
         self.shown = shown
         self.parts: list[Part] = []
-        self.parts_end = at  # of the last part
+        self.parts_end = at  # where the last part ends
         self.uncut = 0
         self.depth = 0
         self.blobs: list[tuple[int, int]] = []
         self.faults: list[FormatError] = []
-        self.inflating = MAX_INFLATED  # octets that blobs may yet become
+        self.inflating = MAX_INFLATED  # octets that further blobs may become
         self.budget = 3 * len(octets) + 1024
         self.hurried = most > 0
         self.bounded = 0 < most < self.budget
@@ -116,16 +116,16 @@ class Walk:
 
     @property
     def left(self) -> int:
-        """Octets that are still there."""
+        """Octets that are left."""
         return self.end - self.at
 
     @property
     def full(self) -> bool:
-        """True when no more is shown: what was read only to be shown need not be kept."""
+        """True if no more parts are kept, so that values for display need not be kept either."""
         return self.shown and len(self.parts) >= MAX_PARTS
 
     def need(self, size: int, field: str) -> None:
-        """Raise `FormatError` unless ``size`` octets are there."""
+        """Raise `FormatError` unless ``size`` octets are left."""
         if size > self.end - self.at:
             raise FormatError("too_short", field, self.at, size, max(0, self.end - self.at))
 
@@ -150,7 +150,7 @@ class Walk:
         return self.octets[at : at + size]
 
     def number(self, kind: int, field: str) -> int:
-        """Read a number of variable size (`dissect.wire.varint`). Raises `FormatError` where it is cut off."""
+        """Read a number of variable size (`dissect.wire.varint`). Raises `FormatError` if it is cut off."""
         at = self.at
         octets = self.octets
         if kind >= VLQ64 and at + 1 < self.end:  # unsigned; most have one octet or two
@@ -169,7 +169,7 @@ class Walk:
         return value
 
     def counted(self, kind: int, field: str) -> int:
-        """Read a count of things that take one octet or more each. Raises `FormatError` for more than there can be."""
+        """Read a count of elements of at least one octet each. Raises `FormatError` if there cannot be so many."""
         at = self.at
         count = self.number(kind, field)
         if count > self.left:
@@ -181,7 +181,7 @@ class Walk:
         return self.octets[self.at] if self.at < self.end else -1
 
     def spend(self, cost: int, field: str) -> None:
-        """Count work against the budget. Raises `FormatError` when it is used up."""
+        """Count work against the budget. Raises `FormatError` if it is used up."""
         self.budget -= cost
         if self.budget < 0:
             raise FormatError(EXHAUSTED if self.bounded else "count_mismatch", field, self.at, cost, 0)
@@ -193,7 +193,7 @@ class Walk:
             raise FormatError("bad_value", f"depth of {field}", self.at, MAX_DEPTH, self.depth)
 
     def part(self, layout: Layout, start: int, note: str = "", deeper: int = 0) -> None:
-        """Cut the part that begins at ``start`` and ends here."""
+        """Make a part from ``start`` up to the current offset."""
         if not self.shown:
             return
         if self.full:
@@ -206,7 +206,7 @@ class Walk:
         self.parts_end = self.at
 
     def rest(self, malformed: list[Malformed], fault: FormatError | None = None, limit: str = "tsdu") -> None:
-        """Cut what is left of the walk as octets, and tell the fault that ended it."""
+        """Make a part of the octets that are left, and report the fault that ended the walk."""
         faults = self.faults
         if fault is not None and fault.reason != EXHAUSTED:
             faults = [*faults, fault]

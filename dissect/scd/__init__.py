@@ -12,7 +12,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Final
 
-#: Each public name, the module that defines it, and its name there.
+#: The public names; for each the module that defines it, and its name there.
 _PUBLIC: Final = {
     "Codec": ("dissect.scd.codec", "Codec"),
     "Dictionary": ("dissect.scd.dictionary", "Dictionary"),
@@ -62,5 +62,5 @@ else:
         return value
 
     def __dir__() -> list[str]:
-        """Give the public names besides what is loaded."""
+        """Return the public names, besides those that are loaded."""
         return sorted({*globals(), *_PUBLIC})

@@ -1,4 +1,4 @@
-"""From checked records to what is used: variables with their offsets, structs, objects."""
+"""Builds what is used from checked records: variables with their offsets, structs, objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COUNT: Final = "count"
 def assemble_types(
     records: Iterable[TypeRecord], time_scale: str = "utc", encoding: str = "utf-8"
 ) -> dict[int, SimpleType]:
-    """Return the simple types by index, the standard ones included, in the form the dictionary has them."""
+    """Return the simple types by index, with the standard ones, in the form that the dictionary gives them."""
     own = {row.index: SimpleType(row.index, row.name, Kind(row.kind), row.bits) for row in records}
     return {index: formed(kind, time_scale, encoding) for index, kind in {**STANDARD, **own}.items()}
 
@@ -28,7 +28,7 @@ def type_of(code: int, bits: int, simple: Mapping[int, SimpleType]) -> SimpleTyp
 
 
 def assemble_struct(record: StructRecord, simple: Mapping[int, SimpleType]) -> StructType:
-    """Return a DEFSTRUCT; a field's access "" is left to the object."""
+    """Return a DEFSTRUCT; a field with access "" takes that of the object."""
     fields = _fields(record.fields, simple, record.index, record.name, "", False, True, ())
     return StructType(record.index, record.name, fields, _end(fields))
 
@@ -36,7 +36,7 @@ def assemble_struct(record: StructRecord, simple: Mapping[int, SimpleType]) -> S
 def assemble_object(
     record: ObjectRecord, simple: Mapping[int, SimpleType], structs: Mapping[int, StructType]
 ) -> Object:
-    """Return an object; what its struct leaves open (access, whether it can be mapped, defaults) is the object's."""
+    """Return an object; what its struct leaves open (access, mapping, defaults) comes from the object."""
     row = record
     if row.object_class == NULL:
         return Object(row.index, NULL, row.name, None, row.access, row.mandatory, None, (), 0, {})
@@ -86,7 +86,7 @@ def _record(row: ObjectRecord, simple: Mapping[int, SimpleType], struct: StructT
 
 
 def _head(row: ObjectRecord, access: Access, count: int) -> Variable:
-    """Return sub-index 0: Unsigned 8, no part of the data (R60, R69, R70)."""
+    """Return sub-index 0: Unsigned 8, not part of the data (R60, R69, R70)."""
     return Variable(row.index, 0, COUNT, f"{row.name}.{COUNT}", UINT8, 8, 0, access, row.mandatory, False, count)
 
 
@@ -140,7 +140,7 @@ def _value(plain: Plain, kind: SimpleType, bits: int) -> Value | None:
 
 
 def readout_object(struct: StructType) -> Object:
-    """Return what a device may show at the index of a DEFSTRUCT: number of fields, then their type codes (R59)."""
+    """Return what a device may return at the index of a DEFSTRUCT: number of fields, then their type codes (R59)."""
     count, *codes = struct.readout()
     head = Variable(struct.index, 0, COUNT, f"{struct.name}.{COUNT}", UINT8, 8, 0, "const", False, False, count)
     fields = tuple(

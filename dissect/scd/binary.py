@@ -25,10 +25,10 @@ from dissect.scd.types import ENCODINGS
 
 MAGIC: Final = b"\x89SCD\r\n\x1a\n"
 MAJOR: Final = 1
-#: Minor version 1 has the encoding of strings behind the other fields; a dictionary in UTF-8 is still written as 0.
+#: Minor version 1 adds the encoding of strings after the other fields; a dictionary in UTF-8 is still written as 0.
 MINOR: Final = 1
 HEADER_SIZE: Final = 64
-#: No dictionary is larger.
+#: Octets of the largest dictionary.
 MAX_FILE: Final = 64 << 20
 
 _HEADER: Final = struct.Struct("<8sBBHII12s32s")
@@ -40,7 +40,7 @@ _POSITION: Final = re.compile(r"\(byte (\d+)\)")
 def build_file(body: Body) -> bytes:
     """Return the compiled file of checked records; the same records always give the same octets.
 
-    Raises `DictionaryError` when it would be larger than a dictionary may be.
+    Raises `DictionaryError` if the file would be larger than `MAX_FILE`.
     """
     octets, minor = _content(body)
     size = HEADER_SIZE + len(octets)
@@ -51,14 +51,14 @@ def build_file(body: Body) -> bytes:
 
 
 def _content(body: Body) -> tuple[bytes, int]:
-    """Return the octets of the records, and the minor version whose fields they are."""
+    """Return the octets of the records, and the minor version that they need."""
     if body.encoding != ENCODINGS[0]:
         return _ENCODER.encode(body), MINOR
     return _ENCODER.encode(msgspec.structs.astuple(body)[:-1]), 0
 
 
 def parse_file(octets: bytes, path: str = "") -> Body:
-    """Return the records of a compiled file; what they mean is still to be checked. Raises `DictionaryError`."""
+    """Return the records of a compiled file, which are still to be checked. Raises `DictionaryError`."""
     try:
         return _parse(octets)
     except DictionaryError as error:
@@ -67,7 +67,7 @@ def parse_file(octets: bytes, path: str = "") -> Body:
 
 
 def is_compiled(octets: bytes) -> bool:
-    """Whether a file begins like a compiled dictionary, were it damaged after the fourth octet."""
+    """Return whether a file begins like a compiled dictionary, even if it is damaged after the fourth octet."""
     return octets[:4] == MAGIC[:4]
 
 
@@ -121,7 +121,7 @@ def _decode(content: memoryview, start: int) -> Body:
 
 
 def wire_id(body: Body) -> bytes:
-    """Return SHA-256 over what decides decoding: all of the records but names, texts, units and limits."""
+    """Return SHA-256 over everything that decoding depends on: all of the records but names, texts, units and limits."""
     deciding: tuple[object, ...] = (
         body.time_scale,
         [(row.index, row.kind, row.bits) for row in body.types],

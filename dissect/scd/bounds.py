@@ -1,7 +1,7 @@
-"""What a source may not do before it is read: nest without end, write numbers that no field holds.
+"""Bounds of a source that are checked before it is read: nesting, and sizes of numbers.
 
-Python's TOML and JSON take both; what is made of them later (texts of errors, copies for devices) would then fail in ways
-that have nothing to do with dictionaries.
+Python's TOML and JSON accept more. But later (texts of errors, copies for devices) that would fail in ways that have nothing to
+do with dictionaries.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from typing import Final
 
 from dissect.scd.errors import DictionaryError, shown
 
-#: Whole numbers of a source fit 64 bits, with a sign or without one.
+#: Whole numbers of a source fit 64 bits, signed or unsigned.
 LOWEST: Final = -(1 << 63)
 HIGHEST: Final = (1 << 64) - 1
-#: Tables and arrays inside each other; the text of a value of a field of a type is the seventh.
+#: Most nested tables and arrays; the text for a value of a field of a type is on level seven.
 MAX_DEPTH: Final = 16
-#: A longer key is cut in errors.
+#: Longer keys are cut in errors.
 _LONGEST_KEY: Final = 100
 
 _KEY: Final = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*\"|'[^'\n]*')"
-#: tomllib needs memory by the square of the parts of a dotted key.
+#: A dotted key with so many parts that tomllib needs too much memory, which grows with the square of the parts.
 _LONG_KEY: Final = re.compile(rf"(?<![A-Za-z0-9_-]){_KEY}(?:[ \t]*\.[ \t]*{_KEY}){{{MAX_DEPTH}}}")
 _LONG_NUMBER: Final = re.compile(r"(?<![\w\"'.-])[0-9][0-9_]{4000}")
 
 
 def long_key_line(text: str) -> int:
-    """Return the line of a dotted key with more parts than tables may nest, 0 where there is none.
+    """Return the line of a dotted key with more parts than tables may nest, 0 if there is none.
 
-    Looks at the text alone, so also where it is a value: sixteen words with points between them.
+    It looks at the text only, so that a value is found as well: sixteen words with points between them.
     """
     return _line(text, _LONG_KEY)
 
 
 def long_number_line(text: str) -> int:
-    """Return the line of a decimal number with more digits than Python reads, 0 where there is none."""
+    """Return the line of a decimal number with more digits than Python reads, 0 if there is none."""
     return _line(text, _LONG_NUMBER)
 
 
@@ -45,7 +45,7 @@ def _line(text: str, pattern: re.Pattern[str]) -> int:
 
 
 def check_bounds(content: object, where: str, line: int = 0) -> None:
-    """Raise `DictionaryError` with the place for what nests too deep, or is a whole number of more than 64 bits.
+    """Raise `DictionaryError` with the place of what nests too deeply, or of a whole number of more than 64 bits.
 
     ``content`` is one table of a source, ``where`` its name, ``line`` its line.
     """

@@ -1,6 +1,6 @@
-"""The rules a dictionary keeps (R57-R96), checked on its records whatever they come from.
+"""The rules of a dictionary (R57-R96), checked on its records, whatever they come from.
 
-The mappings of PDOs are checked where they are placed (`mapping`), as their targets have to be there first.
+The mappings of PDOs are checked where they are placed (`mapping`), because their targets must exist before.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class _Entry(Protocol):
 
 
 def check_body(body: Body) -> None:
-    """Raise `DictionaryError` with the place and the rule for the first thing that breaks one; it has the others too."""
+    """Raise `DictionaryError` for the first broken rule, with place and rule; it contains the other errors."""
     troubles = Troubles()
     for error in find_troubles(body):
         with troubles:
@@ -40,7 +40,7 @@ def check_body(body: Body) -> None:
 
 
 def find_troubles(body: Body) -> list[DictionaryError]:
-    """Return everything in a body that breaks a rule, what follows from something else left out."""
+    """Return all broken rules of a body, without those that only follow from others."""
     troubles = Troubles()
     if body.encoding not in ENCODINGS:
         with troubles:
@@ -55,7 +55,7 @@ def find_troubles(body: Body) -> list[DictionaryError]:
         with troubles:
             _check_type(row)
             sound.append(row)
-    if len(sound) < len(body.types) or troubles.found:  # what is of such a type cannot be judged
+    if len(sound) < len(body.types) or troubles.found:  # fields of such a type cannot be checked
         return troubles.found
     simple = assemble_types(sound, body.time_scale, body.encoding)
     structs: dict[int, list[FieldRecord]] = {}
@@ -201,7 +201,7 @@ def _simple(code: int, simple: dict[int, SimpleType], where: str, index: int) ->
 
 
 def _width(kind: SimpleType, bits: int, where: str, index: int) -> int:
-    """Return the bits of a variable of the type; ``bits`` says it where the type leaves it open."""
+    """Return the bits of a variable of the type; ``bits`` are used if the type leaves them open."""
     if not kind.variable:
         if bits:
             raise DictionaryError(
@@ -250,7 +250,7 @@ def _check_traits(traits: Traits | None, kind: SimpleType, where: str, index: in
 
 
 def _unreachable(traits: Traits, kind: SimpleType) -> str:
-    """Return what is wrong with limits or texts for raw values that the type does not have, or an empty string."""
+    """Return what is wrong with limits or texts for raw values that the type cannot have; empty if nothing."""
     span = raw_span(kind)
     if span is None:
         return ""
@@ -265,14 +265,14 @@ def _unreachable(traits: Traits, kind: SimpleType) -> str:
 
 
 def raw_span(kind: SimpleType) -> tuple[int, int] | None:
-    """Return the lowest and highest number of an integer or Boolean type, None of another one."""
+    """Return the lowest and highest number of an integer or Boolean type; None for other types."""
     if kind.kind is Kind.INT:
         return -(1 << kind.bits - 1), (1 << kind.bits - 1) - 1
     return (0, (1 << kind.bits) - 1) if kind.kind in (Kind.UINT, Kind.BOOL) else None
 
 
 class _Objects:
-    """The rules of one object."""
+    """Checks the rules of one object."""
 
     def __init__(self, row: ObjectRecord, simple: dict[int, SimpleType], structs: dict[int, list[FieldRecord]]) -> None:
         self.row = row

@@ -1,11 +1,11 @@
-"""The codec: information objects ↔ octets, by a dictionary (R8-R15, R97-R108).
+"""The codec: converts information objects to octets and back, by a dictionary (R8-R15, R97-R108).
 
-A payload is a bare PDO, a bare struct (R99), the value of one variable (an SDO's) or a message in an envelope, which says
-itself what it holds; which of them travels where is not part of a dictionary. Everything is all or nothing: when octets are
+A payload is a bare PDO, a bare struct (R99), the value of one variable (of an SDO), or a message in an envelope, which says
+itself what it contains; which of them is used where is not part of a dictionary. Decoding is all or nothing: if octets are
 wrong, `Error` is raised and no object has changed.
 
-`decode_columns` decodes many equal payloads at once, into one numpy array for each variable (extra "scd"), for captures with
-millions of PDOs. The payloads stay in one buffer; the caller says where each begins.
+`decode_columns` decodes many payloads of the same kind at once, into one numpy array for each variable (extra "scd"), for
+captures with millions of PDOs. The payloads stay in one buffer; the caller says where each begins.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-#: What a row is longer than its payload, so that eight octets can be read at each of its octets, and a ninth.
+#: How many octets a row is longer than its payload, so that nine octets can be read from each of its octets on.
 _SPARE = 9
 
 
@@ -114,9 +114,9 @@ def _column(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
 
 
 def _strided(rows: NDArray[np.uint8], code: str, at: int) -> NDArray[Any]:
-    """Return the numbers of dtype ``code`` that begin at octet ``at`` of each row, where they are."""
+    """Return the numbers of dtype ``code`` that begin at octet ``at`` of each row, as a view."""
     np = _numpy()
-    if not len(rows):  # numpy finds no place for numbers in no octets, not even for none
+    if not len(rows):  # numpy rejects an offset into an empty buffer, even for no numbers
         none: NDArray[Any] = np.zeros(0, code)
         return none
     numbers: NDArray[Any] = np.ndarray((len(rows),), code, buffer=rows, offset=at, strides=(rows.shape[1],))
@@ -124,7 +124,7 @@ def _strided(rows: NDArray[np.uint8], code: str, at: int) -> NDArray[Any]:
 
 
 def _words(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
-    """Return the bits of the variable as 64-bit numbers, joined from a ninth octet where it reaches into one."""
+    """Return the bits of the variable as 64-bit numbers, with bits from a ninth octet if it reaches that."""
     np = _numpy()
     at, shift = divmod(slot.offset, 8)
     words: NDArray[Any] = _strided(rows, "<u8", at) >> np.uint64(shift)
@@ -135,7 +135,7 @@ def _words(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
 
 
 def _octets(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
-    """Return the octets of the variable, a row each."""
+    """Return the octets of the variable, one row for each payload."""
     np = _numpy()
     at, shift = divmod(slot.offset, 8)
     size = slot.bits // 8
@@ -146,14 +146,14 @@ def _octets(rows: NDArray[np.uint8], slot: Slot) -> NDArray[Any]:
     return whole
 
 
-#: Spellings of PDOs and structs that are remembered.
+#: How many spellings of PDOs and structs are remembered.
 _MOST_SPELLINGS: Final = 4096
 
 
 class Decoded(msgspec.Struct, frozen=True):
-    """What octets said: ``values`` by (index, sub), of a bare struct by the name of the field.
+    """The result of decoding: ``values`` by (index, sub), for a bare struct by the name of the field.
 
-    ``flags`` are what was noticed → the variables concerned (see `packing`); ``surplus`` are octets after the payload.
+    ``flags`` map what was noticed to the variables (see `packing`); ``surplus`` are octets after the payload.
     """
 
     values: dict[Key, Value]
@@ -162,10 +162,10 @@ class Decoded(msgspec.Struct, frozen=True):
 
 
 class Codec:
-    """Encodes and decodes by one dictionary. With ``strict_pad`` undefined bits that are not zero are flagged.
+    """Encodes and decodes by one dictionary. With ``strict_pad``, undefined bits that are not zero are flagged.
 
-    Values outside the dictionary's limits are flagged when they are received and refused (E_RANGE) when they are to be sent;
-    without ``limits`` they are sent too, which is for tests of devices.
+    Values outside the dictionary's limits are flagged when received and refused (E_RANGE) when encoded. With ``limits`` False
+    they are encoded, too, for tests of devices.
     """
 
     def __init__(self, dictionary: Dictionary, *, strict_pad: bool = False, limits: bool = True) -> None:
@@ -175,8 +175,8 @@ class Codec:
         self._pdos: dict[str, Pdo] = {}
         self._packings: dict[str, Packing] = {}
         self._variables: dict[tuple[int, int], tuple[Variable, Packing | None]] = {}
-        #: What messages have said before: kinds by kind, response and abort; PDOs by the index of their mapping object;
-        #: whole headers, by their bits without those of the transaction number.
+        #: What was worked out for earlier messages: service and phase by (kind, response, abort); PDOs by the index of their
+        #: mapping object; whole headers by their bits without the transaction number.
         self.kinds: Final[dict[tuple[int | None, int | None, int | None], tuple[Service, Phase]]] = {}
         self.mapped: Final[dict[int, tuple[str, Pdo]]] = {}
         self.heads: Final[dict[int, Head]] = {}
@@ -193,24 +193,24 @@ class Codec:
     # PDOs
 
     def pdo(self, key: str) -> Pdo:
-        """Return the PDO "T1" or "R65", or of a name, with the mapping it has now; raises `Error` E_PDO_NUMBER."""
+        """Return the PDO "T1" or "R65", or the one with this name, with its current mapping; raises `Error` E_PDO_NUMBER."""
         if key in self._pdos:
             return self._pdos[key]
         found = self.dictionary.pdo(key)
         return self._pdos.get(f"{found.direction}{found.number}", found)
 
     def remap(self, pdo: Pdo) -> None:
-        """Use another mapping for a PDO from now on: what `Dictionary.with_mapping` made of a rewritten mapping object."""
+        """Use another mapping for a PDO from now on, as `Dictionary.with_mapping` returns it for a rewritten mapping object."""
         self._pdos[f"{pdo.direction}{pdo.number}"] = pdo
         self._packings.clear()
         self.mapped.clear()
         self.heads.clear()
 
     def encode(self, pdo: str, values: Mapping[Any, object], *, partial: bool = False) -> bytes:
-        """Return the payload of a PDO. ``values`` go by (index, sub), name or "object.field".
+        """Return the payload of a PDO. ``values`` are by (index, sub), name or "object.field".
 
-        A missing value is `Error` E_COUNT, with ``partial`` it is the variable's default or zero. A value that the PDO does
-        not carry is E_COUNT too, except in `Objects`.
+        A missing value raises `Error` E_COUNT; with ``partial`` it is the variable's default, or zero. A value that is not in
+        the PDO raises E_COUNT as well, except in `Objects`.
         """
         packing = self._packings.get(pdo) or self.packing(pdo)
         octets = None
@@ -221,12 +221,12 @@ class Codec:
         return packing.pack(self._collect(packing, values, partial=partial)) if octets is None else octets
 
     def decode(self, pdo: str, octets: Octets, objects: Objects | None = None) -> Decoded:
-        """Return the values of a PDO's payload and put them into ``objects`` (R15). Raises `Error` E_SHORT.
+        """Return the values of a PDO's payload, and put them into ``objects`` (R15). Raises `Error` E_SHORT.
 
-        Octets after the payload are kept and flagged ``trailing``.
+        Octets after the payload are kept, and flagged ``trailing``.
         """
         packing = self._packings.get(pdo) or self.packing(pdo)
-        if objects is None and type(octets) is bytes and len(octets) == packing.size:  # as nearly always
+        if objects is None and type(octets) is bytes and len(octets) == packing.size:  # the usual case
             flags: Flags = {}
             values = packing.unpack(octets, flags, self.strict_pad)
             return Decoded(dict(zip(packing.keys, values)), flags)  # noqa: B905 - as many
@@ -236,16 +236,16 @@ class Codec:
         return decoded
 
     def decode_many(self, pdo: str, octets: Octets, offsets: ArrayLike | Sequence[int]) -> dict[Key, NDArray[Any]]:
-        """Return the values of the PDO's payloads at ``offsets`` of ``octets``, one numpy array for each variable.
+        """Return the values of a PDO's payloads at ``offsets`` in ``octets``, one numpy array for each variable.
 
-        See `columns.decode_columns` for the types; raises `Error` E_SHORT, ImportError without numpy.
+        For the types see `decode_columns`. Raises `Error` E_SHORT, ImportError without numpy.
         """
         return decode_columns(self.packing(pdo), octets, offsets)
 
     # Structs and objects as a whole
 
     def encode_type(self, name: str | int, values: Mapping[Any, object], *, partial: bool = False) -> bytes:
-        """Return the octets of a bare struct; ``values`` go by the names of its fields, or "struct.field"."""
+        """Return the octets of a bare struct; ``values`` are by the names of its fields, or "struct.field"."""
         struct, packing = self._struct(name)
         own = {f"{struct.name}.{field.name}": field.name for field in struct.fields}
         if isinstance(values, Objects):
@@ -264,14 +264,14 @@ class Codec:
         return decoded
 
     def encode_object(self, key: int | str, values: Sequence[object] | Mapping[Any, object]) -> bytes:
-        """Return the data of a whole ARRAY or RECORD, in which sub-index 0 is not (R69, R70); reserved fields have no value."""
+        """Return the data of a whole ARRAY or RECORD, without sub-index 0 (R69, R70); reserved fields have no value."""
         packing = self._object(key)
         if not isinstance(values, Mapping):
             return packing.pack(list(values))
         return packing.pack(self._collect(packing, values, partial=False))
 
     def decode_object(self, key: int | str, octets: Octets, objects: Objects | None = None) -> Decoded:
-        """Return the values in the data of a whole ARRAY, RECORD, or VAR of fixed width."""
+        """Return the values in the data of a whole ARRAY or RECORD, or of a VAR of fixed width."""
         packing = self._object(key)
         decoded = self._decode(packing, octets)
         if objects is not None:
@@ -290,7 +290,7 @@ class Codec:
     def decode_value(self, key: str | tuple[int, int], octets: Octets, objects: Objects | None = None) -> Decoded:
         """Return one variable's value. Raises `Error` E_SHORT, E_LONG, E_LENGTH, E_UTF8, E_INDEX or E_SUB.
 
-        Sub-index 255 is a number of 32 bits: the object's class in bits 0-7, its type in bits 8-23 (C33).
+        Sub-index 255 is a 32-bit number: the object's class in bits 0-7, its type in bits 8-23 (C33).
         """
         flags: Flags = {}
         if isinstance(key, tuple):
@@ -315,7 +315,7 @@ class Codec:
         return decoded
 
     def variable(self, key: tuple[int, int]) -> Variable:
-        """Return the variable at an address, faster than the dictionary when it is asked for again; raises `Error`."""
+        """Return the variable at an address; repeated calls are faster than the dictionary. Raises `Error`."""
         known = self._variables.get(key)
         if known is None:
             variable = self.dictionary.variable(key)
@@ -334,7 +334,7 @@ class Codec:
     # Messages
 
     def decode_message(self, octets: Octets, objects: Objects | None = None) -> Message:
-        """Return the one message in its envelope that ``octets`` are; raises `Error`. Octets after it flag ``trailing``."""
+        """Return the message in ``octets``, with its envelope; raises `Error`. Octets after it are flagged ``trailing``."""
         message = parse_message(self, octets)
         if message.error is not None:
             raise message.error
@@ -345,11 +345,11 @@ class Codec:
         return message
 
     def parse_message(self, octets: Octets, at: int = 0) -> Message:
-        """Return the message that begins at ``at``. Never raises for what is received: see ``error`` of the result."""
+        """Return the message that begins at ``at``. Never raises: a fault is the ``error`` of the result."""
         return parse_message(self, octets, at)
 
     def parse_messages(self, octets: Octets) -> Iterator[Message]:
-        """Give every message of a unit (datagram, TSDU): whole messages one after the other; stops after a broken frame."""
+        """Yield all messages of a unit (datagram, TSDU), one after another; stop after a broken one."""
         at = 0
         while at < len(octets):
             message = parse_message(self, octets, at)
@@ -378,7 +378,7 @@ class Codec:
         return Decoded(dict(zip(packing.keys, values)), flags, surplus)  # noqa: B905 - as many, and on the hot path
 
     def packing(self, key: str) -> Packing:
-        """Return how the payload of a PDO is read, by the mapping it has now; raises `Error` E_PDO_NUMBER."""
+        """Return the packing of a PDO's payload, with its current mapping; raises `Error` E_PDO_NUMBER."""
         packing = self._packings.get(key)
         if packing is None:
             pdo = self.pdo(key)
@@ -419,7 +419,7 @@ class Codec:
         return packing
 
     def _collect(self, packing: Packing, values: Mapping[Any, object], *, partial: bool) -> list[object]:
-        """Return the values for the slots of a packing, whatever way they are addressed."""
+        """Return the values for the slots of a packing, however they are addressed."""
         given: Mapping[Any, object] = values
         if isinstance(values, Objects):
             given = values.take(packing.keys)
@@ -434,7 +434,7 @@ class Codec:
         return _gather(packing, given, self.dictionary.variable, partial=partial)
 
     def _addressed(self, key: object) -> tuple[int, int]:
-        """Return the address that a key of values means; raises `Error`."""
+        """Return the address for a key of values; raises `Error`."""
         if isinstance(key, str):
             return self.dictionary.variable(key).address
         if isinstance(key, tuple) and len(key) == 2 and all(isinstance(number, int) for number in key):
@@ -445,7 +445,7 @@ class Codec:
 
 
 def _called(key: object) -> str:
-    """Return a key of values for an error."""
+    """Return the text of a key of values for an error."""
     return address_text(key) if isinstance(key, tuple) else str(key)
 
 
@@ -457,7 +457,7 @@ def _slot(key: Key, variable: Variable, bits: int, offset: int) -> Slot:
 def _gather(
     packing: Packing, given: Mapping[Any, object], variable: Callable[[Any], Variable], *, partial: bool
 ) -> list[object]:
-    """Return one value for each slot; raises `Error` E_COUNT for values that are missing or that nothing takes."""
+    """Return one value for each slot; raises `Error` E_COUNT for missing values, and for values without a slot."""
     if given.keys() == packing.key_set:
         return [given[key] for key in packing.keys]
     surplus = [_called(key) for key in given if key not in packing.key_set]
@@ -470,7 +470,7 @@ def _gather(
 
 
 def _fallback(slot: Slot, variable: Variable) -> Value:
-    """Return the default of a variable, or what all bits zero are."""
+    """Return the default of a variable, or the value of all bits zero."""
     if variable.default is not None:
         return variable.default
     if slot.type.kind in SIZED:

@@ -41,15 +41,15 @@ if TYPE_CHECKING:
 
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}|0[xX][0-9a-fA-F]{1,2}))?")
 _PDO: Final = re.compile(r"([RTrt])(?:PDO\s*)?([0-9]{1,4})")
-#: PDOs that an error names.
+#: How many PDOs an error names.
 _MOST_PDOS: Final = 16
 
 
 class Dictionary:
     """A checked dictionary; made by `loading.load` and `loading.compile_source`, or from records.
 
-    Raises `DictionaryError` for records that break a rule. ``objects``, ``types`` (SimpleType and StructType by index, the
-    standard ones included), ``rpdo`` and ``tpdo`` are read-only mappings that ascend.
+    Raises `DictionaryError` for records that break a rule. ``objects``, ``types`` (SimpleType and StructType by index, with the
+    standard ones), ``rpdo`` and ``tpdo`` are read-only mappings in ascending order.
     """
 
     def __init__(self, body: Body) -> None:
@@ -82,7 +82,7 @@ class Dictionary:
         )
         self.rpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("R"))
         self.tpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("T"))
-        #: What rows of values say of each variable, once somebody has asked (`dissect.scd.wording`).
+        #: What all rows of a variable have in common, once it was needed (`dissect.scd.wording`).
         self.told: Final[dict[Key, Told]] = {}
 
     def _pdos(self, direction: str) -> dict[int, Pdo]:
@@ -106,10 +106,10 @@ class Dictionary:
             raise DictionaryError(error.where, error.detail, rule="R103", code=E_MAP, index=index) from None
 
     def with_mapping(self, index: int, entries: Sequence[int]) -> Pdo:
-        """Return the PDO of the mapping object at ``index`` as it is with other ``entries`` (values of its elements).
+        """Return the PDO of the mapping object at ``index`` as it would be with other ``entries`` (values of its elements).
 
-        For a mapping rewritten in traffic; the dictionary itself stays. Raises `Error`: E_INDEX where ``index`` is no mapping
-        object, E_MAP for a wrong entry.
+        This is for a mapping that is rewritten in traffic; the dictionary does not change. Raises `Error`: E_INDEX if ``index``
+        is not a mapping object, E_MAP for a wrong entry.
         """
         obj = self.objects.get(index)
         if obj is None or obj.object_class == NULL or not ranges.is_mapping(index):
@@ -140,8 +140,8 @@ class Dictionary:
     def __getitem__(self, key: int | str) -> Object | Variable:
         """Return an object by index or name, or a variable by "object.field".
 
-        A type's index gives an object too: of a DEFSTRUCT with the codes of its fields (R59), of a simple type without
-        anything to read (R87).
+        The index of a type gives an object too: for a DEFSTRUCT with the codes of its fields (R59), for a simple type without
+        any variable (R87).
         """
         if isinstance(key, str):
             return self._named(key)
@@ -213,7 +213,7 @@ class Dictionary:
         raise Error(E_PDO_NUMBER, key, self._no_pdo(key))
 
     def _no_pdo(self, key: str) -> str:
-        """Return the sentence for a PDO that is not there: it says which there are."""
+        """Return the sentence for a PDO that does not exist: it names those that do."""
         pdos = (*self.tpdo.values(), *self.rpdo.values())
         numbered = _PDO.fullmatch(key) is not None
         meant = "" if numbered else close_to(key, [pdo.name for pdo in pdos if pdo.name])
@@ -224,14 +224,14 @@ class Dictionary:
         return f"no PDO {key if numbered else shown(key)} in the dictionary {shown(self.name)}{meant}"
 
     def pdo_at(self, index: int) -> Pdo | None:
-        """Return the PDO whose mapping object stands at ``index``, None where there is none."""
+        """Return the PDO whose mapping object is at ``index``, None if there is none."""
         if not ranges.is_mapping(index):
             return None
         direction, _, number = ranges.pdo_of_index(index)
         return (self.tpdo if direction == "T" else self.rpdo).get(number)
 
     def error_text(self, number: int) -> str:
-        """Return what an ``scd_err_t`` means (R52): the dictionary's text, else what its sign says."""
+        """Return the meaning of an ``scd_err_t`` (R52): the dictionary's text, else one by its sign."""
         return self.errors.get(number) or ("status of the application" if number > 0 else "unknown error")
 
     @cached_property
@@ -241,7 +241,7 @@ class Dictionary:
 
     @cached_property
     def wire_id(self) -> bytes:
-        """SHA-256 of what decides decoding; names, texts, units and limits are not in it."""
+        """SHA-256 of everything that decoding depends on; names, texts, units and limits are not included."""
         return wire_id(self.body)
 
     @cached_property
@@ -250,7 +250,7 @@ class Dictionary:
         return sha256(self.octets).digest()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the compiled file, whole or not at all. Raises `OSError`."""
+        """Write the compiled file, completely or not at all. Raises `OSError`."""
         save(path, self.octets)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What two dictionaries differ in, and whether that changes what octets mean (R18, profile 3.4)."""
+"""Compares two dictionaries, and finds out whether differences change the meaning of octets (R18, profile 3.4)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from dissect.scd.records import EnvelopeRecord, FieldRecord, ObjectRecord, Plain
 from dissect.scd.types import STANDARD, UINT64, Kind
 from dissect.wire.text import count
 
-#: What does not decide decoding: it is not in the wire id.
+#: Keys that decoding does not depend on; they are not in the wire id.
 _NAMES: Final = frozenset(("name", "version", "unit", "low", "high", "text"))
 Level = Literal["same", "names", "wire"]
 _Flat = dict[str, object]
 
 
 class Change(NamedTuple):
-    """One difference: of "object 0x6001" or "dictionary", its ``key``, what stands in each (None: nothing there).
+    """One difference: its place, such as "object 0x6001" or "dictionary", its ``key``, and both values (None: missing).
 
-    ``wire`` tells whether it changes what octets mean.
+    ``wire``: the difference changes the meaning of octets.
     """
 
     place: str
@@ -36,14 +36,14 @@ class Change(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """``level``: "same" octets, other "names" (texts, units, limits), or other on the "wire"; and the differences."""
+    """``level``: the "same" octets, other "names" (texts, units, limits), or other octets on the "wire"; and differences."""
 
     level: Level
     changes: tuple[Change, ...]
 
 
 def compare(first: Dictionary, second: Dictionary) -> Comparison:
-    """Return what differs. The level is that of the two identities, file id and wire id."""
+    """Return the differences. The level comes from the two identities, file id and wire id."""
     level: Level = "wire"
     if first.wire_id == second.wire_id:
         level = "same" if first.file_id == second.file_id else "names"
@@ -64,7 +64,7 @@ def _changes(first: Mapping[str, _Flat], second: Mapping[str, _Flat]) -> Iterato
 def _keys(place: str, first: _Flat, second: _Flat) -> Iterator[Change]:
     for key in [*first, *(key for key in second if key not in first)]:
         before, after = first.get(key), second.get(key)
-        # By their texts: NaN is itself there, and 1 is not 1.0, which are other octets of a file.
+        # Compared by text: NaN is equal to itself then, and 1 differs from 1.0, which has other octets in a file.
         if repr(before) != repr(after):
             wire = _NAMES.isdisjoint(key.split()) and not place.startswith("error")
             yield Change(place, key, _text(before), _text(after), wire)
@@ -79,7 +79,7 @@ def _text(value: object) -> str | None:
 
 
 def _entries(od: Dictionary) -> dict[str, _Flat]:
-    """Return everything in a dictionary by place and key, in its order."""
+    """Return the whole content of a dictionary by place and key, in its order."""
     body = od.body
     entries: dict[str, _Flat] = {
         "dictionary": {
@@ -119,7 +119,7 @@ def _object(row: ObjectRecord) -> _Flat:
 
 
 def _entry_text(value: Plain, kind: int) -> object:
-    """Return an entry of a PDO's mapping in words; a number that is none in hexadecimal."""
+    """Return an entry of a PDO's mapping as text; in hexadecimal if it is not a valid entry."""
     if not isinstance(value, int):
         return value
     wide = kind == UINT64.index
@@ -150,7 +150,7 @@ def _traits(traits: Traits | None) -> _Flat:
 
 
 def _type_text(code: int) -> str | None:
-    """Return a type by its code, which decides, and its name if the text has it: an own one is in its own entry."""
+    """Return a type by its code and its standard name; the name of an own type is in the entry of that type."""
     if not code:
         return None
     return f"{STANDARD[code].name} (0x{code:04x})" if code in STANDARD else f"0x{code:04x}"

@@ -1,4 +1,4 @@
-"""A dictionary back into a source that compiles to the same octets: TOML for people, JSON for programs."""
+"""Writes a dictionary as a source that compiles to the same octets: TOML for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from dissect.scd.types import UINT64, Kind, SimpleType
 from dissect.scd.values import MAC
 
 _TRAITS: Final = Traits()
-#: Stands for the key of a mapping object's values while they are written.
+#: Replaces the key of a mapping object's values while they are written.
 _ENTRIES: Final = "entries of a mapping"
-#: Keys whose numbers are read in hexadecimal.
+#: Keys whose numbers are written in hexadecimal.
 _HEX: Final = frozenset(("index", "poly", "init", "xorout", _ENTRIES))
 
 
@@ -56,7 +56,7 @@ def dump_tables(od: Dictionary) -> dict[str, Any]:
 
 
 def dump_json(od: Dictionary) -> str:
-    """Return the dictionary as JSON; what JSON cannot say (NaN) is a text."""
+    """Return the dictionary as JSON; values that JSON does not have (NaN) become texts."""
     return _shown(json.dumps(dump_tables(od), ensure_ascii=False, indent=1, allow_nan=False), toml=False) + "\n"
 
 
@@ -108,7 +108,7 @@ def _object(row: ObjectRecord, od: Dictionary) -> dict[str, Any]:
 
 
 def _pdo(row: ObjectRecord, od: Dictionary) -> dict[str, Any] | None:
-    """Return a mapping object as a [[pdo]] that names what it maps; None where its entries cannot be written so."""
+    """Return a mapping object as a [[pdo]] that names what it maps; None if its entries have no such form."""
     if not is_mapping(row.index) or row.object_class != ARRAY or row.used != len(row.values) or row.traits is not None:
         return None
     wide = row.type == UINT64.index
@@ -140,7 +140,7 @@ def _pdo(row: ObjectRecord, od: Dictionary) -> dict[str, Any] | None:
 
 
 def _map_item(entry: Entry, od: Dictionary) -> Any:
-    """Return an entry of a map: an address, a table where it has a size of its own, or a gap; None for what has no text."""
+    """Return an entry of a map: an address, a table if it has its own size, or a gap; None if it has no such form."""
     if not entry.target:
         return {"reserved": entry.bits} if entry.bits else None
     address = f"0x{entry.target:04x}:{entry.sub}"
@@ -153,7 +153,7 @@ def _map_item(entry: Entry, od: Dictionary) -> Any:
 
 
 def _elements(values: list[Plain], kind: SimpleType) -> Any:
-    """Return the defaults of an array's elements: a list, or a table by sub-index where some have none."""
+    """Return the defaults of an array's elements: a list, or a table by sub-index if some have none."""
     if None not in values:
         return [_value(value, kind) for value in values]
     return {str(sub): _value(value, kind) for sub, value in enumerate(values, 1) if value is not None}
@@ -257,7 +257,7 @@ def _toml(value: Any, key: str = "") -> str:
 
 
 def _shown(text: str, *, toml: bool) -> str:
-    """Return JSON or TOML with what does not print escaped, so that no text in a dictionary can steer a terminal."""
+    """Return JSON or TOML with unprintable characters escaped, so that no text in a dictionary can control a terminal."""
     if text.replace("\n", "").isprintable():
         return text
     return "".join([char if char.isprintable() or char == "\n" else _escape(ord(char), toml) for char in text])

@@ -1,7 +1,7 @@
 """EDS and DCF files of CANopen (CiA 306): python-canopen reads their objects, configparser the rest (profile 3.1).
 
-python-canopen takes what it can and fails without saying where; so each section is looked at first, and it gets only those
-that describe objects, in an order it can read.
+python-canopen fails without saying where. So each section is checked first, and python-canopen gets only the sections that
+describe objects, in an order that it can read.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 _OBJECT: Final = re.compile(r"[0-9A-Fa-f]{4}")
 _SUB: Final = re.compile(r"([0-9A-Fa-f]{4})[Ss][Uu][Bb]([0-9A-Fa-f]{1,2})")
 _LISTS: Final = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
-#: CiA 306 writes it with one m.
+#: CiA 306 spells it with one m.
 _COMMISSIONING: Final = ("DeviceComissioning", "DeviceCommissioning")
-#: The last type python-canopen knows; above it looks for a section that describes the type.
+#: The last type that python-canopen knows; for others it looks for a section that describes the type.
 _LAST_KNOWN: Final = 0x1B
-#: python-canopen misses this section with a warning.
+#: python-canopen warns if this section is missing.
 _DEVICE: Final = "DeviceInfo"
-#: Sections that it is given at a time.
+#: How many sections python-canopen gets at a time.
 _PORTION: Final = 1000
 
 
 def import_eds(octets: bytes, path: str, encoding: str = "", node: int | None = None) -> Imported:
-    """Return the dictionary of an EDS or DCF file, of a DCF with the values of its parameters.
+    """Return the dictionary of an EDS or DCF file; of a DCF with the values of its parameters.
 
-    ``node`` is the node id for values that depend on one, instead of that of the file. Without ``encoding`` it is UTF-8 (or
+    ``node`` is the node id for values that depend on one; by default that of the file. Without ``encoding`` it is UTF-8 (or
     UTF-16 with a mark), else Latin-1. Raises `DictionaryError` with section and line.
     """
     notes = Notes()
@@ -55,7 +55,7 @@ def import_eds(octets: bytes, path: str, encoding: str = "", node: int | None = 
 
 
 def _text(octets: bytes, encoding: str, notes: Notes) -> str:
-    """Return the text of a file with lines that neither begin nor end with spaces, which would make them continue others."""
+    """Return the text of a file without spaces around its lines, because an indented line would continue the one before."""
     if not encoding:
         encoding = "utf-16" if octets.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
         try:
@@ -126,7 +126,7 @@ class _File:
             raise self._fail(section, key, f"{text[:40]!r} {error}") from None
 
     def _listed(self) -> frozenset[int]:
-        """Return the indices of [MandatoryObjects], which python-canopen does not keep; check the lists (R76)."""
+        """Return the indices in [MandatoryObjects], which python-canopen drops; check the lists (R76)."""
         mandatory: frozenset[int] = frozenset()
         for section in _LISTS:
             if self._parser.has_section(section):
@@ -154,7 +154,7 @@ class _File:
     # What python-canopen gets
 
     def _copy(self) -> Parser:
-        """Return the sections of objects, checked and in their order."""
+        """Return the sections of objects, checked and sorted."""
         copy = _empty()
         copy.add_section(_DEVICE)
         troubles = Troubles()
@@ -174,7 +174,7 @@ class _File:
         return copy
 
     def _copy_sub(self, copy: Parser, name: str) -> None:
-        """Copy the section of a sub-index, if it is one that can be; raises `DictionaryError`."""
+        """Copy the section of a sub-index, if it is valid; raises `DictionaryError`."""
         match = _SUB.fullmatch(name)
         assert match is not None
         index, sub = int(match[1], 16), int(match[2], 16)
@@ -187,7 +187,7 @@ class _File:
         self._subs[index, sub] = name
         kind = self._number(self._objects[index], "ObjectType", VAR)
         if kind not in (ARRAY, RECORD):
-            # python-canopen has no place for them: a type's are told with the type, a NULL object has no data.
+            # python-canopen has no place for these: those of a type are read with the type; a NULL object has no data.
             if kind not in (DEFTYPE, DEFSTRUCT):
                 self._notes.add(f"sub-indices of a {CLASSES.get(kind, 'VAR')} are omitted", index)
             return
@@ -210,10 +210,10 @@ class _File:
         copy.read_dict({wanted: values})
 
     def _known(self, code: int, address: tuple[int, int]) -> int:
-        """Return a code python-canopen knows; another one is kept for `_sub`."""
+        """Return a code that python-canopen knows; remember another one for `_sub`."""
         described = f"{code:X}sub1"
         if code > _LAST_KNOWN and self._parser.has_option(described, "DefaultValue"):
-            # An editor's way to give a type limits: the type itself stands in the section of its number.
+            # Some editors give a type limits in this way: the type itself is in the section with its number.
             code = self._number(described, "DefaultValue")
         if 0 <= code <= _LAST_KNOWN:
             return code
@@ -229,7 +229,7 @@ class _File:
         return entries
 
     def _take(self, od: dict[int, Any], names: dict[int, list[str]], entries: dict[int, ForeignEntry]) -> None:
-        """Put in the objects of a portion, as python-canopen read them."""
+        """Add the objects of a portion, as python-canopen read them."""
         for index in names:
             name = self._objects[index]
             kind = self._number(name, "ObjectType", VAR)
@@ -247,7 +247,7 @@ class _File:
             entries[index] = entry
 
     def _compact(self, entry: ForeignEntry, name: str) -> None:
-        """Put in the elements that CompactSubObj only counts, and the values of [1003Value]."""
+        """Add the elements that CompactSubObj only counts, and the values of [1003Value]."""
         count = self._number(name, "CompactSubObj", 0)
         if not count:
             return
@@ -276,7 +276,7 @@ class _File:
 
 
 def _empty() -> Parser:
-    # No section of an EDS lends its keys to the others, as configparser's [DEFAULT] would.
+    # No section of an EDS gives its keys to the others, as configparser's [DEFAULT] would.
     parser = Parser(inline_comment_prefixes=(";",), default_section="")
     parser.optionxform = str  # type: ignore[assignment,method-assign]
     return parser
@@ -300,13 +300,13 @@ def _parsed(text: str) -> Parser:
 
 
 class _Named(StringIO):
-    """A text with the name by which python-canopen chooses the format."""
+    """A text file with a name, from which python-canopen chooses the format."""
 
     name = "description.eds"
 
 
 def _portions(copy: Parser, objects: Iterable[int]) -> Iterator[dict[int, list[str]]]:
-    """Give objects with the names of their sections, some at a time: python-canopen takes many times the memory of a file."""
+    """Yield objects with the names of their sections, some at a time: python-canopen needs many times the size of a file."""
     sections: dict[int, list[str]] = {}
     for name in copy.sections():
         if name != _DEVICE:

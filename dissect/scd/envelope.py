@@ -1,7 +1,7 @@
-"""Envelopes: what stands around the values of a message and says which they are (profile, reference 3.3).
+"""Envelopes: the fields around the values of a message, which say what these are (profile, reference 3.3).
 
-The text describes no message (C3, C51). What is here is this project's own envelope "1", and a way to describe another one
-in the dictionary: fields of bits before and after the data, in the order they are sent.
+The text describes no message (C3, C51). Here are this project's own envelope "1", and a way to describe another one in the
+dictionary: fields of bits before and after the data, in the order in which they are sent.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord
 from dissect.scd.types import MAX_OCTETS
 from dissect.wire.text import count
 
-#: The first octet of the default envelope: neither TPKT (03), S7 (32, 72) nor text begins with it.
+#: The first octet of the default envelope: TPKT (03), S7 (32, 72) and text begin with other octets.
 PROTOCOL: Final = 0xDC
 
-#: Envelope "1", that of a dictionary which describes none: 10 octets, data, CRC-16/XMODEM. The kind octet is POWERLINK's:
+#: Envelope "1", for dictionaries that describe none: 10 octets, data, CRC-16/XMODEM. The kind octet is that of POWERLINK: the
 #: command in the low six bits, 40h abort, 80h response.
 DEFAULT: Final = EnvelopeRecord(
     fields=[
@@ -41,14 +41,14 @@ DEFAULT: Final = EnvelopeRecord(
     crc=CrcRecord(),
 )
 
-#: Fields that hold no number of the message itself.
+#: Roles of fields that are not numbers of the message itself.
 _UNNUMBERED: Final = frozenset(("reserved", "const", "data", "crc", "size"))
 
 
 class Wrapped(NamedTuple):
-    """A message without the meaning of its data: numbers by role, ``data``, ``size`` of the whole message in octets.
+    """A message whose data are not decoded: numbers by role, ``data``, and ``size`` of the whole message in octets.
 
-    ``error`` is what is wrong with it; numbers and data are what could be read nevertheless (``size`` 0: nothing).
+    ``error`` says what is wrong with it; numbers and data are then what could still be read (``size`` 0: nothing).
     """
 
     numbers: dict[str, int]
@@ -58,7 +58,7 @@ class Wrapped(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """A field and where it begins, in bits from the begin of the head or of the tail."""
+    """A field, and where it begins: in bits from the beginning of the head or of the tail."""
 
     field: EnvelopeField
     offset: int
@@ -75,7 +75,7 @@ class _Place(NamedTuple):
         return number
 
     def write(self, number: int) -> int:
-        """Return the number's bits at their place in the bits of the head or tail; raises `Error` E_RANGE."""
+        """Return the number's bits at their place within the bits of the head or tail. Raises `Error` E_RANGE."""
         bits, signed = self.field.bits, self.field.signed
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
         if not low <= number <= high:
@@ -87,7 +87,7 @@ class _Place(NamedTuple):
 
 
 class _HeadPlan:
-    """How the numbers of a whole head are read at once: as one number, of which each field is some bits."""
+    """Reads all numbers of a complete head at once: as one number, in which each field has some bits."""
 
     def __init__(self, places: list[_Place]) -> None:
         self._places = places
@@ -96,7 +96,7 @@ class _HeadPlan:
         self._bits = [(place.field.role, place.offset, (1 << place.field.bits) - 1) for place in numbered]
         self._signed = [(place.field.role, 1 << place.field.bits - 1) for place in numbered if place.field.signed]
         fixed = [place for place in places if place.field.value is not None and place.field.role != "reserved"]
-        # A value that its field cannot hold is no signature; the slow way says so.
+        # A constant that its field cannot hold is no signature; the slow way reports it.
         self._sound = all(0 <= (place.field.value or 0) < 1 << place.field.bits for place in fixed)
         self._mask = sum(((1 << place.field.bits) - 1) << place.offset for place in fixed)
         self._value = sum(place.write(place.field.value or 0) for place in fixed) if self._sound else -1
@@ -115,12 +115,12 @@ class _HeadPlan:
         return numbers
 
     def signed_by(self, head: bytes) -> bool:
-        """Whether every field of a whole head that never changes is as it should be."""
+        """Return whether all constant fields of a complete head have their values."""
         return int.from_bytes(head, "little") & self._mask == self._value
 
 
 class Envelope:
-    """An envelope ready to wrap and unwrap. Raises `Error` E_DICTIONARY for a description that cannot work."""
+    """An envelope, ready to wrap and unwrap messages. Raises `Error` E_DICTIONARY for a description that cannot work."""
 
     def __init__(self, record: EnvelopeRecord = DEFAULT) -> None:
         roles = [field.role for field in record.fields]
@@ -143,13 +143,13 @@ class Envelope:
         self._crc_place = next((place for place in self._head + self._tail if place.field.role == "crc"), None)
         self._plan = _HeadPlan(self._head)
         self._covers_data = record.crc is not None and record.crc.covers == "data"
-        #: Whether the head says all that a message says beside its data, its size included, and holds no checksum of them.
+        #: Whether the head has everything but the data of a message, including its size, and no checksum of the data.
         self.told_by_head = (
             self._size is not None
             and not self._crc_in_head
             and all(place.field.role in {"crc", "reserved"} for place in self._tail)
         )
-        #: Where the transaction number stands in the bits of the head, if it is read from there as it stands, and all others.
+        #: Position of the transaction number in the bits of the head, if it can be read there directly; mask of all other bits.
         self.tid_at, self.tid_mask = self._tid()
         self.repeated = ((1 << 8 * self.head_size) - 1) & ~(self.tid_mask << self.tid_at)
 
@@ -161,7 +161,7 @@ class Envelope:
 
     @cached_property
     def opening(self) -> bytes:
-        """The octets that every message begins with; empty when its first octet is not the same in each one."""
+        """The octets that every message begins with; empty if the first octet may vary."""
         bits = known = 0
         for place in self._head:
             if place.field.value is None or place.field.role == "reserved" or place.offset != known:
@@ -173,7 +173,7 @@ class Envelope:
 
     @property
     def framed(self) -> bool:
-        """Whether messages contain their size, so that a stream can be cut into them."""
+        """Whether messages contain their size, so that a stream can be split into them."""
         return self._size is not None
 
     @property
@@ -182,9 +182,9 @@ class Envelope:
         return self._crc is not None
 
     def frame_size(self, octets: Octets, at: int = 0) -> int:
-        """Return the size of the message that begins at ``at``, 0 while its header is not all there.
+        """Return the size of the message that begins at ``at``, 0 while its header is incomplete.
 
-        Raises `Error` E_PROTOCOL or E_LENGTH for what is not a message, E_DICTIONARY when messages do not contain their size.
+        Raises `Error` E_PROTOCOL or E_LENGTH if it is not a message, E_DICTIONARY if messages do not contain their size.
         """
         size, error = self.frame(octets, at)
         if error is not None:
@@ -192,7 +192,7 @@ class Envelope:
         return size
 
     def frame(self, octets: Octets, at: int = 0) -> tuple[int, Error | None]:
-        """Return what `frame_size` does, and the error instead of raising it."""
+        """Like `frame_size`, but return the error instead of raising it."""
         head = bytes(octets[at : at + self.head_size])
         error = None
         if len(head) < self.head_size or not self._plan.signed_by(head):
@@ -206,9 +206,9 @@ class Envelope:
         return self._total(head)
 
     def parse(self, octets: Octets, at: int = 0) -> Wrapped:
-        """Return the message at ``at``. Never raises for what is received: see ``error`` of the result.
+        """Return the message at ``at``. Never raises: a fault is the ``error`` of the result.
 
-        Without a size field the message reaches to the end of ``octets``.
+        Without a size field the message extends to the end of ``octets``.
         """
         head = bytes(octets[at : at + self.head_size])
         if len(head) < self.head_size:
@@ -235,7 +235,7 @@ class Envelope:
         return Wrapped(numbers, message[self.head_size : tail_at], total, error)
 
     def fields(self, message: bytes) -> Iterator[tuple[EnvelopeField, int, int]]:
-        """Give every field of a whole message that is there: its description, its first bit, its number (0 of the data)."""
+        """Yield each available field of a message: its description, its first bit, its number (0 for the data)."""
         for place in self._head:
             if place.offset + place.field.bits > 8 * len(message):
                 return
@@ -248,17 +248,17 @@ class Envelope:
             yield place.field, 8 * tail_at + place.offset, place.read(message[tail_at:])
 
     def _not_taken(self, unknown: list[str]) -> str:
-        """Return the sentence for numbers that no field takes: without ``unknown`` ones it is about what is filled in."""
+        """Return the sentence for numbers without a field: ``unknown`` ones, else those that are filled in automatically."""
         if not unknown:
             return f"{', '.join(sorted(_UNNUMBERED))} are filled in and cannot be given"
         there = [row.role for row in self.record.fields if row.role not in _UNNUMBERED and row.value is None]
         return f"it has no field {', '.join(unknown)}, only {', '.join(there)}"
 
     def build(self, numbers: Mapping[str, int], data: bytes) -> bytes:
-        """Return the message of these numbers (by role, 0 where none is given) around ``data``.
+        """Return the message with these numbers (by role, 0 if missing) around ``data``.
 
-        Raises `Error` E_RANGE for a number that its field cannot hold, E_LENGTH for more data than the size can tell,
-        E_VALUE for a number that the envelope has no field for.
+        Raises `Error` E_RANGE for a number that its field cannot hold, E_LENGTH for more data than the size field allows,
+        E_VALUE for a number without a field.
         """
         unknown = sorted(role for role, number in numbers.items() if number and role not in self.roles)
         if unknown or not _UNNUMBERED.isdisjoint(numbers):
@@ -295,7 +295,7 @@ class Envelope:
         return (self._size.offset + self._size.field.bits + 7) // 8
 
     def _total(self, head: bytes) -> tuple[int, Error | None]:
-        """Return the octets of the whole message by the size field of ``head``; the error when that cannot be."""
+        """Return the octets of the whole message by the size field of ``head``, and an error if that is impossible."""
         assert self._size is not None
         told = self._size.read(head)
         data = told - self._counted(0)
@@ -304,7 +304,7 @@ class Envelope:
         return 0, Error(E_LENGTH, "envelope", f"a size of {told} leaves {data} bytes for the data, not 0..{MAX_OCTETS}")
 
     def _signature(self, octets: bytes, places: list[_Place]) -> Error | None:
-        """Return the error when a field that never changes is there with another value."""
+        """Return an error if a constant field has another value."""
         for place in places:
             wanted = place.field.value
             if wanted is None or place.field.role == "reserved" or place.offset + place.field.bits > 8 * len(octets):
@@ -315,7 +315,7 @@ class Envelope:
         return None
 
     def checked(self, message: bytes, tail_at: int) -> Error | None:
-        """Return the error when the checksum of a whole message differs, whose tail begins at ``tail_at``."""
+        """Return an error if the checksum of a complete message differs; its tail begins at ``tail_at``."""
         place = self._crc_place
         if self._crc is None or place is None:
             return None
@@ -327,7 +327,7 @@ class Envelope:
 
 
 def _places(fields: list[EnvelopeField], side: str) -> tuple[list[_Place], int]:
-    """Return the fields on one side of the data with their offsets, and the octets they take."""
+    """Return the fields on one side of the data with their offsets, and the octets that they take."""
     places, offset = [], 0
     for field in fields:
         where = f"envelope field {field.role}"
@@ -359,9 +359,9 @@ def _write_all(places: list[_Place], numbers: Mapping[str, int], size: int) -> b
 
 
 def crc_function(record: CrcRecord) -> Callable[[bytes], int]:
-    """Return what computes the checksum: the standard library where it can, else anycrc (extra "scd").
+    """Return a function that computes the checksum: from the standard library if possible, else anycrc (extra "scd").
 
-    Raises `Error` where that package is needed and missing.
+    Raises `Error` if that package is needed and missing.
     """
     if record.poly == 0x1021 and not record.refin and not record.refout:
         init, xorout = record.init, record.xorout

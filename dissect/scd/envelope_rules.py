@@ -12,7 +12,7 @@ MAX_FIELDS: Final = 64
 
 
 def check_envelope(record: EnvelopeRecord) -> None:
-    """Raise `DictionaryError` for an envelope that cannot be taken apart in one way."""
+    """Raise `DictionaryError` for an envelope that cannot be parsed, or not unambiguously."""
     fields = record.fields
     if len(fields) > MAX_FIELDS:
         raise _fail(f"{len(fields)} fields, at most {MAX_FIELDS} are possible")
@@ -42,7 +42,7 @@ def _fail(detail: str, where: str = "envelope") -> DictionaryError:
 
 
 def _check_field(field: EnvelopeField, bit: int, where: str) -> int:
-    """Check one field that begins at ``bit`` of all but the data; return where the next begins."""
+    """Check a field that begins at ``bit``, not counting the data; return where the next one begins."""
     if field.role == "data":
         if bit % 8:
             raise _fail("data begins at a whole byte", where)

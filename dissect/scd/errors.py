@@ -1,7 +1,7 @@
-"""What can go wrong with SCD: the codes of the library, the error of a dictionary, the numbers of ``scd_err_t`` (R52).
+"""Errors of SCD: codes of this library, errors of a dictionary, numbers of ``scd_err_t`` (R52).
 
-Two things that are easily mixed up: a *code* such as ``E_RANGE`` says why this library could not do something, an
-``scd_err_t`` is what one device tells another in a message.
+A *code* such as ``E_RANGE`` says why this library could not do something. An ``scd_err_t`` is what one device tells another in
+a message.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ E_TYPE: Final = "E_TYPE"
 E_UTF8: Final = "E_UTF8"
 E_VALUE: Final = "E_VALUE"
 
-#: Every code of this library and what it says.
+#: All codes of this library, with their meanings.
 CODES: Final = MappingProxyType(
     {
         E_ACCESS: "the access attribute does not allow this",
@@ -50,7 +50,7 @@ CODES: Final = MappingProxyType(
     }
 )
 
-#: scd_err_t: 0 good, < 0 error, > 0 status of the application (profile; after the abort codes of CiA 301 and POWERLINK).
+#: scd_err_t: 0 good, < 0 error, > 0 status of the application (profile; based on the abort codes of CiA 301 and POWERLINK).
 ERROR_TEXTS: Final = MappingProxyType(
     {
         0: "good",
@@ -81,12 +81,12 @@ ERROR_TEXTS: Final = MappingProxyType(
 
 #: Errors of one file that are kept.
 MOST_TROUBLES: Final = 1000
-#: The longest piece of somebody's data that an error shows.
+#: The longest piece of user data that an error shows.
 _MOST_SHOWN: Final = 100
 
 
 def shown(value: object) -> str:
-    """Return ``value`` for a sentence: its ``repr``, cut where it is long, in words where it has none."""
+    """Return ``value`` for a sentence: its ``repr``, shortened if it is long, described if it has none."""
     if isinstance(value, int) and value.bit_length() > 8 * _MOST_SHOWN:
         return f"a number of {value.bit_length()} bits"
     if isinstance(value, (str, bytes, bytearray)) and len(value) > _MOST_SHOWN:
@@ -99,7 +99,7 @@ def shown(value: object) -> str:
 
 
 class Error(Exception):
-    """What this library could not do: ``code`` (one of `CODES`), ``where`` (object, field, offset), ``detail``."""
+    """An error of this library: ``code`` (one of `CODES`), ``where`` (object, field, offset), ``detail``."""
 
     def __init__(self, code: str, where: str, detail: str = "") -> None:
         self.code = code
@@ -112,12 +112,12 @@ class Error(Exception):
 
 
 class DictionaryError(Error):
-    """A dictionary that breaks a rule; nothing of it is kept.
+    """A dictionary that breaks a rule; it is not used at all.
 
-    ``where`` is the place inside (an object, a key, an octet), ``rule`` the requirement broken ("R73", or empty where no
-    number fits), ``path`` the file, ``line`` the line of a TOML source counted from 1 (0: unknown), ``index`` the index of
-    the entry concerned (-1: none). ``others`` are the further errors of the same file; one that only follows from another,
-    as that a type is missing which could not be read, is a ``consequence`` and left out.
+    ``where`` is the place inside (an object, a key, an octet). ``rule`` is the broken requirement ("R73"; empty if there is no
+    number). ``path`` is the file, ``line`` the line of a TOML source from 1 on (0: unknown), ``index`` the index of the entry
+    (-1: none). ``others`` are further errors of the same file. A ``consequence`` only follows from another error, as a missing
+    type that could not be read, and is left out.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class DictionaryError(Error):
         self.line = line
 
     def of_file(self, path: str) -> Self:
-        """Say which file it is about, also of the ``others``; return the error."""
+        """Set the path, also of the ``others``; return the error."""
         self.path = path
         for error in self.others:
             error.path = path
@@ -173,7 +173,7 @@ class Troubles:
         return True
 
     def done(self) -> None:
-        """Raise the first error with the others, if there is one."""
+        """Raise the first error with the others, if there are any."""
         if self.found:
             first = self.found[0]
             first.others = tuple(self.found[1:])

@@ -1,6 +1,6 @@
-"""What a device description of CANopen or POWERLINK says, whatever file it stood in, and what is noted of it (profile 3.1).
+"""The content of a CANopen or POWERLINK device description, in any file format, and notes about it (profile 3.1).
 
-Values and limits stay the texts they are written as; `translation` makes a dictionary of it.
+Values and limits stay texts as written; `translation` makes a dictionary from it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import msgspec
 
 from dissect.scd.dictionary import Dictionary
 
-#: Places that a note names; of more it says how many.
+#: How many places a note names; the others are counted.
 _SHOWN: Final = 4
 
 
@@ -29,14 +29,14 @@ class Note(NamedTuple):
 
 
 class Imported(NamedTuple):
-    """What an import gives: the dictionary, and what it does not keep of the file."""
+    """The result of an import: the dictionary, and what it does not keep of the file."""
 
     dictionary: Dictionary
     notes: tuple[Note, ...]
 
 
 class ForeignSub(msgspec.Struct):
-    """A variable as the file describes it, its numbers still as texts; ``code`` is its type, -1 where none is said."""
+    """A variable as the file describes it, with numbers still as texts; ``code`` is its type, -1 if there is none."""
 
     sub: int
     name: str
@@ -51,7 +51,7 @@ class ForeignSub(msgspec.Struct):
 
 
 class ForeignEntry(msgspec.Struct):
-    """An object as the file describes it; ``subs`` by number, of a VAR or DOMAIN 0 alone."""
+    """An object as the file describes it; ``subs`` by number, for a VAR or DOMAIN only 0."""
 
     index: int
     name: str
@@ -61,24 +61,24 @@ class ForeignEntry(msgspec.Struct):
 
 
 class Notes:
-    """Collects notes: the places of each text."""
+    """Collects notes: the places for each text."""
 
     def __init__(self) -> None:
         self._places: dict[str, list[str]] = {}
 
     def add(self, text: str, index: int = -1, sub: int = -1) -> None:
-        """Note ``text`` of an object or variable."""
+        """Note ``text`` about an object or variable."""
         places = self._places.setdefault(text, [])
         if index >= 0:
             places.append(f"0x{index:04x}" + (f":{sub}" if sub >= 0 else ""))
 
     def told(self) -> tuple[Note, ...]:
-        """Return the notes in the order in which they came up."""
+        """Return the notes in the order in which they were made."""
         return tuple([Note(text, tuple(places)) for text, places in self._places.items()])
 
 
 class Description(NamedTuple):
-    """A device description: name, version, node id of a configured device (None: not said), objects by index."""
+    """A device description: name, version, node id of a configured device (None: missing), objects by index."""
 
     name: str
     version: str

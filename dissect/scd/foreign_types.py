@@ -1,4 +1,4 @@
-"""The types of CANopen and POWERLINK device descriptions as types of SCD, and their values written as texts (profile 3.1)."""
+"""Translates types of CANopen and POWERLINK device descriptions to SCD, and values that are written as texts (profile 3.1)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DOMAIN_TYPE: Final = 0x0F
 _STRING: Final = 10
 _BLOCK: Final = 15
 
-#: Widths that SCD has no index for → (kind, bits); a DEFTYPE is made of each that is used (C15).
+#: Widths for which SCD has no index → (kind, bits); a DEFTYPE is made for each one that is used (C15).
 _ODD_WIDTHS: Final = MappingProxyType(
     {
         0x10: (Kind.INT, 24),
@@ -35,7 +35,7 @@ _ODD_WIDTHS: Final = MappingProxyType(
         0x1A: (Kind.UINT, 56),
     }
 )
-#: Types that SCD has otherwise or not at all (C20, C23) → what is said of it.
+#: Types that SCD lacks, or has in another form (C20, C23) → the text of the note.
 _LOSSES: Final = MappingProxyType(
     {
         OCTET_STRING: "OCTET_STRING is read as a block, as type 10 of SCD is a text",
@@ -45,13 +45,13 @@ _LOSSES: Final = MappingProxyType(
     }
 )
 _SIX_OCTETS: Final = frozenset((TIME_OF_DAY, TIME_DIFFERENCE))
-#: The same numbers with the same meaning.
+#: Types with the same number and meaning in SCD.
 _SHARED: Final = frozenset(STANDARD) - {_STRING, 0x0D, _BLOCK}
 _NODE_ID: Final = re.compile(r"\$NODEID", re.IGNORECASE)
 
 
 class Translated(NamedTuple):
-    """A foreign type: its SCD type, the bits of the variable where the type leaves them open, what is lost ("": nothing)."""
+    """A translated type: its SCD type, the bits of the variable if the type leaves them open, what is lost (empty: nothing)."""
 
     type: SimpleType
     bits: int
@@ -59,7 +59,7 @@ class Translated(NamedTuple):
 
 
 class ForeignTypes:
-    """Translates type codes of one device description; makes the DEFTYPEs it needs, at indices that the file leaves free."""
+    """Translates the type codes of a device description; makes the DEFTYPEs it needs, at indices that the file does not use."""
 
     def __init__(self, own: dict[int, SimpleType]) -> None:
         self._own = own
@@ -70,7 +70,7 @@ class ForeignTypes:
         self._used: set[int] = set()
 
     def translate(self, code: int) -> Translated | None:
-        """Return the type of a code; None for one that SCD has no simple type for."""
+        """Return the type for a code; None if SCD has no simple type for it."""
         if code in _SHARED:
             return Translated(STANDARD[code], 0, "")
         if code in self._made:
@@ -84,7 +84,7 @@ class ForeignTypes:
         return None if own is None else Translated(own, 0, "")
 
     def records(self) -> list[TypeRecord]:
-        """Return the DEFTYPEs of the file and those made, in their order."""
+        """Return the DEFTYPEs of the file and those that were made, sorted."""
         rows = [*self._own.values(), *(self._made[code] for code in self._used)]
         return [
             TypeRecord(row.index, row.name, int(row.kind), row.bits) for row in sorted(rows, key=lambda row: row.index)
@@ -92,7 +92,7 @@ class ForeignTypes:
 
 
 def whole_of_node(text: str, node_id: int | None) -> int:
-    """Return a whole number, with ``$NODEID+`` as CANopen writes it; raises ValueError."""
+    """Return a whole number, also with CANopen's ``$NODEID+``. Raises ValueError."""
     if not _NODE_ID.search(text):
         return whole_octal(text)
     if node_id is None:
@@ -101,7 +101,7 @@ def whole_of_node(text: str, node_id: int | None) -> int:
 
 
 def parse_value(text: str, code: int, kind: SimpleType, bits: int, node_id: int | None) -> Plain:
-    """Return a value written in a device description as records keep it; raises ValueError saying what is wrong."""
+    """Return a value in a device description in the form of records. Raises ValueError with what is wrong."""
     found: object
     if code == UNICODE_STRING:
         found = text.strip().encode("utf-16-le")
@@ -123,7 +123,7 @@ def parse_value(text: str, code: int, kind: SimpleType, bits: int, node_id: int 
 
 
 def parse_limit(text: str, kind: SimpleType) -> float | int:
-    """Return a limit of a number of the type; raises ValueError."""
+    """Return a limit for numbers of the type. Raises ValueError."""
     octal = kind.kind is not Kind.REAL and is_octal(text)
     found = whole_octal(text) if octal else written_value(text, kind)
     if not isinstance(found, (int, float)) or not math.isfinite(found):

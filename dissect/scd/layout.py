@@ -1,4 +1,4 @@
-"""Where variables stand in a sequence of bits, and the formats of struct and bitstruct for that (R20-R27)."""
+"""Positions of variables in a sequence of bits, and the formats of struct and bitstruct for them (R20-R27)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from dissect.scd.errors import E_MAP, Error
 from dissect.scd.types import Kind, SimpleType
 
-#: What names a variable: index and sub-index, or the name of a field of a struct.
+#: The key of a variable: index and sub-index, or the name of a field of a struct.
 Key = tuple[int, int] | str
 
 
@@ -37,10 +37,10 @@ _BIT_CODES: Final = {Kind.BOOL: "b", Kind.INT: "s", Kind.UINT: "u", Kind.REAL: "
 
 
 class Slot(NamedTuple):
-    """Where a variable stands: ``offset`` and ``bits`` in the sequence of bits; ``where`` names it in errors.
+    """The position of a variable: ``offset`` and ``bits`` in the sequence of bits; ``where`` names it in errors.
 
     ``fixed`` is the defined value of reserved bits (R32), None for "any". ``low`` and ``high`` are limits of the raw value,
-    None where there are none.
+    None if there are none.
     """
 
     key: Key
@@ -54,7 +54,7 @@ class Slot(NamedTuple):
 
 
 def check_places(slots: Sequence[Slot], bits: int, where: str) -> None:
-    """Raise `Error` E_MAP when variables overlap, descend or have no width, or when one ends after ``bits``."""
+    """Raise `Error` E_MAP if variables overlap, descend or have no width, or if one ends after ``bits``."""
     end = 0
     for slot in slots:
         if slot.bits <= 0 and slot.type.kind is not Kind.RESERVED:
@@ -69,8 +69,8 @@ def check_places(slots: Sequence[Slot], bits: int, where: str) -> None:
 
 
 def aligned(slots: Sequence[Slot]) -> bool:
-    """Whether struct can do it: every variable on whole octets of its own, in a width that struct knows."""
-    # When each begins with an octet, nothing else is in the octet of a Boolean.
+    """Return whether struct can pack them: each variable has whole octets of its own, in a width that struct knows."""
+    # If all begin at an octet, a Boolean has its octet for itself.
     return all(
         slot.offset % 8 == 0
         and (slot.type.kind in OCTETS or slot.type.kind is Kind.BOOL or (slot.type.kind, slot.bits) in _CODES)
@@ -79,7 +79,7 @@ def aligned(slots: Sequence[Slot]) -> bool:
 
 
 def struct_format(slots: Sequence[Slot], size: int) -> str:
-    """Return the format of struct for variables on whole octets, ``size`` octets in all."""
+    """Return the struct format for variables at whole octets, ``size`` octets altogether."""
     codes, at = ["<"], 0
     for slot in slots:
         first = slot.offset // 8
@@ -96,7 +96,7 @@ def struct_format(slots: Sequence[Slot], size: int) -> str:
 
 
 def bit_format(slots: Sequence[Slot], size: int) -> str:
-    """Return the format of bitstruct for the reversed octets: from the last variable to the first."""
+    """Return the bitstruct format for the reversed octets, from the last variable to the first."""
     codes, end = [], 8 * size
     for slot in reversed(slots):
         after = slot.offset + slot.bits

@@ -1,4 +1,4 @@
-"""From a file to a checked dictionary (R13, R17): compiled, a TOML or JSON source, or a device description."""
+"""Loads a file as a checked dictionary (R13, R17): compiled, a TOML or JSON source, or a device description."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SOURCE_SUFFIXES: Final = (".toml", ".json")
 #: Suffixes of device descriptions: INI files of CANopen, XML files of POWERLINK and CANopen.
 INI_SUFFIXES: Final = (".eds", ".dcf")
 XML_SUFFIXES: Final = (".xdd", ".xdc")
-#: A parsed description takes about sixty times its size in memory; real ones have a few hundred KiB.
+#: Octets of the largest description; parsed it takes about sixty times its size. Real ones have a few hundred KiB.
 MAX_DESCRIPTION: Final = 4 << 20
 
 
 def load(path: str | os.PathLike[str]) -> Dictionary:
-    """Return the dictionary of a file, compiled, source or device description; nothing is kept of one that is wrong.
+    """Return the dictionary in a file: compiled, source or device description. A wrong dictionary is not used at all.
 
     Raises `DictionaryError` with the place, OSError if the file cannot be read.
     """
@@ -43,7 +43,7 @@ def load(path: str | os.PathLike[str]) -> Dictionary:
 
 
 def load_octets(octets: bytes, path: str = "") -> Dictionary:
-    """Return the dictionary of a compiled file's octets; ``path`` is what an error calls it."""
+    """Return the dictionary in the octets of a compiled file; ``path`` is its name in errors."""
     body = parse_file(octets, path)
     try:
         return Dictionary(body)
@@ -52,9 +52,9 @@ def load_octets(octets: bytes, path: str = "") -> Dictionary:
 
 
 def compile_source(path: str | os.PathLike[str]) -> Dictionary:
-    """Return the dictionary of a source: TOML, or by its suffix JSON, EDS, DCF, XDD, XDC; `Dictionary.save` writes it.
+    """Return the dictionary of a source: TOML, or by suffix JSON, EDS, DCF, XDD, XDC; `Dictionary.save` writes it.
 
-    What a device description says and a dictionary cannot hold is dropped; `import_file` tells it.
+    Content of a device description that a dictionary cannot hold is dropped; `import_file` returns notes about it.
 
     Raises `DictionaryError` with file, line and rule, OSError if the file cannot be read.
     """
@@ -74,11 +74,11 @@ def is_description(path: str | os.PathLike[str]) -> bool:
 
 
 def import_file(path: str | os.PathLike[str], encoding: str = "", node: int | None = None) -> Imported:
-    """Return the dictionary of a device description (EDS, DCF, XDD, XDC by its suffix), and notes of what it does not keep.
+    """Return the dictionary of a device description (EDS, DCF, XDD, XDC by suffix), and notes about what it does not keep.
 
-    ``encoding`` is that of an EDS or DCF; without one it is UTF-8 or else Latin-1, which a note tells; XML says its own.
-    ``node`` is the node id for values that depend on one, 1 to 127 of CANopen, to 254 of POWERLINK.
-    Raises `DictionaryError` with the place, also where the package that reads the format is missing, OSError.
+    ``encoding`` is for an EDS or DCF; by default it is UTF-8, else Latin-1, which a note says; XML states its own. ``node`` is
+    the node id for values that depend on one: 1 to 127 for CANopen, to 254 for POWERLINK. Raises `DictionaryError` with the
+    place, also if the package that reads the format is missing; OSError.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in INI_SUFFIXES + XML_SUFFIXES:

@@ -1,4 +1,4 @@
-"""The ``map`` of a [[pdo]] in a source: what it names, and where that stands (profile 3.2)."""
+"""Reads the ``map`` of a [[pdo]] in a source: which variables it names, and where they are (profile 3.2)."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from dissect.scd.records import FieldRecord, ObjectRecord, StructRecord
 from dissect.scd.types import SimpleType, reserved
 from dissect.wire.text import count
 
-#: Target of an entry that only leaves room: the index of a static type (uint8), which is no variable.
+#: Target of an entry that is a gap: the index of a static type (uint8), which is not a variable.
 GAP: Final = (5, 0)
-#: Of a sub-index, zeros in front allowed.
+#: Most digits of a sub-index; leading zeros are allowed.
 _MOST_DIGITS: Final = 9
 
 Types = Mapping[int, SimpleType | StructRecord]
 
 
 class MapReader:
-    """Reads maps by the objects and types that the source has; what names one of ``broken`` tables is a consequence."""
+    """Reads maps with the objects and types of the source; an error about a name of a ``broken`` table is a consequence."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class MapReader:
         self._broken = broken
 
     def entries(self, table: Table, wide: bool) -> list[Entry]:
-        """Return the entries of a [[pdo]]'s map; raises `DictionaryError` with all that is wrong with them."""
+        """Return the entries of a [[pdo]]'s map; raises `DictionaryError` with all faults."""
         entries: list[Entry] = []
         troubles = Troubles()
         offset = 0
@@ -51,7 +51,7 @@ class MapReader:
                 entries.append(entry)
                 offset = entry.offset + entry.bits
         troubles.done()
-        if wide:  # a gap needs no entry where another one begins behind it
+        if wide:  # a gap needs no entry before another entry
             last = len(entries) - 1
             entries = [entry for at, entry in enumerate(entries) if at == last or entry[:2] != GAP]
         return entries
@@ -94,7 +94,7 @@ class MapReader:
         return obj.index, sub, bits
 
     def _sub(self, obj: ObjectRecord, field: str) -> tuple[int, int]:
-        """Return the number and the bits of an object's sub-index, -1 where it has none such."""
+        """Return number and bits of the sub-index of an object's field, -1 if there is none."""
         struct = self._by_index.get(obj.type)
         fields = obj.fields or (struct.fields if isinstance(struct, StructRecord) else [])
         for position, row in enumerate(fields, 1):

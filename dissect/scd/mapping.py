@@ -1,7 +1,7 @@
-"""The entries of mapping objects: which variable stands at which bits of a PDO (R103-R106, C49).
+"""The entries of mapping objects: which variable is at which bits of a PDO (R103-R106, C49).
 
-Two forms, told apart by the type of the array's elements: UNSIGNED64 of POWERLINK, with an offset of its own, and
-UNSIGNED32 of CANopen, where one entry follows the other. In both a static type index is a gap, as CANopen has it.
+There are two forms, distinguished by the type of the array's elements: UNSIGNED64 of POWERLINK, with an offset in each entry,
+and UNSIGNED32 of CANopen, where entries follow each other. In both, the index of a static type is a gap, as in CANopen.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from dissect.scd.model import Mapped, Variable
 from dissect.scd.ranges import MAX_SUB, is_static_type
 from dissect.wire.text import count
 
-#: The last bit of a PDO: offset and length are UNSIGNED16.
+#: The most bits of a PDO: offset and length are UNSIGNED16.
 MAX_PDO_BITS: Final = 0xFFFF
 
 Find = Callable[[int, int], Variable]
 
 
 class Entry(NamedTuple):
-    """One entry: ``target`` is an object's index, 0 for a gap; offset and length in bits."""
+    """One entry: ``target`` is the index of an object, 0 for a gap; offset and length are in bits."""
 
     target: int
     sub: int
@@ -37,7 +37,7 @@ def pack_entry(entry: Entry, wide: bool) -> int:
 
 
 def entries_of(values: Iterable[int], wide: bool, where: str) -> list[Entry]:
-    """Return the entries that the values of a mapping object stand for; raises `Error` E_MAP."""
+    """Return the entries for the values of a mapping object; raises `Error` E_MAP."""
     entries = []
     end = 0
     for number, value in enumerate(values, 1):
@@ -57,9 +57,9 @@ def entries_of(values: Iterable[int], wide: bool, where: str) -> list[Entry]:
 
 
 def place(entries: Iterable[Entry], direction: str, find: Find, where: str) -> tuple[tuple[Mapped, ...], int]:
-    """Return the variables of a PDO with their places, and its length in bits; raises `Error` E_MAP for a wrong entry.
+    """Return the variables of a PDO with their positions, and its length in bits; raises `Error` E_MAP for a wrong entry.
 
-    ``find`` gives the variable of an index and a sub-index and raises `Error` where there is none.
+    ``find`` returns the variable with an index and a sub-index, and raises `Error` if there is none.
     """
     mapped = []
     end = 0

@@ -1,4 +1,4 @@
-"""Messages: what an envelope and a dictionary together say (profile, reference 3.3)."""
+"""Messages: the content of an envelope, decoded by a dictionary (profile, reference 3.3)."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from dissect.scd.codec import Codec
     from dissect.scd.model import Pdo
 
-#: Headers of messages that are remembered with what they say; every device with mappings of its own has a codec of its own.
+#: Headers of messages that a codec remembers; each device with its own mappings has its own codec.
 MOST_HEADS: Final = 256
 
 Service = Literal["", "read", "write", "pdo"]
-#: A PDO is only ever a "push".
+#: A PDO is always a "push".
 Phase = Literal["", "request", "response", "abort", "push"]
 
 
 class Message(msgspec.Struct):
-    """A message. Fields that the envelope does not have are 0; ``values`` by (index, sub).
+    """A message. Fields that the envelope does not have are 0; ``values`` are by (index, sub).
 
-    ``service`` and ``phase`` are empty where the kind is not known. ``pdo`` is "T1" or "R65". ``data`` are the octets between
-    header and tail, ``numbers`` every field of the envelope by its role, ``size`` the octets of the whole message (0: it
-    could not be cut out). ``content`` names the struct, object or variable where the octets are a bare one. ``error`` says
-    what is wrong with a received message; then ``values`` is empty.
+    ``service`` and ``phase`` are empty if the kind is unknown. ``pdo`` is "T1" or "R65". ``data`` are the octets between header
+    and tail, ``numbers`` all fields of the envelope by role, ``size`` the octets of the whole message (0: its end is unknown).
+    ``content`` names the struct, object or variable if the octets are a bare one. ``error`` says what is wrong with a received
+    message; then ``values`` is empty.
     """
 
     service: Service = ""
@@ -55,11 +55,11 @@ class Message(msgspec.Struct):
 
 
 class Head:
-    """A header that sound messages had before, but for its transaction number.
+    """A header that sound messages had before, apart from the transaction number.
 
-    ``template`` is such a message without data, of ``size`` octets; its data are those from ``begin`` to ``end``. Of a PDO also
-    how its data are read (``packing``), and whether its mapping is of a ``version`` that the dictionary does not have.
-    ``numbered``: each message has a transaction number of its own. A bare PDO has no header, its data are all there is.
+    ``template`` is such a message without data, of ``size`` octets; its data are from ``begin`` to ``end``. For a PDO there are
+    also its ``packing``, and ``version``: its mapping has a version that the dictionary does not have. ``numbered``: each
+    message has its own transaction number. A bare PDO has no header; it is only data.
     """
 
     __slots__ = ("_strict_pad", "begin", "end", "numbered", "packing", "size", "template", "version")
@@ -100,7 +100,7 @@ class Head:
 
 
 def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
-    """Return the message that begins at ``at``; what is wrong with it is its ``error``."""
+    """Return the message that begins at ``at``; a fault is its ``error``."""
     envelope = codec.envelope
     if not envelope.told_by_head:
         return _parse(codec, octets, at)
@@ -119,7 +119,7 @@ def parse_message(codec: Codec, octets: Octets, at: int = 0) -> Message:
 
 
 def _again(codec: Codec, known: Head, octets: Octets, at: int, tid: int) -> Message | None:
-    """Return a message whose header is known; None when it is not whole and sound, which is looked at more closely."""
+    """Return a message with a known header; None if it is not complete and sound, and needs a closer look."""
     envelope = codec.envelope
     whole = bytes(octets[at : at + known.size])
     if len(whole) != known.size or envelope.checked(whole, known.end) is not None:
@@ -233,7 +233,7 @@ def _decode(codec: Codec, message: Message) -> None:
 
 
 def _judge_access(codec: Codec, message: Message) -> None:
-    """Flag what access attributes and index ranges forbid (R74, R87); raises `Error` E_INDEX, E_SUB for what is not there."""
+    """Flag what access attributes and index ranges forbid (R74, R87); raises `Error` E_INDEX, E_SUB if it does not exist."""
     dictionary, key = codec.dictionary, (message.index, message.sub)
     if message.index not in dictionary.objects and section_of(message.index).holds in {"", "static"}:
         flag(message.flags, ACCESS, key)
@@ -245,7 +245,7 @@ def _judge_access(codec: Codec, message: Message) -> None:
             variable = codec.variable(key)
         except Error:
             if message.phase == "abort":
-                return  # that there is no such object may be the very reason of the abort
+                return  # the missing object may be the reason for the abort
             raise
         allowed = variable.readable if message.service == "read" else variable.writable
     if not allowed:
@@ -265,7 +265,7 @@ def _decode_pdo(codec: Codec, message: Message) -> None:
     message.values = decoded.values
     if decoded.flags:
         message.flags.update(decoded.flags)
-    # In place of a sub-index a PDO carries the version of its mapping, 0 for none.
+    # A PDO has the version of its mapping in place of a sub-index, 0 for none.
     if "index" in numbers and message.sub and pdo.version and message.sub != pdo.version:
         flag(message.flags, VERSION)
 
@@ -273,7 +273,7 @@ def _decode_pdo(codec: Codec, message: Message) -> None:
 def _find_pdo(codec: Codec, numbers: dict[str, int]) -> Pdo:
     if "pdo" in numbers:
         number = numbers["pdo"]
-        # A number alone does not say the direction: what has only one PDO of this number means that.
+        # The number does not include the direction: it is clear only if there is one PDO with this number.
         return codec.pdo(f"{'T' if number in codec.dictionary.tpdo else 'R'}{number}")
     index = numbers.get("index", 0)
     if not is_mapping(index):
@@ -283,7 +283,7 @@ def _find_pdo(codec: Codec, numbers: dict[str, int]) -> Pdo:
 
 
 def _data(codec: Codec, message: Message) -> bytes:
-    """Return the data that the values make."""
+    """Return the data for the values."""
     if message.service == "pdo":
         if not message.pdo:
             raise Error(E_PDO_NUMBER, "message", "say which PDO")

@@ -1,4 +1,4 @@
-"""What a dictionary is made of when it is in use: variables, structs, objects, PDOs (R58-R76, R102-R108)."""
+"""The parts of a dictionary in use: variables, structs, objects, PDOs (R58-R76, R102-R108)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dissect.scd.ranges import device_of_pdo
 from dissect.scd.records import Access, Traits
 from dissect.scd.types import Kind, SimpleType, Value
 
-#: Fields that an error names.
+#: How many fields an error names.
 _NAMED: Final = 8
 #: Object classes of R63.
 NULL: Final = 0
@@ -44,8 +44,8 @@ PLAIN_TRAITS: Final = Traits()
 class Variable(msgspec.Struct, frozen=True, eq=False):
     """One value with an address: a VAR or DOMAIN (sub 0), an element of an ARRAY, a field of a RECORD or DEFSTRUCT.
 
-    ``bits`` is its width (0: as long as it comes), ``offset`` its first bit in the data of the object, ``label`` the name
-    with that of the object before it. A reserved field has no value; its bits are sent as ``fixed``, as 0 where that is None.
+    ``bits`` is its width (0: any), ``offset`` its first bit in the data of the object, ``label`` its name after that of the
+    object. A reserved field has no value; its bits are sent as ``fixed``, or as 0 if that is None.
     """
 
     index: int
@@ -69,7 +69,7 @@ class Variable(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def size(self) -> int:
-        """Octets of the value alone (R25); 0 for a value as long as it comes."""
+        """Octets of the value alone (R25); 0 for a value of any length."""
         return (self.bits + 7) // 8
 
     @property
@@ -79,12 +79,12 @@ class Variable(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def readable(self) -> bool:
-        """Whether the access attribute allows to read."""
+        """Whether the access attribute allows reading."""
         return self.access in READABLE
 
     @property
     def writable(self) -> bool:
-        """Whether the access attribute allows to write."""
+        """Whether the access attribute allows writing."""
         return self.access in WRITABLE
 
     @property
@@ -97,31 +97,31 @@ class Variable(msgspec.Struct, frozen=True, eq=False):
         return self.type.check(value, self.bits, self.label)
 
     def outside(self, value: object) -> bool:
-        """Whether a raw value is a number outside the limits that the dictionary has for it."""
+        """Return whether a raw value is a number outside the limits of the dictionary."""
         low, high = self.traits.low, self.traits.high
         if not isinstance(value, (int, float)):
             return False
         return (low is not None and value < low) or (high is not None and value > high)
 
     def encode(self, value: object, *, limits: bool = True) -> bytes:
-        """Return the octets of the value alone, as an SDO carries it (C56); raises `Error`, with ``limits`` for those too."""
+        """Return the octets of the value alone, as in an SDO (C56). Raises `Error`, with ``limits`` also outside of these."""
         if limits:
             check_limits(self.check(value), self.traits.low, self.traits.high, self.label)
         return encode_value(self.type, value, bits=self.bits, where=self.label)
 
     def decode(self, octets: bytes | bytearray | memoryview) -> Value:
-        """Return the value that ``octets`` alone are; raises `Error` E_SHORT, E_LONG, E_LENGTH or E_UTF8."""
+        """Return the value in ``octets``, which contain nothing else; raises `Error` E_SHORT, E_LONG, E_LENGTH or E_UTF8."""
         return decode_value(self.type, octets, {}, bits=self.bits, key=self.address, where=self.label)
 
     def phys(self, value: Value) -> Value:
-        """Return the physical value: raw · scale + shift for a number, the value itself for all else."""
+        """Return the physical value: raw · scale + shift for a number, the value itself for anything else."""
         traits = self.traits
         if (traits.scale == 1 and not traits.shift) or isinstance(value, bool) or not isinstance(value, (int, float)):
             return value
         return value * traits.scale + traits.shift
 
     def desc(self, value: Value) -> str:
-        """Return the text the dictionary has for the value, empty where it has none."""
+        """Return the dictionary's text for the value, empty if it has none."""
         for number, text in self.traits.texts:
             if number == value:
                 return text
@@ -132,7 +132,7 @@ class Variable(msgspec.Struct, frozen=True, eq=False):
 
 
 class StructType(msgspec.Struct, frozen=True, eq=False):
-    """A DEFSTRUCT (R67): fields one after the other without implicit alignment (C10); ``sub`` of a field counts from 1."""
+    """A DEFSTRUCT (R67): fields one after another without implicit alignment (C10); ``sub`` of a field counts from 1."""
 
     index: int
     name: str
@@ -145,7 +145,7 @@ class StructType(msgspec.Struct, frozen=True, eq=False):
         return (self.bits + 7) // 8
 
     def readout(self) -> tuple[int, ...]:
-        """Return what a device may show at the index of the type: number of fields, then their type codes (R59)."""
+        """Return what a device may return at the index of the type: number of fields, then their type codes (R59)."""
         return (len(self.fields), *(field.type.index for field in self.fields))
 
     def __repr__(self) -> str:
@@ -153,10 +153,10 @@ class StructType(msgspec.Struct, frozen=True, eq=False):
 
 
 class Object(msgspec.Struct, frozen=True, eq=False):
-    """An entry (R58). ``obj[sub]`` is a variable: 0 of a VAR or DOMAIN; of ARRAY and RECORD 0 is the number of sub-indices.
+    """An entry (R58). ``obj[sub]`` is a variable: 0 of a VAR or DOMAIN; of ARRAY and RECORD, 0 is the number of sub-indices.
 
-    ``fields`` are the data in their order with reserved fields, without sub-index 0 (R69, R70). ``type`` is None for NULL and
-    for a RECORD with fields of its own.
+    ``fields`` are the data in order, with reserved fields, without sub-index 0 (R69, R70). ``type`` is None for NULL and for a
+    RECORD with its own fields.
     """
 
     index: int
@@ -195,7 +195,7 @@ class Object(msgspec.Struct, frozen=True, eq=False):
         raise Error(E_SUB, where, f"{self.name!r} has no field {shown(key)}{self._fields_meant(key)}")
 
     def _fields_meant(self, key: str) -> str:
-        """Return what else than the field ``key`` there is, for the error that says that it is not there."""
+        """Return a hint for the error that there is no field ``key``: which fields there are."""
         if self.single:
             return ": it is one variable, without fields"
         meant = close_to(key, self.names)
@@ -242,10 +242,10 @@ class Mapped(NamedTuple):
 
 
 class Pdo(msgspec.Struct, frozen=True, eq=False):
-    """A process data object (R102-R108): direction "R" or "T" as the owner of the dictionary sees it (C50), number 1..512.
+    """A process data object (R102-R108): direction "R" or "T" as seen by the owner of the dictionary (C50), number 1..512.
 
-    ``map`` is empty for a PDO that is switched off. ``node`` and ``version`` are those of the communication parameter, 0
-    where it says nothing.
+    ``map`` is empty for a PDO that is switched off. ``node`` and ``version`` are those of the communication parameter, 0 if it
+    has none.
     """
 
     direction: str
@@ -270,7 +270,7 @@ class Pdo(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def local_number(self) -> int:
-        """The number 1..64 the device counts this PDO as."""
+        """The device's own number 1..64 for this PDO."""
         return device_of_pdo(self.number)[1]
 
     def __repr__(self) -> str:

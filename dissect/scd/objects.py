@@ -17,9 +17,10 @@ _NOTHING: Final = object()
 class Objects(MutableMapping[Any, Value]):
     """Values of a dictionary's variables, by (index, sub), "0x6000:1", name or "object.field"; checked when they are set.
 
-    A field of a bare struct is "struct.field". ``message`` names what `encode` and `decode` of this package take the octets
-    for: a PDO, a struct, an object or a variable; empty for a message in its envelope. ``changed`` are the keys whose values
-    the last decoding changed. Iteration gives (index, sub), or the text for fields of structs, in the order they came.
+    A field of a bare struct is "struct.field". ``message`` says what `encode` and `decode` of this package take the octets for:
+    the name of a PDO, a struct, an object or a variable; empty for a message in its envelope. ``changed`` are the keys whose
+    values the last decoding changed. Iteration yields (index, sub), or the text for fields of structs, in the order in which
+    they were set.
     """
 
     def __init__(self, dictionary: Dictionary, message: str = "") -> None:
@@ -56,7 +57,7 @@ class Objects(MutableMapping[Any, Value]):
 
     @property
     def known(self) -> Mapping[Key, Value]:
-        """The values by the keys that `__iter__` gives, without the other ways to write one."""
+        """The values by the keys that `__iter__` yields, without other spellings."""
         return self._values
 
     def named(self) -> dict[str, Value]:
@@ -64,9 +65,9 @@ class Objects(MutableMapping[Any, Value]):
         return {self._resolve(key)[1].label: value for key, value in self._values.items()}
 
     def merge(self, values: Mapping[Key, Value]) -> None:
-        """Take over decoded values, which are right already, and note which of them are other ones."""
+        """Take decoded values, which need no check, and note which of them are different."""
         own = self._values
-        # What was not there differs from everything; NaN differs from itself, which is no change.
+        # A missing value differs from everything; NaN differs from itself, which is not a change.
         self.changed = tuple(
             [
                 key
@@ -77,11 +78,11 @@ class Objects(MutableMapping[Any, Value]):
         own.update(values)
 
     def take(self, keys: Iterable[Key]) -> dict[Key, Value]:
-        """Return the values of those ``keys``, written as `__iter__` gives them, that are there."""
+        """Return the values of those ``keys``, in the form that `__iter__` yields, that exist."""
         return {key: self._values[key] for key in keys if key in self._values}
 
     def _resolve(self, key: Key) -> tuple[Key, Variable]:
-        """Return the key this collection uses, and the variable. Raises `Error` E_INDEX or E_SUB."""
+        """Return the key that this collection uses, and the variable. Raises `Error` E_INDEX or E_SUB."""
         if isinstance(key, str):
             name, point, field = key.rpartition(".")
             found = self.dictionary.types.get(self.dictionary.type_names.get(name, -1)) if point else None

@@ -1,10 +1,10 @@
-"""Bits: variables one after another in a sequence of bits, and the octets that carry them (R20-R27, C9, C10).
+"""Packs variables into a sequence of bits, and into octets (R20-R27, C9, C10).
 
-A `Packing` is made once for each PDO, struct or single value and then used for every message. Where all variables stand on
-whole octets it is one ``struct.Struct``. Where they do not, it is one format of the ``bitstruct`` package, which counts bits
-from the top: over the octets in reverse order that is the order of SCD, so the fields are listed backwards and the octets are
-turned round. What lies between variables is sent as zeros, or as the value the dictionary defines, and not looked at on
-receipt (R26, R32, C8) unless somebody asks.
+A `Packing` is made once for each PDO, struct or single value, and then used for every message. If all variables are at whole
+octets, it uses ``struct.Struct``. If not, it uses a format of the ``bitstruct`` package, which counts bits from the top: in
+reversed octets that is the order of SCD, so that fields are listed backwards and octets are reversed. Bits between variables
+are sent as zeros, or with the value that the dictionary defines, and not checked on receipt (R26, R32, C8) unless
+``strict_pad``.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ PAD: Final = "pad"
 TRAILING: Final = "trailing"
 ACCESS: Final = "access"
 VERSION: Final = "version"
-#: Octets that are no text in the dictionary's encoding; the value is the octets themselves.
+#: Octets are not a text in the dictionary's encoding; the value is the octets themselves.
 ENCODING: Final = "encoding"
-#: A value outside the limits that the dictionary has for it.
+#: A value outside the limits in the dictionary.
 LIMITS: Final = "limits"
 
-#: The one NaN that is sent (C17): Python's own is 7FC00000h and 7FF8000000000000h.
+#: The only NaN that is sent (C17): Python's own is 7FC00000h and 7FF8000000000000h.
 _NAN: Final = float("nan")
 _SECOND: Final = 1_000_000_000
 #: The largest number that a float32 holds.
 _FLOAT32_MAX: Final = float.fromhex("0x1.fffffep127")
 _FLOAT64_MAX: Final = float.fromhex("0x1.fffffffffffffp1023")
-#: Python's type of a number of each kind, int where it is none of these.
+#: Python types of numbers, by kind; int for other kinds.
 _FORMS: Final[dict[Kind, type]] = {Kind.BOOL: bool, Kind.REAL: float}
 
 
 def bit_engine() -> Callable[[str], Any]:
     """Return what compiles bit formats: the C extension of bitstruct, or its Python form.
 
-    The Python form serves where the extension was not built, and on big-endian machines, on which the extension has an open
-    fault (eerimoq/bitstruct #21).
+    The Python form is used if the extension was not built, and on big-endian machines, where the extension has an open bug
+    (eerimoq/bitstruct #21).
     """
     engine: Callable[[str], Any] = bitstruct.compile
     if sys.byteorder == "little":
@@ -68,10 +68,11 @@ def bit_engine() -> Callable[[str], Any]:
 
 
 class _Plan(NamedTuple):
-    """How numbers are packed without looking at each: ``take`` gives them in the order of the packer.
+    """How numbers are packed without looking at each: ``take`` returns them in the order of the packer.
 
-    They have to be exactly of the Python types ``forms``. The packer itself refuses an integer that does not fit; what it does
-    not know is in ``spans``: position, lowest and highest value of reals, which may not be infinite, and of what has limits.
+    They must have exactly the Python types ``forms``. The packer itself refuses an integer that does not fit. ``spans`` has
+    what it does not check: position, lowest and highest value of reals, which may not be infinite, and of variables with
+    limits.
     """
 
     take: Callable[[Mapping[Any, Any]], tuple[Any, ...]]
@@ -80,10 +81,10 @@ class _Plan(NamedTuple):
 
 
 class Packing:
-    """Values ↔ octets for variables at fixed places; ``size`` octets hold ``bits`` bits (R25).
+    """Converts values to octets and back, for variables at fixed positions; ``size`` octets hold ``bits`` bits (R25).
 
-    ``enforce``: a value outside the limits of its slot is not packed (E_RANGE). Raises `Error` E_MAP when variables overlap,
-    descend or have no width, or when one ends after ``bits``.
+    ``enforce``: a value outside the limits of its slot is not packed (E_RANGE). Raises `Error` E_MAP if variables overlap,
+    descend or have no width, or if one ends after ``bits``.
     """
 
     def __init__(
@@ -119,7 +120,7 @@ class Packing:
         self._reals = [at for at, kind in enumerate(kinds) if kind is Kind.REAL]
         finishers = [_finisher(slot, reverse=not self.aligned) for slot in self.slots]
         self._finish = [(at, finish) for at, finish in enumerate(finishers) if finish is not None]
-        # Where a text that is none becomes its octets: position, encoding, whether its octets are reversed.
+        # Texts, which become octets if they cannot be decoded: position, encoding, whether the octets are reversed.
         self._texts = [
             (at, slot.type.form or "utf-8", not self.aligned)
             for at, slot in enumerate(self.slots)
@@ -132,14 +133,14 @@ class Packing:
         ]
         self._enforce = enforce
         self._plan = self._planned()
-        #: Whether no octets make `unpack` notice anything, but for what ``strict_pad`` asks.
+        #: Whether `unpack` never notices anything, apart from ``strict_pad``.
         self.quiet: Final = not (self._timed or self._reals or self._texts or self._limits)
         self._plain = self.aligned and self.quiet and not self._finish
 
     def unpack(self, octets: bytes, flags: Flags, strict_pad: bool = False) -> Sequence[Value]:
-        """Return the values in the first ``size`` of ``octets``, which must be there; what is noticed goes into ``flags``.
+        """Return the values in the first ``size`` of ``octets``, which must be there; add what is noticed to ``flags``.
 
-        Octets that are no text in their encoding are given as they are, so that they cost no other value.
+        Octets that are not a text in their encoding are returned as octets, so that the other values are not lost.
         """
         if len(octets) != self.size:
             octets = octets[: self.size]
@@ -170,7 +171,7 @@ class Packing:
         return raw
 
     def odd(self, octets: bytes, strict_pad: bool = False) -> bool:
-        """Return whether `unpack` notices anything in ``octets``, for who needs the values later or not at all."""
+        """Return whether `unpack` would notice anything in ``octets``, without returning values."""
         if strict_pad or self._timed or self._texts:
             flags: Flags = {}
             self.unpack(octets, flags, strict_pad)
@@ -188,9 +189,9 @@ class Packing:
         return odd
 
     def pack_known(self, given: Mapping[Any, Any]) -> bytes | None:
-        """Return the octets of numbers that fit, by their keys; None for anything that `pack` has to look at more closely.
+        """Return the octets of numbers that fit, by their keys; None for anything that needs `pack`.
 
-        More values than are packed may be there.
+        There may be more values than are packed.
         """
         plan = self._plan
         if plan is None:
@@ -210,7 +211,7 @@ class Packing:
         return self._with_constant(octets) if self._constant else octets
 
     def _planned(self) -> _Plan | None:
-        """Return what `pack_known` goes by; None where other things than numbers are packed."""
+        """Return the plan of `pack_known`; None if anything but numbers is packed."""
         if not self.slots or any(slot.type.kind not in NUMERIC for slot in self.slots):
             return None
         slots = self.slots if self.aligned else self.slots[::-1]
@@ -233,7 +234,7 @@ class Packing:
                 raw += checked  # type: ignore[arg-type]  # both times are pairs
             elif kind in OCTETS:
                 raw.append(_field_octets(checked, slot.bits // 8, slot.type.form, reverse=not self.aligned))
-            elif kind is Kind.REAL and checked != checked:  # noqa: PLR0124 - NaN, of which one form is sent (C17)
+            elif kind is Kind.REAL and checked != checked:  # noqa: PLR0124 - one form of NaN is sent (C17)
                 raw.append(_NAN)
             else:
                 raw.append(checked)
@@ -241,7 +242,7 @@ class Packing:
         return self._with_constant(octets) if self._constant else octets
 
     def _with_constant(self, octets: bytes) -> bytes:
-        """Return the octets with the reserved bits that are defined (R32)."""
+        """Return the octets with the reserved bits that have a defined value (R32)."""
         return (int.from_bytes(octets, "little") | self._constant).to_bytes(self.size, "little")
 
     def _join_times(self, raw: Sequence[Any], flags: Flags) -> list[Any]:
@@ -279,10 +280,10 @@ def decode_value(
     where: str = "",
     strict_pad: bool = False,
 ) -> Value:
-    """Return the one value that ``octets`` are: what an SDO carries (C56).
+    """Return the value in ``octets``, which contain nothing else, as in an SDO (C56).
 
-    ``bits`` is the width of the variable where the type leaves it open; a text may be shorter than that, and of a type
-    without any width the octets tell the length (C19). Raises `Error` E_SHORT, E_LONG, E_LENGTH or E_UTF8.
+    ``bits`` is the width of the variable if the type leaves it open; a text may be shorter. If there is no width, the octets
+    give the length (C19). Raises `Error` E_SHORT, E_LONG, E_LENGTH or E_UTF8.
     """
     width = bits or kind.bits
     data = bytes(octets)
@@ -305,7 +306,7 @@ def decode_value(
 
 
 def encode_value(kind: SimpleType, value: object, *, bits: int = 0, where: str = "") -> bytes:
-    """Return the octets of one value (R25, C56); a text or block of a type without width is as long as it is."""
+    """Return the octets of one value (R25, C56); a text or block of a type without width has its own length."""
     width = bits or kind.bits
     if kind.kind in SIZED:
         checked = kind.check(value, width, where)
@@ -321,7 +322,7 @@ def single(kind: SimpleType, bits: int) -> Packing:
 
 
 def check_limits(value: object, low: float | None, high: float | None, where: str) -> None:
-    """Raise `Error` E_RANGE for a number outside the limits that a dictionary has for it; NaN is outside of none."""
+    """Raise `Error` E_RANGE for a number outside the limits in the dictionary; NaN is never outside."""
     if isinstance(value, (int, float)) and ((low is not None and value < low) or (high is not None and value > high)):
         raise Error(E_RANGE, where, f"{shown(value)} is outside the limits of its raw value, {limits_text(low, high)}")
 
@@ -334,7 +335,7 @@ def limits_text(low: float | None, high: float | None) -> str:
 
 
 def text_of(octets: bytes, where: str, encoding: str = "utf-8") -> str:
-    """Return a text without the U+0000 that fill its field up (C19); raises `Error` E_UTF8, the octets in its detail."""
+    """Return a text without its padding of U+0000 (C19); raises `Error` E_UTF8, with the octets in its detail."""
     try:
         return octets.rstrip(b"\0").decode(encoding)
     except UnicodeDecodeError as error:
@@ -343,7 +344,7 @@ def text_of(octets: bytes, where: str, encoding: str = "utf-8") -> str:
 
 
 def _span(slot: Slot, enforce: bool) -> tuple[float | int, float | int] | None:
-    """Return the lowest and highest number of a slot where the packer does not see to it, else None."""
+    """Return the lowest and highest number of a slot if the packer does not check them, else None."""
     low, high = (slot.low, slot.high) if enforce else (None, None)
     if slot.type.kind is Kind.REAL:
         most = _FLOAT32_MAX if slot.bits == 32 else _FLOAT64_MAX
@@ -367,7 +368,7 @@ def _field_octets(value: object, size: int, encoding: str, *, reverse: bool) -> 
 
 
 def _finisher(slot: Slot, *, reverse: bool) -> Callable[[Any], Value] | None:
-    """Return what makes a value of what struct (or with ``reverse``: bitstruct) read, None where that is the value."""
+    """Return a function that makes a value from what struct (if ``reverse``: bitstruct) read; None if that is the value."""
     kind = slot.type.kind
     if kind is Kind.MAC:
         return (lambda raw: MAC(raw[::-1])) if reverse else MAC

@@ -1,4 +1,4 @@
-"""Default values as records keep them: texts and addresses as octets, times as two numbers, one NaN."""
+"""Default values in the form of records: texts and addresses as octets, times as two numbers, one NaN."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dissect.scd.types import Kind, SimpleType, Value
 
 
 def as_plain(value: Value) -> Plain:
-    """Return a checked value in the form records keep it."""
+    """Return a checked value in the form of records."""
     if isinstance(value, str):
         return value.encode()
     if isinstance(value, IPv4Address):
@@ -26,7 +26,7 @@ def as_plain(value: Value) -> Plain:
 
 
 def from_plain(plain: Plain, kind: SimpleType, bits: int, where: str = "") -> Value:
-    """Return the value that records keep as ``plain``; raises `Error` for what is not a value of the type or kept otherwise."""
+    """Return the value for ``plain`` in the form of records; raises `Error` if it is not a value of the type in that form."""
     value: object = plain
     if kind.kind is Kind.STRING and isinstance(plain, bytes):
         try:

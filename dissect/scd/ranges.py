@@ -1,4 +1,4 @@
-"""The sections of a dictionary and its formulas (R57, R77-R96, R105-R108): which index holds what, for which device.
+"""The sections of a dictionary and its formulas (R57, R77-R96, R105-R108): what each index is, and for which device.
 
 Devices are counted 0..7, PDO numbers 1..512 (C46, C47).
 """
@@ -15,10 +15,10 @@ TYPE_SPACE: Final = 0x40
 PDOS_OF_DEVICE: Final = 64
 MAX_PDO: Final = DEVICES * PDOS_OF_DEVICE
 MAX_SUB: Final = 254
-#: The sub-index that holds the class of an object (bits 0-7) and its type (bits 8-23), C33.
+#: The sub-index with the class of an object (bits 0-7) and its type (bits 8-23), C33.
 STRUCTURE_SUB: Final = 255
 
-#: (direction, what the object is) → index of the first PDO's object (R107, R108, C48).
+#: (direction, kind of object) → index of the first PDO's object (R107, R108, C48).
 PDO_BASES: Final[dict[tuple[str, str], int]] = {
     ("R", "comm"): 0x1400,
     ("R", "map"): 0x1600,
@@ -28,7 +28,7 @@ PDO_BASES: Final[dict[tuple[str, str], int]] = {
 
 
 class Section(NamedTuple):
-    """A row of the table of 3.2.3 as resolved: what it ``holds`` is "static", "complex", "object" or nothing ("")."""
+    """A row of the table in 3.2.3: it ``holds`` types ("static", "complex"), objects ("object") or nothing ("")."""
 
     first: int
     last: int
@@ -61,7 +61,7 @@ SECTIONS: Final = (
 
 
 def section_of(index: int) -> Section:
-    """Return the section of ``index``; raises `Error` E_INDEX for what is not a 16-bit index (R57)."""
+    """Return the section of ``index``; raises `Error` E_INDEX if it is not a 16-bit index (R57)."""
     for section in SECTIONS:
         if section.first <= index <= section.last:
             return section
@@ -69,17 +69,17 @@ def section_of(index: int) -> Section:
 
 
 def is_static_type(index: int) -> bool:
-    """Whether ``index`` names a type that is only a reference, never read or written (R87, R90)."""
+    """Return whether ``index`` is a type that is only referred to, never read or written (R87, R90)."""
     return 0 < index < 0x1000 and section_of(index).holds == "static"
 
 
 def own_static_type(index: int) -> bool:
-    """Whether a dictionary may define a DEFTYPE at ``index``: 60h-7Fh and the same of devices 1..7 (C15)."""
+    """Return whether a dictionary may define a DEFTYPE at ``index``: 60h-7Fh, and the same for devices 1..7 (C15)."""
     return 0x60 <= index <= 0x25F and (index - 0x60) % TYPE_SPACE < 0x20
 
 
 def own_complex_type(index: int) -> bool:
-    """Whether a dictionary may define a DEFSTRUCT at ``index``: 20h-5Fh, 80h-9Fh and the same of devices 1..7."""
+    """Return whether a dictionary may define a DEFSTRUCT at ``index``: 20h-5Fh, 80h-9Fh, and the same for devices 1..7."""
     return 0x20 <= index <= 0x5F or (0x80 <= index <= 0x25F and (index - 0x60) % TYPE_SPACE >= 0x20)
 
 
@@ -127,7 +127,7 @@ def pdo_index(direction: str, part: str, number: int) -> int:
 def pdo_of_index(index: int) -> tuple[str, str, int]:
     """Return direction, part and number of the PDO that the object at ``index`` describes.
 
-    Raises `Error` when it describes none.
+    Raises `Error` if it describes none.
     """
     for (direction, part), first in PDO_BASES.items():
         if first <= index < first + MAX_PDO:
@@ -146,7 +146,7 @@ def is_communication(index: int) -> bool:
 
 
 def device_of_pdo(number: int) -> tuple[int, int]:
-    """Return the device 0..7 of PDO ``number`` and its number 1..64 there (R95). Raises `Error` for no number of a PDO."""
+    """Return the device 0..7 of PDO ``number`` and its own number 1..64 there (R95). Raises `Error` for an invalid number."""
     if not 1 <= number <= MAX_PDO:
         raise Error(E_PDO_NUMBER, f"PDO {number}", f"PDOs are numbered 1 to {MAX_PDO}")
     device, local = divmod(number - 1, PDOS_OF_DEVICE)
@@ -154,7 +154,7 @@ def device_of_pdo(number: int) -> tuple[int, int]:
 
 
 def pdo_of_device(device: int, number: int) -> int:
-    """Return the number of the PDO that device ``device`` counts as ``number`` 1..64 (R95). Raises `Error` for another one."""
+    """Return the number of the PDO that ``device`` counts as ``number`` 1..64 (R95). Raises `Error` for other numbers."""
     if not 1 <= number <= PDOS_OF_DEVICE:
         raise Error(E_PDO_NUMBER, f"PDO {number}", f"a device has the PDOs 1 to {PDOS_OF_DEVICE}")
     return PDOS_OF_DEVICE * _device(device) + number

@@ -1,4 +1,4 @@
-"""One table of a source: its keys by kind, each asked for once, and an error for what is missing, wrong or unknown."""
+"""Reads one table of a source: keys by type, each read once; errors for keys that are missing, wrong or unknown."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dissect.scd.records import Access, Counts, CrcRecord, EnvelopeField, Envelo
 from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType
 
 _MISSING: Final = object()
-#: A longer key is cut in errors.
+#: Longer keys are cut in errors.
 _LONGEST_KEY: Final = 100
 _ROLE_NAMES: Final = (
     "protocol", "kind", "response", "abort", "tid", "seq", "err", "index", "sub", "pdo", "port", "src", "dst", "size", "data",
@@ -26,16 +26,16 @@ _ONE_BIT: Final = ("response", "abort")
 
 
 def whole_number(text: str) -> int | None:
-    """Return the whole number that ``text`` writes as TOML does ("0x6000", "-5"), None where it is none of 64 bits."""
+    """Return the whole number in ``text``, written as in TOML ("0x6000", "-5"); None if it is not one of 64 bits."""
     try:
         number = int(text, 0)
-    except ValueError:  # also of digits too many for Python
+    except ValueError:  # also if there are too many digits for Python
         return None
     return number if LOWEST <= number <= HIGHEST else None
 
 
 class Table:
-    """The keys of one table; ``where`` names it in errors, ``line`` is its line (0: unknown), or ``place`` finds it."""
+    """The keys of one table; ``where`` names it in errors. ``line`` is its line (0: unknown), or ``place`` finds it."""
 
     def __init__(self, content: object, where: str, line: int = 0, place: Place | None = None) -> None:
         self.where = where
@@ -48,35 +48,35 @@ class Table:
 
     @property
     def line(self) -> int:
-        """The line of the table, 0 where it is not known."""
+        """The line of the table, 0 if it is not known."""
         return self._line or (0 if self.place is None else self.place.line())
 
     def line_of(self, key: str) -> int:
-        """Return the line of a key of the table, that of the table where the key has none."""
+        """Return the line of a key, or that of the table if the key has none."""
         return self.line if self.place is None else self.place.line(key) or self.line
 
     def inside(self, content: object, where: str, key: str, number: int | None = None) -> Table:
-        """Return a table that is the value of a key of this one, or an element of it; raises `DictionaryError`."""
+        """Return a table that is the value of a key, or an element of that value; raises `DictionaryError`."""
         more: tuple[str | int, ...] = (key,) if number is None else (key, number)
         place = None if self.place is None else self.place.inside(*more)
         return Table(content, f"{self.where}, {where}", 0 if place else self.line, place)
 
     def fail(self, key: str, detail: str, rule: str = "", *, consequence: bool = False) -> DictionaryError:
-        """Return the error of a key."""
+        """Return an error about a key."""
         name = key if key.isprintable() and len(key) <= _LONGEST_KEY else shown(key)
         where = f"{self.where}, {name}"
         return DictionaryError(where, detail, rule=rule, line=self.line_of(key), consequence=consequence)
 
     def has(self, key: str) -> bool:
-        """Whether the key is there."""
+        """Return whether the key exists."""
         return key in self.content
 
     def mark(self, key: str) -> None:
-        """Note that the key was read elsewhere."""
+        """Note that the key is read elsewhere."""
         self._asked.add(key)
 
     def done(self) -> None:
-        """Raise for keys that nothing asked for, all of them at once."""
+        """Raise an error for all keys that were not read."""
         troubles = Troubles()
         for key in self.content:
             if key not in self._asked:
@@ -137,26 +137,26 @@ class Table:
         raise self.fail(key, f"{shown(found)} is not one of {', '.join(choices)}{hint}")
 
     def items(self, key: str) -> list[Any]:
-        """Return an array, empty where the key is missing."""
+        """Return an array, empty if the key is missing."""
         found = self._get(key, [])
         if isinstance(found, list):
             return found
         raise self.fail(key, f"{shown(found)} is not an array")
 
     def real(self, key: str) -> float | int | None:
-        """Return a finite number, None where the key is missing."""
+        """Return a finite number, None if the key is missing."""
         found = self._get(key, None)
         if found is None or (isinstance(found, (int, float)) and not isinstance(found, bool) and math.isfinite(found)):
             return found
         raise self.fail(key, f"{shown(found)} is not a finite number")
 
     def value(self, key: str, kind: SimpleType, bits: int) -> Plain:
-        """Return a default value of a type as it is kept, None where the key is missing."""
+        """Return a default value of a type in the form of records, None if the key is missing."""
         found = self._get(key, None)
         return None if found is None else self._plain(key, found, kind, bits)
 
     def values(self, key: str, kind: SimpleType, bits: int) -> list[Plain]:
-        """Return the default values of an array's elements: all from the first on, or some in a table by sub-index."""
+        """Return the default values of an array's elements: a list from the first on, or a table by sub-index."""
         found = self._get(key, [])
         if isinstance(found, Mapping):
             return self._values_by_sub(key, found, kind, bits)
@@ -172,7 +172,7 @@ class Table:
         return [values.get(sub) for sub in range(1, max(values, default=0) + 1)]
 
     def field_values(self, key: str, fields: Sequence[FieldRecord], kinds: Sequence[SimpleType]) -> list[Plain]:
-        """Return the default values of a record's fields, given by their names."""
+        """Return the default values of a record's fields, given by name."""
         found = self._get(key, {})
         if not isinstance(found, Mapping):
             raise self.fail(key, "the values of a record are a table by the names of its fields")
@@ -208,7 +208,7 @@ class Table:
 
 
 def traits_of(table: Table) -> Traits | None:
-    """Return unit, scale, shift, limits and texts of a variable's table, None where there are none."""
+    """Return unit, scale, shift, limits and texts in a variable's table, None if there are none."""
     texts: list[tuple[int, str]] = []
     found = table.inside(table.content.get("texts", {}), "texts", "texts")
     for key in found.content:
@@ -230,7 +230,7 @@ def traits_of(table: Table) -> Traits | None:
 
 
 def fields_of(table: Table, type_of: Callable[[Table], SimpleType]) -> list[FieldRecord]:
-    """Return the fields of a struct's or record's table; ``{reserved=6}`` is a gap, with ``fixed`` if its bits are defined."""
+    """Return the fields in a struct's or record's table; ``{reserved=6}`` is a gap, with ``fixed`` if its bits are defined."""
     fields = []
     troubles = Troubles()
     for number, item in enumerate(table.items("fields")):
@@ -257,7 +257,7 @@ def _field_of(row: Table, type_of: Callable[[Table], SimpleType]) -> FieldRecord
 
 
 def envelope_of(content: object, place: Place) -> EnvelopeRecord | None:
-    """Return the described envelope, None where the source describes none."""
+    """Return the described envelope, None if the source has none."""
     if content is None:
         return None
     table = Table(content, "envelope", place=place)

@@ -1,4 +1,4 @@
-"""A dictionary as plain records: what a compiled file holds, what a TOML source is read into.
+"""A dictionary as plain records: the content of a compiled file, and the result of reading a TOML source.
 
 The order of the fields is the order in the file; a later minor version may only add fields at the end of a record.
 """
@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-#: A default value as it is kept: times are [seconds, nanoseconds], texts and addresses octets.
+#: A default value in the form of records: times are [seconds, nanoseconds], texts and addresses are octets.
 Plain = bool | int | float | bytes | list[int] | None
 
 Access = Literal["", "rw", "wo", "ro", "const"]
@@ -29,7 +29,7 @@ class Traits(msgspec.Struct, array_like=True, frozen=True):
 
 
 class FieldRecord(msgspec.Struct, array_like=True, frozen=True):
-    """A field of a DEFSTRUCT or of a RECORD of its own. Type 0: reserved bits; ``fixed``: their value, None for "any" (R32).
+    """A field of a DEFSTRUCT, or of a RECORD without one. Type 0: reserved bits; ``fixed``: their value, None for "any" (R32).
 
     ``access`` "" and ``mappable`` None are those of the object.
     """
@@ -62,10 +62,10 @@ class StructRecord(msgspec.Struct, array_like=True, frozen=True):
 
 
 class ObjectRecord(msgspec.Struct, array_like=True, frozen=True):
-    """An object (R58). ``type`` 0: NULL has none, a RECORD has fields of its own.
+    """An object (R58). ``type`` 0: it is NULL, or a RECORD with its own fields.
 
-    ``bits`` is the width where the type leaves it open, ``count`` the elements of an ARRAY, ``used`` its sub-index 0,
-    ``values`` the defaults: of the variable, of the elements, of the fields (empty or one for each; None: no default).
+    ``bits`` is the width if the type leaves it open, ``count`` the number of elements of an ARRAY, ``used`` its sub-index 0.
+    ``values`` are the defaults of the variable, the elements or the fields (empty, or one for each; None: no default).
     """
 
     index: int
@@ -84,7 +84,7 @@ class ObjectRecord(msgspec.Struct, array_like=True, frozen=True):
 
 
 class CrcRecord(msgspec.Struct, array_like=True, frozen=True):
-    """A CRC of 16 bits. It covers what stands "before" it, or only the "data"."""
+    """A CRC of 16 bits, over everything "before" it, or only over the "data"."""
 
     poly: int = 0x1021
     init: int = 0
@@ -101,7 +101,7 @@ Role = Literal[
 
 
 class EnvelopeField(msgspec.Struct, array_like=True, frozen=True):
-    """A field of an envelope. ``signed`` and ``bits`` are its type, ``big`` its order; ``value`` that of a constant."""
+    """A field of an envelope. ``signed`` and ``bits`` are its type, ``big`` its byte order; ``value`` is that of a constant."""
 
     role: Role
     bits: int = 0
@@ -120,7 +120,7 @@ class EnvelopeRecord(msgspec.Struct, array_like=True, frozen=True):
 
 
 class Body(msgspec.Struct, array_like=True, frozen=True):
-    """A whole dictionary: types, structs and objects ascend by index. ``encoding`` is that of its strings on the wire."""
+    """A whole dictionary: types, structs and objects are sorted by index. ``encoding`` is that of its strings on the wire."""
 
     name: str
     version: str

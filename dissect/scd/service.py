@@ -1,4 +1,4 @@
-"""The three functions of the text (2.3): `init`, `encode`, `decode`, over one codec of the process (R10-R15)."""
+"""The three functions of the text (2.3): `init`, `encode`, `decode`, with one codec for the process (R10-R15)."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def init(dictionary: str | os.PathLike[str] | Dictionary) -> Codec:
 
 
 def encode(objects: Objects) -> bytes:
-    """Return the message of these information objects (R14): the PDO, struct, object or variable ``objects.message``."""
+    """Return the message with these information objects (R14): the PDO, struct, object or variable ``objects.message``."""
     return encode_named(_initialised(), objects)
 
 
 def decode(octets: Octets, objects: Objects) -> tuple[Key, ...]:
-    """Update the information objects from a message (R15), taken for ``objects.message``; return what changed (C2).
+    """Update the information objects from a message (R15) of the kind ``objects.message``; return what changed (C2).
 
-    An empty name takes the octets for a message in its envelope.
+    If that is empty, the octets are a message in its envelope.
     """
     return decode_named(_initialised(), octets, objects)
 
 
 def encode_named(codec: Codec, objects: Objects) -> bytes:
-    """Do what `encode` does, with a codec of one's own. Raises `Error` as `encode` does."""
+    """Do what `encode` does, with another codec. Raises `Error` as `encode` does."""
     name = objects.message
     if not name:
         raise Error(E_VALUE, "encode", "name the PDO, struct, object or variable in objects.message")
@@ -59,7 +59,7 @@ def encode_named(codec: Codec, objects: Objects) -> bytes:
 
 
 def decode_named(codec: Codec, octets: Octets, objects: Objects) -> tuple[Key, ...]:
-    """Do what `decode` does, with a codec of one's own."""
+    """Do what `decode` does, with another codec."""
     name = objects.message
     dictionary = codec.dictionary
     if not name:

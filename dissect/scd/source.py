@@ -36,7 +36,7 @@ _DEVICE_OBJECT: Final = re.compile(r"0[xX]6([0-7][0-9a-fA-F]{2})(?=[:.]|$)")
 
 
 def expand(lists: Mapping[str, list[Table]]) -> dict[str, list[Table]]:
-    """Return the tables of types, objects and PDOs with every template put in place."""
+    """Return the tables of types, objects and PDOs, with all templates expanded."""
     kept: dict[str, list[Table]] = {"type": [], "object": [], "pdo": []}
     templates: dict[str, dict[str, list[Table]]] = {}
     for kind, rows in kept.items():
@@ -87,7 +87,7 @@ def _shifted(kind: str, table: Table, device: int) -> Table:
 
 
 def _filled(value: Any, device: int) -> Any:
-    """Return a value with the numbers of the device in its texts, those of the tables and arrays in it too."""
+    """Return a value with the numbers of the device in its texts, also inside tables and arrays."""
     if isinstance(value, str):
         return value.replace("{device}", str(device)).replace("{segment}", str(device + 1))
     if isinstance(value, list):
@@ -98,7 +98,7 @@ def _filled(value: Any, device: int) -> Any:
 
 
 def _target(item: Any, device: int) -> Any:
-    """Return an entry of a map with an index 6000h-67FFh moved to the device."""
+    """Return an entry of a map; an index 6000h-67FFh is moved to the device."""
     if isinstance(item, dict):
         return {**item, "var": _target(item["var"], device)} if "var" in item else item
     if not isinstance(item, str):
@@ -158,7 +158,7 @@ def _build(tables: Mapping[str, Any], path: str, lines: Lines) -> Dictionary:
         for error in (*reader.troubles.found, *broken):
             with troubles:
                 raise error
-        if not broken:  # what could be read keeps the rules, so its PDOs can be placed
+        if not broken:  # what could be read keeps the rules, so that its PDOs can be placed
             made = Dictionary(body)
             if not troubles.found:
                 return made
@@ -171,10 +171,10 @@ def _build(tables: Mapping[str, Any], path: str, lines: Lines) -> Dictionary:
 
 
 class _Reader:
-    """Reads the tables of one source. What an index was written as is kept, so that a broken rule finds its line.
+    """Reads the tables of one source. It remembers how each index was written, to find the line of a broken rule.
 
-    ``troubles`` collects what is wrong with one table, field or entry after another. What such a table would have defined
-    is not missed a second time where others name it.
+    ``troubles`` collects the faults of tables, fields and entries. If others refer to what such a table would have defined,
+    that is not reported again.
     """
 
     def __init__(self, tables: Mapping[str, Any], lines: Lines) -> None:
@@ -192,7 +192,7 @@ class _Reader:
         self._map = MapReader(self._objects, self._names, self._by_index, self._broken)
 
     def line_of(self, error: DictionaryError) -> int:
-        """Return the line of the table that wrote the entry an error is about, 0 where that is not known."""
+        """Return the line of the table with the entry that an error is about, 0 if unknown."""
         for name in _TABLES:
             if error.where.startswith(name):
                 return self._lines.at(name)
@@ -200,7 +200,7 @@ class _Reader:
         return 0 if home is None else home.line
 
     def body(self) -> Body:
-        """Return the records of what could be read, in their order; the rest is in ``troubles``."""
+        """Return the records of what could be read, sorted; faults are in ``troubles``."""
         self._top_level()
         for name in _TABLES:
             check_bounds(self._tables.get(name), f"[{name}]", self._lines.at(name))
@@ -257,7 +257,7 @@ class _Reader:
         return types, structs
 
     def _each(self, tables: Sequence[Table], read: Callable[[Table], None]) -> None:
-        """Read every table; of one that is wrong its name and index are remembered."""
+        """Read all tables; remember name and index of those that are wrong."""
         for table in tables:
             with self.troubles:
                 read(table)
@@ -325,7 +325,7 @@ class _Reader:
 
     def _field_type(self, table: Table) -> SimpleType:
         written = table.name_or_number("type")
-        if written in self._struct_tables and written not in self._simple:  # wherever it stands, itself too
+        if written in self._struct_tables and written not in self._simple:  # wherever it is, even this table itself
             name = written if isinstance(written, str) else f"0x{written:04x}"
             raise table.fail("type", f"{name} is not a simple type: no records of records", "R73")
         found = self._any_type(table)
@@ -417,7 +417,7 @@ class _Reader:
 
 
 def _only_width(kind: Kind) -> int:
-    """Return the bits of a kind that has one width, 0 for the others, which then break a rule or are open."""
+    """Return the bits of a kind that has only one width; 0 for others, which break a rule then, or are open."""
     widths = {row.bits for row in STANDARD.values() if row.kind is kind}
     return widths.pop() if len(widths) == 1 else 0
 
@@ -427,7 +427,7 @@ def _ascending(rows: Mapping[int, Row]) -> list[Row]:
 
 
 def _trimmed(values: list[Plain]) -> list[Plain]:
-    """Drop the missing values at the end: what says nothing is not written."""
+    """Drop the missing values at the end: they are not written."""
     size = len(values)
     while size and values[size - 1] is None:
         size -= 1
@@ -435,5 +435,5 @@ def _trimmed(values: list[Plain]) -> list[Plain]:
 
 
 def _called(table: Table) -> list[str | int]:
-    """Return the name and the index that a table gives to what it defines, as far as they are written."""
+    """Return the name and the index that a table gives to what it defines, as far as it has them."""
     return [found for key in ("name", "index") if isinstance(found := table.content.get(key), (str, int))]

@@ -1,4 +1,4 @@
-"""TOML as both the dictionary's source and the bindings are written in: its text and its tables."""
+"""TOML of a dictionary's source and of bindings: text and tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.scd.errors import DictionaryError
 _AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
 
 
-#: Marks at the begin of a text that say how it is encoded (the longer ones first), as editors of Windows write them.
+#: Byte order marks at the beginning of a text (longer ones first), as Windows editors write them.
 _MARKS: Final = (
     (b"\xef\xbb\xbf", "utf-8"),
     (b"\xff\xfe\x00\x00", "utf-32-le"),
@@ -23,9 +23,9 @@ _MARKS: Final = (
 
 
 def source_text(octets: bytes, path: str) -> str:
-    """Return the text of a source: UTF-8, or what a byte order mark says.
+    """Return the text of a source: UTF-8, or as a byte order mark says.
 
-    Raises `DictionaryError` with the line where it is not that.
+    Raises `DictionaryError` with the line that cannot be decoded.
     """
     mark, encoding = next((row for row in _MARKS if octets.startswith(row[0])), (b"", "utf-8"))
     try:

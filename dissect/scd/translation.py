@@ -1,6 +1,6 @@
-"""From a device description of CANopen or POWERLINK, whatever file it stood in, to a dictionary (profile 3.1).
+"""Translates a CANopen or POWERLINK device description, from any file format, to a dictionary (profile 3.1).
 
-The models know things that SCD does not, and the other way round. What can be kept is kept, and every loss is a `Note`.
+Each model has features that the other one lacks. What can be kept is kept, and every loss is a `Note`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dissect.scd.records import Access, Body, FieldRecord, ObjectRecord, Plain, 
 from dissect.scd.types import NUMERIC, SIZED, STANDARD, STANDARD_NAMES, Kind, SimpleType
 from dissect.scd.written import whole_octal
 
-#: Octets of a text in a record or array whose length no device description says.
+#: Octets of a text in a record or array, whose length device descriptions never state.
 TEXT_OCTETS: Final = 255
 _ACCESS: Final[dict[str, Access]] = {"rw": "rw", "wo": "wo", "ro": "ro", "const": "const", "rwr": "rw", "rww": "rw"}
 _WIDE: Final = 0x1B
@@ -29,13 +29,13 @@ _NARROW: Final = 0x07
 
 
 def translate(description: Description, notes: Notes) -> Imported:
-    """Return the dictionary of a device description; raises `DictionaryError` for one that SCD cannot hold."""
+    """Return the dictionary of a device description; raises `DictionaryError` if SCD cannot hold it."""
     body = _Translator(description, notes).body()
     return Imported(Dictionary(_with_mappings(body, notes)), notes.told())
 
 
 def _with_mappings(body: Body, notes: Notes) -> Body:
-    """Return the body with those PDOs switched off whose mapping breaks a rule (E_MAP)."""
+    """Return the body, with PDOs switched off whose mapping breaks a rule (E_MAP)."""
     off = [
         msgspec.structs.replace(row, used=0) if ranges.is_mapping(row.index) and row.used else row
         for row in body.objects
@@ -74,7 +74,7 @@ class _Translator:
     # Types
 
     def _own_types(self) -> dict[int, SimpleType]:
-        """Return the DEFTYPEs of the file that stand where SCD has them."""
+        """Return the DEFTYPEs of the file at indices that SCD allows for them."""
         basic = ForeignTypes({})
         own: dict[int, SimpleType] = {}
         for entry in self._entries:
@@ -91,7 +91,7 @@ class _Translator:
         return own
 
     def _struct(self, entry: ForeignEntry) -> StructRecord | None:
-        """Return a DEFSTRUCT: its sub-indices have the codes of the types as values (R59)."""
+        """Return a DEFSTRUCT: the values of its sub-indices are codes of types (R59)."""
         if entry.object_class != DEFSTRUCT or not ranges.own_complex_type(entry.index):
             return None
         fields: list[FieldRecord] = []
@@ -185,7 +185,7 @@ class _Translator:
         )  # fmt: skip
 
     def _mapping(self, entry: ForeignEntry) -> ObjectRecord | None:
-        """Return the mapping parameter of a PDO: an ARRAY, also where CANopen calls it a RECORD (C49)."""
+        """Return the mapping parameter of a PDO as an ARRAY, even if CANopen calls it a RECORD (C49)."""
         rows = {sub: row for sub, row in entry.subs.items() if sub}
         codes = {row.code for row in rows.values()}
         if entry.object_class not in (ARRAY, RECORD) or codes not in ({_NARROW}, {_WIDE}):
@@ -213,7 +213,7 @@ class _Translator:
     # Variables
 
     def _field(self, entry: ForeignEntry, sub: ForeignSub, before: Sequence[FieldRecord]) -> FieldRecord:
-        """Return a field with access, whether it can be mapped and its value; a gap without bits where SCD cannot have it."""
+        """Return a field with access, mapping and value; a gap without bits if SCD cannot have it."""
         found = self._type(entry, sub)
         if found is None:
             return FieldRecord("", 0, 0)
@@ -300,7 +300,7 @@ class _Translator:
 
 
 def _form(field: FieldRecord) -> tuple[object, ...]:
-    """Return what the elements of an ARRAY have in common."""
+    """Return what all elements of an ARRAY must have in common."""
     return (
         field.type,
         field.bits,
@@ -311,7 +311,7 @@ def _form(field: FieldRecord) -> tuple[object, ...]:
 
 
 def _printable(text: str) -> str:
-    """Return a text as a name can be: what does not print is a space, none at the ends, not too long."""
+    """Return a text that is valid as a name: spaces for unprintable characters, none at the ends, and not too long."""
     return " ".join("".join([char if char.isprintable() else " " for char in text]).split())[:MAX_NAME].strip()
 
 

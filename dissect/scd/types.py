@@ -1,7 +1,7 @@
-"""The types of SCD (R19-R55): what each holds, how many bits it has, which values it takes.
+"""The types of SCD (R19-R55): content, number of bits and valid values of each.
 
-A value is a sequence of bits, b0 first (R20, R23, R27); a type says how many. Here a value is only checked and brought
-into its one Python form; octets are the codec's business.
+A value is a sequence of bits, b0 first (R20, R23, R27); the type says how many. This module only checks values and brings them
+into their Python form; the codec handles octets.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Value = bool | int | float | str | bytes | MAC | IPv4Address | NetTime | Interva
 
 #: The widest Integer N and Unsigned N (C15).
 MAX_INTEGER_BITS: Final = 64
-#: The largest value of one message (C27).
+#: Octets of the largest value in one message (C27).
 MAX_OCTETS: Final = 0xFFFF
 
 _INT32: Final = 1 << 31
@@ -33,7 +33,7 @@ _FLOAT: Final = struct.Struct("<f")
 
 
 class Kind(enum.IntEnum):
-    """What a type is made of; the numbers stand in compiled dictionaries. RESERVED of 0 bits is Void (R28, C11)."""
+    """What a type is made of; the numbers are used in compiled dictionaries. RESERVED of 0 bits is Void (R28, C11)."""
 
     RESERVED = 0
     BOOL = 1
@@ -48,12 +48,12 @@ class Kind(enum.IntEnum):
     IP = 10
 
 
-#: Kinds whose length is not given by the type alone.
+#: Kinds whose types may have no fixed length.
 SIZED: Final = frozenset((Kind.STRING, Kind.BLOCK))
-#: Kinds made of bits that are one number.
+#: Kinds whose bits are one number.
 NUMERIC: Final = frozenset((Kind.BOOL, Kind.INT, Kind.UINT, Kind.REAL))
 
-#: Kind → widths its types may have; a range for the open ones, None for multiples of eight.
+#: Kind → widths that its types may have; a range for open ones, None for multiples of eight.
 _WIDTHS: Final = MappingProxyType(
     {
         Kind.BOOL: range(1, 2),
@@ -69,10 +69,10 @@ _WIDTHS: Final = MappingProxyType(
 
 
 class SimpleType(msgspec.Struct, frozen=True):
-    """A simple type (C35): index (0: has none), name, kind, bits (0 for a string or block whose length stands elsewhere).
+    """A simple type (C35): index (0: none), name, kind, bits (0 for a string or block whose length is given elsewhere).
 
-    ``form`` is the encoding of a string that is not UTF-8, and "tai" of a network time that is not UTC: both are the
-    dictionary's choice, for all of its types.
+    ``form`` is the encoding of a string that is not UTF-8, or "tai" for a network time that is not UTC: the dictionary chooses
+    both, for all of its types.
     """
 
     index: int
@@ -83,14 +83,14 @@ class SimpleType(msgspec.Struct, frozen=True):
 
     @property
     def variable(self) -> bool:
-        """Whether the length of a value has to be given by the variable or by the message."""
+        """Whether the length of a value is given by the variable or by the message."""
         return self.kind in SIZED and not self.bits
 
     def check(self, value: object, bits: int = 0, where: str = "") -> Value:
-        """Return ``value`` in the form this type has in Python, or raise `Error` saying what is wrong with it.
+        """Return ``value`` in the Python form of this type. Raises `Error` with what is wrong.
 
-        ``bits`` is the width of the variable where the type leaves it open (0: any). Texts are taken for times (ISO 8601),
-        MAC and IP addresses, pairs of integers for times.
+        ``bits`` is the width of the variable if the type leaves it open (0: any). Texts are accepted for times (ISO 8601), MAC
+        and IP addresses, pairs of integers for times.
         """
         if self.form:
             return _FORMED[self.kind](value, bits or self.bits, where or self.name, self.form)
@@ -113,7 +113,7 @@ def width_trouble(kind: Kind, bits: int) -> str:
 
 
 def _native(value: object) -> object:
-    """Return what a scalar of numpy stands for in Python; anything else as it is."""
+    """Return the Python value of a numpy scalar; anything else unchanged."""
     item = getattr(value, "item", None)
     return item() if callable(item) and getattr(value, "shape", None) == () else value
 
@@ -270,14 +270,14 @@ _CHECKS: Final = MappingProxyType(
         Kind.IP: _ip,
     }
 )
-#: The same for kinds that a dictionary may have in another form.
+#: The same for kinds of which a dictionary may have another form.
 _FORMED: Final = MappingProxyType({Kind.STRING: _string, Kind.NETTIME: _nettime})
 #: `SimpleType.form` of a network time that counts leap seconds.
 TAI: Final = "tai"
-#: Encodings of strings that a dictionary may choose, UTF-8 being that of the text (R42).
+#: Encodings of strings that a dictionary may choose; UTF-8 is that of the text (R42).
 ENCODINGS: Final = ("utf-8", "cp1251", "cp866", "koi8-r", "latin-1")
 
-#: The base types of 3.1.19 (R55); the numbers of the text are decimal (C29).
+#: The base types of 3.1.19 (R55); the numbers in the text are decimal (C29).
 STANDARD: Final = MappingProxyType(
     {
         row.index: row
@@ -310,7 +310,7 @@ BLOCK: Final = STANDARD[15]
 UINT64: Final = STANDARD[27]
 VOID: Final = SimpleType(0, "void", Kind.RESERVED, 0)
 
-#: Names for a standard type beside its own: those of the text, and the aliases that have no index (1.2 of the reference).
+#: Other names of standard types: those of the text, and aliases that have no index (1.2 of the reference).
 ALIASES: Final = MappingProxyType(
     {
         "sca": 5,
@@ -341,7 +341,7 @@ STANDARD_NAMES: Final = MappingProxyType({**{row.name: row.index for row in STAN
 
 
 def formed(kind: SimpleType, time_scale: str, encoding: str) -> SimpleType:
-    """Return a type in the form that a dictionary with this scale of time and encoding of strings has it."""
+    """Return a type in the form that it has with this time scale and encoding of strings."""
     if kind.kind is Kind.STRING and encoding != ENCODINGS[0]:
         return msgspec.structs.replace(kind, form=encoding)
     return msgspec.structs.replace(kind, form=TAI) if kind.kind is Kind.NETTIME and time_scale == TAI else kind

@@ -1,7 +1,7 @@
-"""Files of TOML that a user writes about a plant: bindings, rules of alerts, a baseline. One reader, one form of error.
+"""TOML files that a user writes about a plant: bindings, alert rules, a baseline. One reader, one form of errors.
 
-An error has the line of its key and, where a name is much like one that is known, that name. All tables of a file are read
-before the first error is raised, and the error holds those of the others.
+An error has the line of its key and, if a name is similar to a known one, that name. All tables of a file are read before the
+first error is raised, and that error contains the others.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from dissect.scd.toml_tables import parse_tables, source_text
 from dissect.wire.text import printable
 
 MAX_FILE: Final = 16 << 20
-#: Characters of a name, and names in a list.
+#: Characters of a name; names in a list.
 MAX_NAME: Final = 200
 MAX_NAMES: Final = 65536
-#: Errors of a file that its text lists; it counts the others.
+#: Errors of a file that its text lists; the others are counted.
 _LISTED: Final = 20
 
 Parsed = TypeVar("Parsed")
 
 
 class FileError(Exception):
-    """A file that cannot be used; ``line`` counts from 1 (0: not known), ``key`` is the table and its key.
+    """A file that cannot be used; ``line`` counts from 1 (0: unknown), ``key`` is the table and its key.
 
-    ``others`` are the further errors of the file. As text, each has a line of its own.
+    ``others`` are the further errors of the file. As text, each has its own line.
     """
 
     def __init__(self, path: str, line: int, key: str, detail: str, others: tuple[DictionaryError, ...] = ()) -> None:
@@ -59,7 +59,7 @@ class FileError(Exception):
 class UserFile:
     """The content of a file: `top` is its top level; ``lists`` and ``singles`` are its [[tables]] and [tables].
 
-    Put ``with file.troubles:`` around what reads a part, and call `done` at the end.
+    Put ``with file.troubles:`` around code that reads a part, and call `done` at the end.
     """
 
     def __init__(self, text: str, lists: tuple[str, ...], singles: tuple[str, ...] = ()) -> None:
@@ -72,7 +72,7 @@ class UserFile:
             self.top.mark(name)
 
     def single(self, name: str) -> Table | None:
-        """Return the [table] of a name, None where there is none."""
+        """Return the [table] with a name, None if there is none."""
         if name not in self._content:
             return None
         with self.troubles:
@@ -80,7 +80,7 @@ class UserFile:
         return None
 
     def tables(self, name: str, most: int) -> Iterator[Table]:
-        """Yield the [[tables]] of a name; more than ``most`` are a trouble, and none of them is yielded."""
+        """Yield the [[tables]] with a name; if there are more than ``most``, that is an error, and none is yielded."""
         rows = self._content.get(name, [])
         if not isinstance(rows, list) or len(rows) > most:
             detail = (
@@ -96,7 +96,7 @@ class UserFile:
                 yield Table(row, f"[[{name}]] {number + 1}", place=Place(self._lines, (name, number)))
 
     def done(self) -> None:
-        """Raise the first error of the file by its lines, with the others, if there is one."""
+        """Raise the first error of the file by line, with the others, if there is one."""
         with self.troubles:
             self.top.done()
         self.troubles.found.sort(key=lambda error: error.line)
@@ -106,13 +106,13 @@ class UserFile:
 def read_file(
     path: str | os.PathLike[str], parse: Callable[[str], Parsed], kind: type[FileError], most: int = MAX_FILE
 ) -> Parsed:
-    """Return what ``parse`` makes of the text of a file; its `DictionaryError` is raised as ``kind``, OSError as it comes.
+    """Return ``parse(text of the file)``; its `DictionaryError` is raised as ``kind``. OSError is not changed.
 
-    A file of more than ``most`` octets, and one that is not UTF-8, is an error like any other.
+    A file of more than ``most`` octets, or one that is not UTF-8, is an error like any other.
     """
     try:
         return parse(_text_of(path, most))
-    except DictionaryError as error:  # what reads tables knows one error
+    except DictionaryError as error:  # `Table` raises this type of error only
         raise kind(os.fspath(path), error.line, error.where, error.detail, error.others) from None
 
 
@@ -125,7 +125,7 @@ def _text_of(path: str | os.PathLike[str], most: int) -> str:
 
 
 def network_of(table: Table, key: str) -> IPv4Network | IPv6Network | None:
-    """Return an address or a network, None where the key is missing."""
+    """Return an address or a network, None if the key is missing."""
     if not table.has(key):
         table.mark(key)
         return None
@@ -146,7 +146,7 @@ def number_within(table: Table, key: str, low: int, high: int) -> int:
 
 
 def names_of(table: Table, key: str) -> frozenset[str] | None:
-    """Return a list of names, None where the key is missing."""
+    """Return a list of names, None if the key is missing."""
     if not table.has(key):
         table.mark(key)
         return None

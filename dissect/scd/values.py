@@ -1,4 +1,4 @@
-"""The values that Python has no type for: network time, time interval, MAC address (R43-R45)."""
+"""Values for which Python has no type: network time, time interval, MAC address (R43-R45)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dissect.scd.errors import shown
 
 _SECOND: Final = 1_000_000_000
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-#: What stands behind a time of the TAI scale, for which ISO 8601 has no sign.
+#: Follows a time of the TAI scale, for which ISO 8601 has no sign.
 _TAI: Final = "TAI"
 _DURATION: Final = re.compile(
     r"([+-]?)P(?:([0-9]{1,10})D)?(?:T(?:([0-9]{1,10})H)?(?:([0-9]{1,10})M)?(?:([0-9]{1,10})(?:[.,]([0-9]{1,9}))?S)?)?"
@@ -18,9 +18,9 @@ _DURATION: Final = re.compile(
 
 
 class NetTime(NamedTuple):
-    """Network time (R43): seconds and nanoseconds since 1970-01-01 00:00, both as they are on the wire (int32).
+    """Network time (R43): seconds and nanoseconds since 1970-01-01 00:00, both as on the wire (int32).
 
-    Nanoseconds outside 0..999 999 999 can be received, so they can be held; they are never sent.
+    Nanoseconds outside 0..999 999 999 may be received, so that they are allowed here; they are never sent.
     """
 
     seconds: int
@@ -33,18 +33,18 @@ class NetTime(NamedTuple):
 
     @classmethod
     def from_ns(cls, total_ns: int) -> Self:
-        """Return the time ``total_ns`` after the epoch; nanoseconds are counted forward also before it."""
+        """Return the time ``total_ns`` after the epoch; nanoseconds are positive even before it."""
         return cls(*divmod(total_ns, _SECOND))
 
     @classmethod
     def from_isoformat(cls, text: str) -> Self:
-        """Return the time ``2015-10-18T00:00:00.123456789Z`` says; without an offset it is UTC. Raises ValueError."""
+        """Return the time of a text: ``2015-10-18T00:00:00.123456789Z``; without an offset it is UTC. Raises ValueError."""
         if text.endswith(_TAI):
             raise ValueError(f"{shown(text)} is a TAI time, and this dictionary has UTC times")
         return cls(*_moment(text))
 
     def isoformat(self) -> str:
-        """Return the ISO 8601 text in UTC, nine digits after the point."""
+        """Return the ISO 8601 text in UTC, with nine digits after the point."""
         return f"{_iso(self.total_ns)}Z"
 
     def minus(self, earlier: NetTime) -> Interval:
@@ -58,26 +58,26 @@ class NetTime(NamedTuple):
 class TaiTime(NetTime):
     """Network time of a dictionary with ``time_scale = "tai"``: leap seconds are counted, so it is ahead of UTC (C21).
 
-    Which leap seconds there were is no business of a codec: the time is shown and taken as it is, marked ``TAI``.
+    A codec does not know the leap seconds: the time is shown and accepted as it is, marked ``TAI``.
     """
 
     __slots__ = ()
 
     @classmethod
     def from_isoformat(cls, text: str) -> Self:
-        """Return the time ``2015-10-18T00:00:36.5 TAI`` says. Raises ValueError, also for a time of UTC."""
+        """Return the time in a text such as ``2015-10-18T00:00:36.5 TAI``. Raises ValueError, also for a UTC time."""
         bare = text.removesuffix(_TAI).rstrip()
         if bare.endswith(("Z", "z")) or re.search(r"[+-]\d\d:?\d\d$", bare):
             raise ValueError(f"{shown(text)} is a UTC time, and this dictionary has TAI times: 2015-10-18T00:00:36 TAI")
         return cls(*_moment(bare))
 
     def isoformat(self) -> str:
-        """Return the text on the TAI scale, nine digits after the point, ``TAI`` behind it."""
+        """Return the text on the TAI scale, with nine digits after the point, followed by ``TAI``."""
         return f"{_iso(self.total_ns)} {_TAI}"
 
 
 def _moment(text: str) -> tuple[int, int]:
-    """Return seconds and nanoseconds since 1970 of an ISO 8601 text; raises ValueError."""
+    """Return seconds and nanoseconds since 1970 for an ISO 8601 text. Raises ValueError."""
     whole, point, rest = text.partition(".")
     digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
     if point and not 1 <= len(digits) <= 9:

@@ -1,4 +1,4 @@
-"""A message in words, and its values as rows: what people and programs are shown (see `dissect.wire.text` for escaping)."""
+"""Messages as text, and their values as rows, for people and programs (see `dissect.wire.text` for escaping)."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from dissect.scd.ranges import is_mapping, pdo_of_index
 from dissect.scd.types import UINT64, Value
 from dissect.wire.text import count, encodable, printable, shortened
 
-#: Characters of a text and octets of a block that a line shows.
+#: Characters of a text, and octets of a block, that a line shows.
 _TEXT: Final = 60
-#: Values that one line names.
+#: How many values a line names.
 _SHOWN: Final = 8
 
 
 class Row(NamedTuple):
-    """A value: where it belongs, what it is called, and what the dictionary makes of it.
+    """A value: its address, its name, and its meaning by the dictionary.
 
-    ``address`` is "0x6041:0", of a bare struct's field "struct.field"; ``name`` the label of the variable. ``value`` is the raw
-    value, ``physical`` that with scale and shift (the same where there are none) in ``unit``; ``text`` is what the dictionary
-    calls the value. ``flags`` say what was odd.
+    ``address`` is "0x6041:0", for a field of a bare struct "struct.field"; ``name`` is the label of the variable. ``value`` is
+    the raw value, ``physical`` the one with scale and shift (the same if there are none) in ``unit``; ``text`` is the
+    dictionary's text for the value. ``flags`` say what is odd.
     """
 
     address: str
@@ -40,7 +40,7 @@ class Row(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What every row of a variable says: see `Row`. ``plain``: a value has no text, and its physical value is the raw one."""
+    """What all rows of a variable share: see `Row`. ``plain``: values have no text, and the physical is the raw value."""
 
     address: str
     name: str
@@ -83,7 +83,7 @@ def _told(variable: Variable, message: Message, key: Key) -> Told:
 
 
 def _mapped(variable: Variable, value: Value) -> str:
-    """Return what an entry of a mapping object points at, empty for all else."""
+    """Return what an entry of a mapping object refers to, empty for everything else."""
     if not (is_mapping(variable.index) and variable.sub and isinstance(value, int) and value):
         return ""
     wide = variable.type is UINT64
@@ -98,7 +98,7 @@ def _mapped(variable: Variable, value: Value) -> str:
 
 
 def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | None:
-    """Return the variable of a value; None for sub-index 255, which is none."""
+    """Return the variable of a value; None for sub-index 255, which is not a variable."""
     if isinstance(key, tuple):
         try:
             return dictionary.variable(key)
@@ -113,7 +113,7 @@ def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | 
 
 
 def subject(dictionary: Dictionary, message: Message) -> str:
-    """Return what a message is about in a few words, safe to show."""
+    """Return a short text of what a message is about, safe to show."""
     if message.service == "pdo":
         return _pdo(dictionary, message)
     if message.content:
@@ -154,7 +154,7 @@ def value_text(value: Value) -> str:
 
 
 def json_value(value: Value) -> object:
-    """Return a value as JSON has it: blocks in hexadecimal, times, addresses and what is not finite as texts."""
+    """Return a value for JSON: blocks in hexadecimal; times, addresses and numbers that are not finite as texts."""
     if isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float):
@@ -164,12 +164,12 @@ def json_value(value: Value) -> object:
     return str(value)
 
 
-#: `encodable` of what a dictionary says, which is the same again and again.
+#: `encodable` for texts of a dictionary, which are always the same.
 known_text: Final = lru_cache(maxsize=4096)(encodable)
 
 
 def row_json(row: Row) -> dict[str, object]:
-    """Return a row as JSON has it."""
+    """Return a row for JSON."""
     address, name, value, physical, unit, text, flags = row
     shown = json_value(value)
     return {
@@ -191,7 +191,7 @@ def row_text(row: Row) -> str:
 
 
 def physical_text(row: Row) -> str:
-    """Return "1374 кПа" for a row, with the text of the value and what is odd about it."""
+    """Return "1374 кПа" for a row, with the text of the value and its flags."""
     unit = f" {printable(row.unit)}" if row.unit else ""
     text = f" ({printable(row.text)})" if row.text else ""
     odd = f" [{', '.join(row.flags)}]" if row.flags else ""
@@ -199,6 +199,6 @@ def physical_text(row: Row) -> str:
 
 
 def values_text(found: list[Row]) -> str:
-    """Return the values of a message on one line: by name, and those after the eighth only counted."""
+    """Return the values of a message on one line: by name, from the ninth on only counted."""
     shown = ", ".join([f"{printable(row.name or row.address)} = {physical_text(row)}" for row in found[:_SHOWN]])
     return shown + (f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else "")

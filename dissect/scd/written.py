@@ -1,4 +1,4 @@
-"""Values as people and device descriptions write them, as texts: "0xABC", "true", "192.168.100.1", "2015-10-18T00:00:00Z"."""
+"""Values as texts of people and device descriptions: "0xABC", "true", "192.168.100.1", "2015-10-18T00:00:00Z"."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from dissect.scd.model import Variable
 from dissect.scd.types import Kind, SimpleType, Value
 
 _WHOLE: Final = re.compile(r"[+-]?(0[xX][0-9a-fA-F]+|[0-9]+)")
-#: What says before a number that it is the one on the wire, or the one with scale and shift.
+#: Prefixes of a number: the raw one, as on the wire, or the physical one, with scale and shift.
 RAW: Final = "raw:"
 PHYSICAL: Final = "phys:"
 _NUMBER: Final = re.compile(r"[+-]?[0-9]{1,40}(?:\.[0-9]{1,40})?(?:[eE][+-]?[0-9]{1,3})?")
 _BETWEEN_DIGITS: Final = re.compile(r"(?<=[0-9])\s+(?=[0-9])")
 _OCTAL: Final = re.compile(r"[+-]?0[0-9]{1,39}")
 _PAIR: Final = re.compile(r"\[?\s*([+-]?[0-9]{1,10})\s*[,;]\s*([+-]?[0-9]{1,10})\s*\]?")
-#: Digits of a number that anything here can hold.
+#: Most digits of a number; everything here fits.
 _MOST_DIGITS: Final = 40
-#: Texts of values that an error names.
+#: How many texts of values an error names.
 _MOST_TEXTS: Final = 8
 
 
 def whole(text: str) -> int:
-    """Return a whole number, decimal or 0x…; raises ValueError."""
+    """Return a whole number, decimal or 0x…. Raises ValueError."""
     written = "".join(text.split())
     if len(written) > _MOST_DIGITS or not _WHOLE.fullmatch(written):
         raise ValueError("is not a whole number")
@@ -37,14 +37,14 @@ def whole(text: str) -> int:
 
 
 def is_octal(text: str) -> bool:
-    """Whether a number is written with a 0 in front, as octal ones are in device descriptions."""
+    """Return whether a number begins with a 0, as octal ones do in device descriptions."""
     return _OCTAL.fullmatch("".join(text.split())) is not None
 
 
 def whole_octal(text: str) -> int:
-    """Return a whole number as device descriptions write it: decimal, 0x… or, with a 0 in front, octal (CiA 306).
+    """Return a whole number as in device descriptions: decimal, 0x…, or octal with a leading 0 (CiA 306).
 
-    Raises ValueError for what is no such number.
+    Raises ValueError for anything else.
     """
     written = "".join(text.split())
     if _OCTAL.fullmatch(written):
@@ -55,9 +55,9 @@ def whole_octal(text: str) -> int:
 
 
 def written_value(text: str, kind: SimpleType) -> object:
-    """Return what a text says as something that `SimpleType.check` takes; raises ValueError.
+    """Return a text as a value that `SimpleType.check` accepts. Raises ValueError.
 
-    Of a signed integer 0x… are its bits, of a real those of its IEEE 754 form. A time is ISO 8601 or "seconds, nanoseconds".
+    For a signed integer 0x… are its bits, for a real those of its IEEE 754 form. A time is ISO 8601 or "seconds, nanoseconds".
     """
     if kind.kind is Kind.STRING:
         return text
@@ -81,10 +81,11 @@ def written_value(text: str, kind: SimpleType) -> object:
 
 
 def parse_written(text: str, variable: Variable) -> Value:
-    """Return a variable's raw value from a text; raises `Error`.
+    """Return a variable's raw value for a text; raises `Error`.
 
-    The text may be what the dictionary calls the value, a physical value with its unit or ``phys:`` before it, or a raw value,
-    which ``raw:`` or 0x says surely. A bare number of a variable with scale or shift may be either, and is refused.
+    The text may be the dictionary's text for a value; a physical value with its unit or with ``phys:`` before it; or a raw
+    value, which ``raw:`` or 0x makes certain. A bare number may be either if the variable has scale or shift, and is refused
+    then.
     """
     for number, name in variable.traits.texts:
         if name == text:
@@ -98,7 +99,7 @@ def parse_written(text: str, variable: Variable) -> Value:
 
 
 def _texts_meant(text: str, variable: Variable) -> str:
-    """Return which words the dictionary has for the values of a variable, for the error that a text is no value."""
+    """Return which texts the dictionary has for values of a variable, for the error that a text is not a value."""
     texts = [name for _, name in variable.traits.texts]
     if not texts or text[:1].isdecimal():
         return ""
@@ -107,7 +108,7 @@ def _texts_meant(text: str, variable: Variable) -> str:
 
 
 def _raw_number(written: str, variable: Variable) -> object:
-    """Return the raw value of a number written raw or physical; raises ValueError or `Error`."""
+    """Return the raw value for a number that is written raw or physical; raises ValueError or `Error`."""
     traits, kind = variable.traits, variable.type
     if written.startswith(RAW):
         return written_value(written.removeprefix(RAW), kind)
@@ -133,7 +134,7 @@ def _raw_number(written: str, variable: Variable) -> object:
 
 
 def _from_physical(physical: Fraction, variable: Variable) -> int | float:
-    """Return the raw value of a physical one; raises `Error` E_RANGE where it lies between two that can be sent."""
+    """Return the raw value for a physical one; raises `Error` E_RANGE if it is between two that can be sent."""
     scale, shift = Fraction(repr(variable.traits.scale)), Fraction(repr(variable.traits.shift))
     raw = (physical - shift) / scale
     if variable.type.kind is Kind.REAL:

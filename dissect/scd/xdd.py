@@ -24,7 +24,7 @@ _SUBS: Final = frozenset(("SubObject", "CANopenSubObject"))
 _HEX: Final = re.compile(r"[0-9A-Fa-f]{1,4}")
 _MAPPED: Final = frozenset(("default", "optional", "tpdo", "rpdo"))
 
-#: Types of the parameters that objects refer to by uniqueIDRef (IEC 61131-3).
+#: Types of the parameters to which objects refer by uniqueIDRef (IEC 61131-3).
 _PARAMETER_TYPES: Final = MappingProxyType(
     {
         "BOOL": 0x01, "SINT": 0x02, "INT": 0x03, "DINT": 0x04, "LINT": 0x15, "USINT": 0x05, "UINT": 0x06, "UDINT": 0x07,
@@ -40,7 +40,7 @@ _PARAMETER_ACCESS: Final = MappingProxyType(
 
 
 def import_xdd(octets: bytes, path: str, node: int | None = None) -> Imported:
-    """Return the dictionary of an XDD or XDC file, of an XDC with its actual values; raises `DictionaryError`.
+    """Return the dictionary of an XDD or XDC file; of an XDC with its actual values. Raises `DictionaryError`.
 
     ``node`` is the node id for values that depend on one.
     """
@@ -102,7 +102,7 @@ def _description(root: Element, stem: str, notes: Notes, node: int | None) -> De
 
 
 def _hex(element: Element, key: str, where: str, default: int | None = None) -> int:
-    """Return an attribute that is written in hexadecimal without a sign for it."""
+    """Return an attribute that is a hexadecimal number without a prefix."""
     text = element.get(key, "").strip()
     if not text and default is not None:
         return default

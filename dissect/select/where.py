@@ -67,6 +67,10 @@ class Where:
         self._kinds = tuple(kinds)
         self._nodes = [self._checked(part) for part in self.texts or (text,)]
         self._names = {field.name for node in self._nodes for field in _fields(node)}
+        #: The addresses and tags in brackets, as they were typed, each once.
+        self.variables: tuple[str, ...] = tuple(
+            dict.fromkeys([name for node in self._nodes for name in _variables(node)])
+        )
         self._made: dict[str, Predicate] = {}
         self._judges: list[Judge] | None = None
 
@@ -170,6 +174,12 @@ def _fields(node: Node) -> Iterator[Field]:
         yield NAMES[condition.field.name]
 
 
+def _variables(node: Node) -> Iterator[str]:
+    for condition in _conditions(node):
+        if condition.field.index:
+            yield _unquoted(condition.field.index)
+
+
 def _conditions(node: Node) -> Iterator[Presence | Comparison]:
     if isinstance(node, Negation):
         yield from _conditions(node.within)
@@ -217,8 +227,7 @@ def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFac
         raise SelectError(
             f"{field.name} is not of an item, so that no brackets can follow", start=name.start, end=name.end
         )
-    quoted = _QUOTED.fullmatch(name.index)  # a name may end with quotes of its own: DB1."level"
-    literal = Literal(quoted[2] if quoted else name.index, True, name.start, name.end)
+    literal = Literal(_unquoted(name.index), True, name.start, name.end)
     same = S7Address().compare("==", literal, context.start)
     block = place_of(literal.text)
     if block is not None and block.whole:
@@ -230,6 +239,12 @@ def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFac
         return item.of_tag(literal.text)
 
     return picked
+
+
+def _unquoted(index: str) -> str:
+    """Return what stands in brackets without the quotes around it; a name may end with quotes of its own: DB1."level"."""
+    quoted = _QUOTED.fullmatch(index)
+    return quoted[2] if quoted else index
 
 
 class _Maker:

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Final, Protocol, cast
 
-from dissect.source.packet import CaptureError, Reader
+from dissect.source.packet import READING_FAILED, CaptureError, Reader
 from dissect.source.pcap import CHUNK, PCAP_MAGICS, OctetSource, PcapReader
 from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader
 from dissect.source.remote import is_remote, open_remote, shown
@@ -179,7 +179,7 @@ class PlainSource:
                 select.select([self._stream], [], [])
                 piece = self._stream.read(size)
         except OSError as error:
-            self.damage = f"reading failed after byte {self._taken}: {error.strerror or error}"
+            self.damage = f"{READING_FAILED} {self._taken}: {error.strerror or error}"
             return b""
         self._taken += len(piece)
         return piece

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64, mypyc_attr
+
+#: How damage begins that is not the file's: the system or the network gave no more of it, and may do so another time.
+READING_FAILED: Final = "reading failed after byte"
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import os
 import re
-import socket
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from datetime import date, timedelta
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 from urllib.parse import urlsplit
 
-from dissect.source.packet import CaptureError
+from dissect.source.packet import READING_FAILED, CaptureError
 from dissect.wire.text import printable, shortened
+
+if TYPE_CHECKING:
+    import ssl
 
 #: Seconds after which a machine that does not answer is given up: while connecting, and between two pieces.
 CONNECT_S: Final = 8
@@ -32,8 +36,14 @@ _PATTERN: Final = r"[*?\[]"
 _DAYS: Final = r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}"
 #: Parts of URLs in other programs' messages that are not shown: a password, and a query, which may be a signature.
 _SECRETS: Final = r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+"
+#: Transports whose names have no query, so that a question mark is one of the name, or of a pattern.
+_SSH: Final = frozenset(("sftp", "ssh"))
+#: Transports whose names have the host behind the two slashes.
+_OF_HOST: Final = _SSH | {"http", "https"}
 _REASON: Final = 200
 _NOT_FOUND: Final = 404
+_NO_FILE: Final = "no such file"
+_REFUSED: Final = (401, 403, 407)
 
 T = TypeVar("T")
 
@@ -56,7 +66,9 @@ def shown(name: str) -> str:
     scheme, _, rest = name.partition("://")
     host, slash, path = rest.partition("/")
     user, at, machine = host.rpartition("@")
-    path, mark, _ = path.partition("?")
+    mark = ""
+    if scheme.lower() not in _SSH:
+        path, mark, _ = path.partition("?")
     return f"{scheme}://{user.partition(':')[0]}{at}{machine}{slash}{path}{'?…' if mark else ''}"
 
 
@@ -75,7 +87,7 @@ class RemoteSource:
         try:
             piece = bytes(self._stream.read(size))
         except Exception as error:  # noqa: BLE001 - each transport has errors of its own
-            self.damage = f"reading failed after byte {self._taken}: {_reason(error)}"
+            self.damage = f"{READING_FAILED} {self._taken}: {_reason(error)}"
             return b""
         self._taken += len(piece)
         return piece
@@ -88,9 +100,28 @@ class RemoteSource:
             return
 
 
-def open_remote(name: str) -> RemoteSource:
-    """Open a file on another machine. `CaptureError`, with one line that names host and file, when it cannot be read."""
-    return _asked(name, lambda: RemoteSource(_fetched(name)))
+def open_remote(name: str, seconds: float = READ_S) -> RemoteSource:
+    """Open a file on another machine. `CaptureError`, with one line that names host and file, when it cannot be read.
+
+    One that takes the connection and says nothing is given up after ``seconds``, however often a transport would try.
+    """
+    return _asked(name, lambda: RemoteSource(bounded(lambda: _fetched(name), seconds)))
+
+
+def bounded(ask: Callable[[], T], seconds: float) -> T:
+    """Return what ``ask`` returns, or raise what it raises; TimeoutError when that takes longer, however it waits."""
+    from concurrent.futures import Future  # late: few runs read from other machines
+
+    answer: Future[T] = Future()
+
+    def work() -> None:
+        try:
+            answer.set_result(ask())
+        except BaseException as error:  # noqa: BLE001 - of any kind: it is raised by who waits
+            answer.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return answer.result(seconds)
 
 
 def _fetched(name: str) -> _Stream:
@@ -106,13 +137,23 @@ def file_system(name: str) -> tuple[Any, str]:
     """Return the file system of fsspec for a name, and the path in it. Raises whatever the transport raises."""
     from fsspec.core import url_to_fs
 
-    found: tuple[Any, str] = url_to_fs(name, **_patience(name.partition("://")[0].lower()))
-    return found
+    scheme, _, rest = name.partition("://")
+    scheme = scheme.lower()
+    if scheme in _OF_HOST:
+        parts = urlsplit(name)
+        if not parts.hostname:
+            raise ValueError("the address names no host")
+        if parts.port == 0:  # asking for it refuses other numbers that are no port
+            raise ValueError("Port out of range 1-65535")
+    host, slash, path = rest.partition("/")
+    # Only its host goes to `url_to_fs`, which takes marks that any file name may have for a query or a fragment.
+    found: tuple[Any, str] = url_to_fs(f"{scheme}://{host}/" if scheme in _SSH else name, **_patience(scheme))
+    return (found[0], slash + path) if scheme in _SSH else found
 
 
 def _patience(scheme: str) -> Mapping[str, object]:
     """Return the options of a transport that set its timeouts, and make SSH check the host's key."""
-    if scheme in {"sftp", "ssh"}:
+    if scheme in _SSH:
         return {
             "known_hosts": (),  # the user's own file: an unknown host is refused
             "connect_timeout": CONNECT_S,
@@ -137,6 +178,8 @@ def _asked(name: str, ask: Callable[[], T]) -> T:
         reason = "a directory, not a capture file"
     except Exception as error:  # noqa: BLE001 - each transport has errors of its own
         reason = explained(error)
+        if reason == _NO_FILE and name.startswith("http") and re.search(_PATTERN, name.partition("?")[0]):
+            reason += "; a web server lists no folders, so a name there is no pattern"
     raise CaptureError(f"{printable(shown(name))}: {reason}") from None
 
 
@@ -154,14 +197,16 @@ def explained(error: Exception, writing: bool = False) -> str:
         return (
             f"the host is not known, or is not the known one ({said}); connect once with ssh, check its key and keep it"
         )
-    if kind in {"PermissionDenied", "NoCredentialsError", "ClientError"} or status in {401, 403, 407}:
+    if status in _REFUSED:  # of a web server
+        return f"access refused ({said}); credentials are what the address holds: https://USER:PASSWORD@HOST/…"
+    if kind in {"PermissionDenied", "NoCredentialsError", "ClientError"}:
         return f"access refused ({said}); credentials are those of the transport's own tools"
     if isinstance(error, PermissionError):
         return "no permission to write it" if writing else "no permission to read it"
-    if isinstance(error, FileNotFoundError) and (
-        cause is None or status == _NOT_FOUND or not kind.startswith("Client")
-    ):
-        return "no such place" if writing else "no such file"
+    # That of a web server stands for whatever went wrong before there was an answer, too.
+    of_web = type(cause).__module__.startswith("aiohttp") or isinstance(cause, OSError)
+    if isinstance(error, FileNotFoundError) and (status == _NOT_FOUND or not of_web):
+        return "no such place" if writing else _NO_FILE
     if isinstance(error, ValueError) and "rotocol" in said:
         return f"{said}; known ones are https, sftp, s3 and the others of fsspec"
     return f"cannot be written: {said}" if writing else f"cannot be read: {said}"
@@ -169,11 +214,28 @@ def explained(error: Exception, writing: bool = False) -> str:
 
 def _reason(error: Exception) -> str:
     """Return the message of an error in one line, without control characters; the error's name where it has no message."""
+    import socket  # late, as ssl: this module is read at every start, and few runs read from other machines
+    import ssl
+
+    if isinstance(error, ssl.SSLError):  # whose number is none of the system
+        return _reason_of_tls(error)
     if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
     if isinstance(error, socket.gaierror) and error.strerror:  # its number means nothing to a person
         return error.strerror
+    if isinstance(error, TimeoutError):  # some have no text, some name a function
+        return "no answer in time"
     return shortened(re.sub(_SECRETS, "…", " ".join(str(error).split())) or type(error).__name__, _REASON)
+
+
+def _reason_of_tls(error: ssl.SSLError) -> str:
+    """The same of an error of TLS, or of a transport's own that was raised from one and is of both kinds."""
+    for each in (error, error.__cause__):
+        refused = getattr(each, "verify_message", "").rstrip(".")
+        if refused:
+            return f"its certificate is not accepted: {refused}; SSL_CERT_FILE names others to trust"
+    why = getattr(error, "reason", "") or getattr(error.__cause__, "reason", "") or "no reason given"
+    return f"TLS failed: {str(why).lower().replace('_', ' ')}"
 
 
 # ---- several files by one name --------------------------------------------------------------------------------------
@@ -187,7 +249,7 @@ def expand(names: Iterable[str]) -> list[str]:
     """
     found: list[str] = []
     for name in names:
-        days = _days(name)
+        days = [name] if _is_here(name) else _days(name)
         if len(days) == 1:
             found += _matches(days[0]) or _nothing(name)
         else:
@@ -202,19 +264,34 @@ def _nothing(name: str) -> list[str]:
 def _matches(name: str, must: bool = True) -> list[str]:
     """Return the files of one pattern. A name that is no pattern stands for itself, if the file exists or ``must`` is set."""
     if is_remote(name):
-        if not re.search(_PATTERN, name.partition("://")[2].partition("?")[0]) or name.startswith("http"):
+        scheme, _, rest = name.partition("://")
+        path = rest if scheme.lower() in _SSH else rest.partition("?")[0]
+        if not re.search(_PATTERN, path) or name.startswith("http"):
             return [name] if must or _exists(name) else []
         return _asked(name, lambda: _globbed(name))
-    if name == "-" or Path(name).exists():
+    if name == "-" or _is_here(name):
         return [name]
     if not re.search(_PATTERN, name):
         return [name] if must else []
     return _local(name)
 
 
+def _is_here(name: str) -> bool:
+    return not is_remote(name) and Path(name).exists()
+
+
 def _local(name: str) -> list[str]:
+    """Return the local files of a pattern. As in a shell, names that begin with a dot are found only by a pattern that does."""
     anchor = Path(name).anchor
-    return sorted(os.fspath(path) for path in Path(anchor).glob(name[len(anchor) :]))
+    # Only as a part of its own does ** mean all folders; `glob` refuses it elsewhere, where a shell takes it for *.
+    parts = [part if part == "**" else re.sub(r"\*{2,}", "*", part) for part in Path(name[len(anchor) :]).parts]
+    dotted = [part for part in parts if part.startswith(".")]
+
+    def is_meant(path: Path) -> bool:
+        hidden = [part for part in path.parts if part.startswith(".")]
+        return all([any([fnmatchcase(part, each) for each in dotted]) for part in hidden])
+
+    return sorted([os.fspath(path) for path in Path(anchor).glob(str(Path(*parts))) if is_meant(path)])
 
 
 def _globbed(name: str) -> list[str]:
@@ -232,7 +309,7 @@ def _exists(name: str) -> bool:
         files, path = file_system(name)
         return bool(files.exists(path))
 
-    return _asked(name, ask)
+    return _asked(name, lambda: bounded(ask, READ_S))
 
 
 def _days(name: str) -> list[str]:

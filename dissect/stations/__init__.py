@@ -1,1 +1,1 @@
-"""What stations say of themselves: facts read from transactions, and what is remembered of them."""
+"""What stations say about themselves: facts that are read from transactions, and the book that keeps them."""

@@ -1,6 +1,6 @@
-"""Facts about stations in S7comm transactions: SZL, clock, blocks and modes (reference sections 4.5, 4.6 and 4.12).
+"""Reads facts about stations from S7comm transactions: SZL, clock, blocks and modes (reference sections 4.5, 4.6, 4.12).
 
-What S7comm-plus says of a CPU is read in `dissect.s7plus.events`, which leaves it at `Identity.told`.
+`dissect.s7plus.events` reads what CPUs say in S7comm-plus; it collects that in `Identity.told`.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from dissect.wire.octets import u16
 from dissect.wire.part import Part
 from dissect.wire.text import hex_number
 
-#: Groups of userdata that say something of a station.
+#: Userdata groups with facts about a station.
 TELLING: Final = frozenset((GROUP_MODE, GROUP_BLOCKS, GROUP_CPU, GROUP_TIME))
-#: Partial lists that do; a panel may poll others for hours.
+#: Partial lists with facts; a panel may poll other lists for hours.
 _LISTS: Final = frozenset((0x11, 0x1C, 0x24, 0x31, 0x32, 0x37))
-#: Answers whose facts are remembered, because the same answer to a poll says the same.
+#: Answers whose facts are remembered, because polling returns the same answer again and again.
 MAX_ANSWERS: Final = 512
 
 #: Components of list 0x1C by their number.
@@ -63,15 +63,15 @@ _COMPONENTS: Final[dict[int, str]] = {
 }
 _COMPONENT_LAYOUTS: Final = frozenset([id(layout) for layout in COMPONENT_RECORDS.values()])
 _GENERAL: Final = CAPABILITY_RECORDS[0x01]
-#: Records that say something of a station; lists have others as well, which need not be cut.
+#: Layouts of records with facts; other records of a list need not be parsed.
 _TELLING_RECORDS: Final = _COMPONENT_LAYOUTS | frozenset(
     [id(layout) for layout in (IDENTIFICATION, OPERATING_MODE, PROTECTION, _GENERAL, ETHERNET)]
 )
-#: What list 0x11 identifies, by index.
+#: What a record of list 0x11 is about, by index.
 _MODULE: Final = 0x0001
 _HARDWARE: Final = 0x0006
 _FIRMWARE: Final = 0x0007
-#: Where in a clock its DATE_AND_TIME stands, which ends it.
+#: Offset of the DATE_AND_TIME within a clock; it is the end of the clock.
 _TIME: Final = 2
 _NS: Final = 1_000_000_000
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -81,13 +81,13 @@ Said = tuple[str, str]
 
 
 class Evidence:
-    """Reads facts from transactions. One for a whole analysis."""
+    """Reads facts from transactions. One object per analysis."""
 
     def __init__(self) -> None:
         self._answers: dict[tuple[int, int, bytes, bytes], list[Said]] = {}
 
     def of_transaction(self, transaction: Transaction) -> list[Fact]:
-        """Return what the station that answered or pushed says of itself; empty for everything else."""
+        """Return the facts about the station that answered or pushed; empty for transactions without facts."""
         head = transaction.parameters.userdata
         if head is None or transaction.rosctr != USERDATA:
             return []
@@ -107,13 +107,13 @@ class Evidence:
         return []
 
     def of_operation(self, operation: Operation) -> list[Fact]:
-        """Return what an answer in parts says that is whole now."""
+        """Return the facts in an answer in several parts that is complete now."""
         head = operation.content_head
         if head is None or not operation.content:
             return []
         wanted = operation.subject if head.group == GROUP_BLOCKS else ""
         if len(operation.content) < operation.announced:
-            return []  # records are missing, nobody knows where: those behind would be read out of shifted octets
+            return []  # records are missing somewhere; later ones would be read from wrong offsets
         source = "block functions"
         if head.group == GROUP_CPU and head.subfunction == READ_SZL:
             szl_id = int.from_bytes(operation.content[:2], "big")
@@ -142,11 +142,11 @@ class Evidence:
         return _facts(transaction, self._said(transaction, asked, payload), "block functions") if payload else []
 
     def _said(self, transaction: Transaction, asked: bytes, payload: bytes) -> list[Said]:
-        """Return what an answer says; it is read in full only when it is a different one from those before."""
+        """Return the facts in an answer; they are read only if the same answer was not seen before."""
         parameters = transaction.response_parameters
         head = parameters.userdata if parameters is not None else None
         if head is None or head.error_code or head.data_unit_ref or head.last_data_unit:
-            return []  # refused, or a part of an answer
+            return []  # refused, or one of several parts
         key = (head.group, head.subfunction, asked, payload)
         said = self._answers.get(key)
         if said is None:
@@ -165,7 +165,7 @@ class Evidence:
 
 
 def _records(payload: bytes) -> list[Part]:
-    """Cut the telling records of a list that is whole; those that are not there are left out."""
+    """Parse the records with facts of a complete list; records that are missing are left out."""
     szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
     if extract(szl_id) == HEAD_ONLY or not length:
         return []
@@ -179,7 +179,7 @@ def _records(payload: bytes) -> list[Part]:
 
 
 def _answered(transaction: Transaction) -> bytes:
-    """Return the payload of a userdata answer, read in place because panels poll; empty where it was not successful."""
+    """Return the payload of a userdata answer, read in place because panels poll; empty if the answer was not successful."""
     parameters = transaction.response_parameters
     if parameters is None:
         return b""
@@ -188,7 +188,7 @@ def _answered(transaction: Transaction) -> bytes:
 
 
 def asked_payload(transaction: Transaction) -> bytes:
-    """Return the payload of a userdata request; empty where it has none."""
+    """Return the payload of a userdata request; empty if it has none."""
     size = len(transaction.parameters.octets)
     return _payload(transaction.request_buf, transaction.request_offset, transaction.request_size, size)
 
@@ -201,7 +201,7 @@ def _payload(buf: bytes, offset: int, size: int, parameters: int) -> bytes:
 
 
 def said_by(parts: list[Part], wanted: str = "") -> list[Said]:
-    """Return what the parts of an answer say; ``wanted`` is the type of the blocks that are listed."""
+    """Return the facts in the parts of an answer; ``wanted`` is the type of the blocks that are listed."""
     said: list[Said] = []
     for part in parts:
         layout = part.layout
@@ -231,7 +231,7 @@ def said_by(parts: list[Part], wanted: str = "") -> list[Said]:
 
 
 def _identification(part: Part) -> list[Said]:
-    """Read a record of list 0x11: the order number, and the version of what its index names."""
+    """Read a record of list 0x11: the order number, and the version of what its index stands for."""
     index, version, release = part.number("index"), part.number("version"), part.number("release")
     said: list[Said] = []
     order = part.text("order_number").strip()
@@ -251,7 +251,7 @@ def _with_number(part: Part, name: str) -> str:
 
 
 def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
-    """Read a clock: what the station answers, or what it accepts to be set to."""
+    """Read a clock: the time that a station answers, or that it accepts to be set to."""
     setting = head.subfunction in SETTING
     if transaction.outcome != ANSWERED:
         return []
@@ -271,9 +271,9 @@ def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
 
 
 def clock_time(text: str) -> int | None:
-    """Return a DATE_AND_TIME ("DT#2026-11-21-01:31:15.556") as nanoseconds since 1970, None for anything else.
+    """Return a DATE_AND_TIME ("DT#2026-11-21-01:31:15.556") as nanoseconds since 1970; None for other texts.
 
-    It has no zone: it is taken as UTC.
+    It has no time zone and is taken as UTC.
     """
     try:
         found = datetime.fromisoformat(f"{text[3:13]} {text[14:]}").replace(tzinfo=UTC)
@@ -284,7 +284,7 @@ def clock_time(text: str) -> int | None:
 
 
 def module_asked(connection: Connection, asked_by: int) -> str:
-    """Return the rack and slot that ``asked_by`` asks: those of the called TSAP. Empty where it has none."""
+    """Return rack and slot in the called TSAP; empty if it has none, or if ``asked_by`` is not the client."""
     tsap = connection.tsap_called
     if tsap is None or tsap.rack < 0 or asked_by != connection.client_side:
         return ""
@@ -294,7 +294,7 @@ def module_asked(connection: Connection, asked_by: int) -> str:
 def made(
     connection: Connection, asked_by: int, said: list[Said], source: str, frames: list[int], time_ns: int
 ) -> list[Fact]:
-    """Return what was said as facts about the side that ``asked_by`` asked."""
+    """Return facts about the side that ``asked_by`` sent its request to."""
     if not said:
         return []
     host = str(connection.tcp.ends[1 - asked_by].host)

@@ -1,7 +1,7 @@
-"""Facts about stations, and the book that keeps them: what is known of an address, since when, and by which packets.
+"""Facts about stations, and the book that keeps them: what is known of an address, since when, and from which packets.
 
-Bounded throughout: `MAX_STATIONS` stations, of each `MAX_KEYS` kinds of facts with `MAX_STRETCHES` values one after another,
-and `MAX_BLOCKS` names of blocks. What has no room is counted.
+Everything is bounded: `MAX_STATIONS` stations, with `MAX_KEYS` kinds of facts each, of which each has `MAX_STRETCHES` values
+over time, and `MAX_BLOCKS` names of blocks. Facts beyond that are counted.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mypy_extensions import mypyc_attr
 from dissect.s7plus import session
 from dissect.tcp.link import within
 
-# Keys of facts. They are the names that JSON and CSV have (docs/devices.md).
+# Keys of facts; JSON and CSV use the same names (docs/devices.md).
 ORDER_NUMBER: Final = session.ORDER_NUMBER
 HARDWARE: Final = session.HARDWARE
 FIRMWARE: Final = session.FIRMWARE
@@ -35,7 +35,7 @@ CLOCK: Final = "clock"
 BLOCKS: Final = "blocks"
 BLOCK: Final = "block"
 
-#: Every key with what it is, in the order in which a person reads them.
+#: Names of all keys for a person, in the order in which a person reads them.
 KEYS: Final[dict[str, str]] = {
     ORDER_NUMBER: "order number",
     HARDWARE: "hardware version",
@@ -58,27 +58,27 @@ KEYS: Final[dict[str, str]] = {
     BLOCKS: "number of blocks",
     BLOCK: "block",
 }
-#: What a device keeps as long as it is the same device with the same firmware: a change is a finding.
+#: Facts that stay the same as long as it is the same device with the same firmware: a change is a finding.
 LASTING: Final = frozenset((ORDER_NUMBER, FIRMWARE, SERIAL_NUMBER, MAC))
 
-#: Where `Station.facts` has the Ethernet address, which is of no module.
+#: The key of the MAC address in `Station.facts`; it belongs to no module.
 MAC_KEY: Final = ("", MAC)
 
 MAX_STATIONS: Final = 4096
 MAX_KEYS: Final = 64
 MAX_STRETCHES: Final = 32
 MAX_BLOCKS: Final = 1024
-#: Characters of a value.
+#: Characters of the longest value.
 MAX_VALUE: Final = 120
 
 
 class Fact:
-    """Something that a station said of itself, or was seen with, in the packets ``frames``.
+    """Something that a station said about itself, or was seen with, in the packets ``frames``.
 
-    ``host`` is its address, ``vlan`` the VLAN key of its network (`link.find_ip`), ``module`` the rack and
-    slot that were asked ("rack 0 slot 2"), empty where none were. ``key`` is one of `KEYS`, ``value`` a text from the wire that
-    is not escaped, ``source`` what said so ("SZL 0x0011"). ``before`` is the value that it had until now, empty for none, and
-    ``fresh`` says that it is a different one. ``connection`` is the number of one.
+    ``host`` is the address of the station and ``vlan`` the VLAN key of its network (`link.find_ip`). ``module`` is the rack and
+    slot that were asked ("rack 0 slot 2"), empty if unknown. ``key`` is one of `KEYS`; ``value`` is text from the wire, not
+    escaped; ``source`` is what the fact was read from ("SZL 0x0011"). ``before`` is the value up to now, empty for none;
+    ``fresh`` says that ``value`` differs from it. ``connection`` is the number of the connection.
     """
 
     __slots__ = (
@@ -123,9 +123,9 @@ class Fact:
         return f"Fact({self.host!r}, {self.module!r}, {self.key!r}, {self.value!r})"
 
 
-@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header for the garbage collector
 class Stretch:
-    """A value and how long it was the same: by ``count`` facts, the first and the last with packet and time."""
+    """A value, and how long it stayed the same: the number of facts, and packet and time of the first and the last one."""
 
     __slots__ = ("count", "first_frame", "first_ns", "last_frame", "last_ns", "source", "value")
 
@@ -142,23 +142,23 @@ class Stretch:
         return f"Stretch({self.value!r}, {self.count})"
 
     def again(self, frame: int, time_ns: int) -> None:
-        """The same once more."""
+        """Take a fact with the same value."""
         self.count += 1
         self.last_frame = frame
         self.last_ns = time_ns
 
     def go_on(self, later: Stretch) -> None:
-        """Take ``later``, which says the same, as part of this one."""
+        """Join with ``later``, which has the same value."""
         self.count += later.count
         self.last_frame = later.last_frame
         self.last_ns = later.last_ns
 
 
 class Station:
-    """What is known of one address, in one network: the same in another VLAN is another station.
+    """What is known about an address in one network: the same address in another VLAN is another station.
 
-    ``facts`` are the values of each kind, one after another, by module and key; ``blocks`` the blocks that were named.
-    ``not_kept`` counts facts that had no room.
+    ``facts`` has the values over time, by (module, key); ``blocks`` are the names of its blocks. ``not_kept`` counts facts
+    beyond the bounds.
     """
 
     __slots__ = ("blocks", "facts", "host", "not_kept", "vlan")
@@ -171,12 +171,12 @@ class Station:
         self.not_kept = 0
 
     def latest(self, key: str) -> str:
-        """Return the latest value of a kind, of whichever module spoke last; empty where there is none."""
+        """Return the latest value of a kind, of any module; empty if there is none."""
         found = [stretches[-1] for (_, own), stretches in self.facts.items() if own == key]
         return max(found, key=lambda stretch: stretch.last_ns).value if found else ""
 
     def note(self, fact: Fact) -> None:
-        """Take a fact; its ``before`` and ``fresh`` are filled in."""
+        """Take a fact, and set its ``before`` and ``fresh``."""
         frame = fact.frames[-1] if fact.frames else 0
         if fact.key == BLOCK:
             self._note_block(fact, frame)
@@ -188,7 +188,7 @@ class Station:
             self._begin(key, fact.value, fact.source, frame, fact.time_ns)
             return
         last = stretches[-1]
-        if fact.key == CLOCK:  # runs on: the latest counts
+        if fact.key == CLOCK:  # a clock runs: only its latest value is kept
             last.value = fact.value
             last.source = fact.source
             last.again(frame, fact.time_ns)
@@ -200,14 +200,14 @@ class Station:
         else:
             fact.before = last.value
             fact.fresh = True
-            source = last.source if last.source == fact.source else fact.source  # kept once
+            source = last.source if last.source == fact.source else fact.source  # one object for equal texts
             stretches.append(Stretch(_known(fact.value, stretches), source, frame, fact.time_ns))
             if len(stretches) > MAX_STRETCHES:
-                del stretches[1]  # the first says what it was in the beginning
+                del stretches[1]  # keep the first one, which is the value in the beginning
                 self.not_kept += 1
 
     def again(self, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int) -> bool:
-        """Take a value if it is the first of its kind or the latest one once more; False for another, which is to be noted."""
+        """Take a value if it is the first of its kind or the same as before; False for a new one, which needs a `Fact`."""
         stretches = self.facts.get(key) if self.facts else None
         if stretches is None:
             self._begin(key, value, source, frame, time_ns)
@@ -225,7 +225,7 @@ class Station:
             self.facts[key] = [Stretch(value, source, frame, time_ns)]
 
     def merge(self, later: Station) -> None:
-        """Take what was noted of the same address in packets behind those of this one; ``later`` is used up."""
+        """Add what was noted about the same address in later packets; ``later`` must not be used any more."""
         self.not_kept += later.not_kept
         for (module, key), stretches in later.facts.items():
             known = self.facts.get((module, key))
@@ -272,16 +272,16 @@ class Station:
 
 
 def _known(value: str, stretches: list[Stretch]) -> str:
-    """Return ``value``, as the object that it was when it was the value before, if it was: most change to and fro."""
+    """Return ``value``, or the equal text before the last one: most values alternate, so that one object is enough."""
     if len(stretches) > 1 and stretches[-2].value == value:
         return stretches[-2].value
     return value
 
 
 class Book:
-    """Stations by address and VLAN, as `within` names them. ``not_kept`` counts facts about stations there was no room for.
+    """Stations by address and VLAN (`within`). ``not_kept`` counts facts about stations beyond `MAX_STATIONS`.
 
-    ``filled`` says that an engine notes all facts in it, so that its owner, who is told of them, need not.
+    ``filled``: the engine notes all facts in this book, so that its owner need not do it.
     """
 
     def __init__(self) -> None:
@@ -298,12 +298,12 @@ class Book:
     def again(
         self, host: str, vlan: int, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int
     ) -> bool:
-        """Take a value of ``host`` without a fact (`Station.again`), if it need not be noted as one."""
+        """Take a value of ``host`` without a `Fact`, if that is enough (`Station.again`)."""
         station = self._of(host, vlan)
         return station is None or station.again(key, value, source, frame, time_ns)
 
     def _of(self, host: str, vlan: int) -> Station | None:
-        """Return the station with this address, None where there is no room for another one, which is counted."""
+        """Return the station with this address; None if there is no room for another one, which is counted."""
         name = within(host, vlan) if vlan else host
         station = self.stations.get(name)
         if station is None:
@@ -315,7 +315,7 @@ class Book:
         return station
 
     def stating(self, keys: frozenset[str]) -> list[Station]:
-        """Return the stations that state any of these kinds, in the order in which they first said something."""
+        """Return the stations with any of these kinds of facts, in the order in which they first stated something."""
         found: list[Station] = []
         for station in self.stations.values():
             for _, key in station.facts:
@@ -325,13 +325,13 @@ class Book:
         return found
 
     def merge(self, later: Book) -> None:
-        """Take what was noted in packets behind those of this one; ``later`` is used up."""
+        """Add what was noted in later packets; ``later`` must not be used any more."""
         self.not_kept += later.not_kept
         for theirs in later.stations.values():
             self.take(theirs)
 
     def take(self, theirs: Station) -> None:
-        """Take what was noted of a station in packets behind those of this one; it is used up."""
+        """Add what was noted about a station in later packets; ``theirs`` must not be used any more."""
         name = within(theirs.host, theirs.vlan)
         station = self.stations.get(name)
         if station is not None:
@@ -344,7 +344,7 @@ class Book:
 
 
 def agree(key: str, one: str, other: str) -> bool:
-    """Return whether two values can be of the same thing: "V4.3" and "V4.3.1" are, one source says more than the other."""
+    """Return whether two values may mean the same: "V4.3" and "V4.3.1" may, as one source can be less exact."""
     if one == other:
         return True
     if key == FIRMWARE:

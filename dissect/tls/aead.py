@@ -1,4 +1,4 @@
-"""Records opened by their key. The ciphers come from `cryptography` (extra ``tls``), imported when the first key is there."""
+"""Decrypts records. The ciphers are those of `cryptography` (extra ``tls``), which is imported with the first key."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dissect.tls.tables import CCM, CHACHA20, Suite
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.ciphers.aead import AESCCM, AESGCM, ChaCha20Poly1305
 
-#: What to install, for whoever has keys and no ciphers.
+#: What to install if there are keys but no ciphers.
 NEEDS: Final = "needs the package cryptography: pip install 's7dissect[tls]'"
 
 
 def is_installed() -> bool:
-    """Tell whether the ciphers are there."""
+    """Return whether the ciphers are installed."""
     try:
         import cryptography.hazmat.primitives.ciphers.aead  # noqa: F401 - only asked for
     except ImportError:
@@ -24,7 +24,7 @@ def is_installed() -> bool:
 
 
 class Opener:
-    """Opens the records of one direction under one key. ImportError when `cryptography` is not installed."""
+    """Decrypts the records of one direction with one key. Raises ImportError if `cryptography` is not installed."""
 
     __slots__ = ("_cipher", "_invalid", "_iv", "_suite")
 
@@ -37,11 +37,11 @@ class Opener:
         self._invalid = InvalidTag
 
     def open_1_3(self, record: bytes, number: int) -> bytes | None:
-        """Return content, type and padding of a record of TLS 1.3, None when the key or ``number`` is not its own."""
+        """Return content, type and padding of a TLS 1.3 record; None if the key or ``number`` is wrong."""
         return self._open(self._mixed(number), record[5:], record[:5])
 
     def open_1_2(self, record: bytes, number: int) -> bytes | None:
-        """Return the content of a record of TLS 1.2, None when the key or ``number`` is not its own."""
+        """Return the content of a TLS 1.2 record; None if the key or ``number`` is wrong."""
         explicit = self._suite.explicit
         size = len(record) - 5 - explicit - self._suite.tag
         if size < 0:

@@ -1,6 +1,6 @@
-"""What a certificate says of its owner and of its own worth (X.509, RFC 5280), read by `cryptography` (extra ``tls``).
+"""Owner, validity and weaknesses of a certificate (X.509, RFC 5280), read with `cryptography` (extra ``tls``).
 
-Certificates come from the wire: one that cannot be read says so in `Certificate.unread`, and what of it can be read stays.
+Certificates come from the wire: if one is damaged, `Certificate.unread` says so, and the parts that can be read are kept.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from dissect.wire.text import printable, shortened
 if TYPE_CHECKING:
     from cryptography import x509
 
-#: The largest certificate that is read, and the characters of a name that are shown.
+#: Octets of the largest certificate that is read; characters of a name that are shown.
 MAX_CERTIFICATE: Final = 64 * 1024
 MAX_NAME: Final = 200
-#: Fewer bits than these are out of use (NIST SP 800-131A): of RSA and DSA, and of a curve.
+#: Keys with fewer bits are obsolete (NIST SP 800-131A): of RSA and DSA, and of a curve.
 _LEAST_RSA: Final = 2048
 _LEAST_CURVE: Final = 224
 _WEAK_HASHES: Final = frozenset(("md2", "md4", "md5", "sha1"))
@@ -30,10 +30,10 @@ T = TypeVar("T")
 
 
 class Certificate:
-    """A certificate; texts are printable, empty where they could not be read, times are None then.
+    """A certificate. Texts are printable, empty if they could not be read; then times are None.
 
-    ``not_before_ns`` and ``not_after_ns`` are nanoseconds since 1970. ``weak`` says what makes it weak, empty for nothing.
-    ``sha256`` is its fingerprint. ``unread`` says why nothing of it, or not all, is known.
+    ``not_before_ns`` and ``not_after_ns`` are nanoseconds since 1970. ``weak`` lists its weaknesses. ``sha256`` is its
+    fingerprint. ``unread`` says why it could not be read, completely or in part.
     """
 
     __slots__ = (
@@ -62,7 +62,7 @@ class Certificate:
         self.unread = ""
 
     def validity_fault(self, time_ns: int) -> str:
-        """Return what is wrong with the period of validity at ``time_ns``, empty when nothing is, or it is not known."""
+        """Return what is wrong with the period of validity at ``time_ns``; empty if nothing is, or it is not known."""
         if self.not_after_ns is not None and time_ns > self.not_after_ns:
             return f"expired {_day(self.not_after_ns)}"
         if self.not_before_ns is not None and time_ns < self.not_before_ns:
@@ -75,7 +75,7 @@ def _day(time_ns: int) -> str:
 
 
 def read_certificate(der: bytes) -> Certificate:
-    """Return what a certificate says. Never raises, whatever the octets are."""
+    """Read a certificate in DER. Never raises."""
     found = Certificate()
     found.sha256 = hashlib.sha256(der).hexdigest()
     if len(der) > MAX_CERTIFICATE:
@@ -87,7 +87,7 @@ def read_certificate(der: bytes) -> Certificate:
         found.unread = f"reading certificates {NEEDS}"
         return found
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what a certificate does wrong is no warning about this program
+        warnings.simplefilter("ignore")  # a fault of the certificate is no warning about this program
         try:
             _read(found, x509.load_der_x509_certificate(der))
         except Exception as error:  # noqa: BLE001 - the library raises errors of many kinds about octets of the wire
@@ -110,7 +110,7 @@ def _read(found: Certificate, certificate: x509.Certificate) -> None:
 
 
 def _tried(part: Callable[[], T], otherwise: T) -> T:
-    """Return a part of a certificate, read when it is asked for, or ``otherwise`` when it is damaged."""
+    """Return the result of ``part``, or ``otherwise`` if that part of the certificate is damaged."""
     try:
         return part()
     except Exception:  # noqa: BLE001 - as above; the other parts are read nevertheless
@@ -122,7 +122,7 @@ def _nanoseconds(time: datetime) -> int:
 
 
 def _is_self_signed(certificate: x509.Certificate) -> bool | None:
-    """Tell whether it is signed with its own key, None where it claims to be and that cannot be verified."""
+    """Return whether it is signed with its own key; None if it claims to be, but that cannot be verified."""
     from cryptography.exceptions import InvalidSignature
 
     if certificate.subject != certificate.issuer:
@@ -137,7 +137,7 @@ def _is_self_signed(certificate: x509.Certificate) -> bool | None:
 
 
 def _signature(certificate: x509.Certificate) -> str:
-    """Return the hash of the signature, or the algorithm where that has its own (Ed25519)."""
+    """Return the name of the signature's hash, or the algorithm if that has none (Ed25519)."""
     hash_ = certificate.signature_hash_algorithm
     return printable(hash_.name) if hash_ is not None else certificate.signature_algorithm_oid.dotted_string
 

@@ -1,4 +1,4 @@
-"""One direction of a TLS session: its records, its handshake messages, and the key that opens it at the moment."""
+"""One direction of a TLS session: its records, its handshake messages, and its current key."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from dissect.tls.certificate import Certificate
 from dissect.tls.handshake import HandshakeReader
 from dissect.tls.records import RecordReader
 
-# Which secret opens the records of a direction in TLS 1.3, in the order in which they follow each other.
+# Stages of a direction in TLS 1.3, in their order; each has its own secret.
 EARLY: Final = 0
 HANDSHAKING: Final = 1
 TRAFFIC: Final = 2
 
-#: Record numbers that are tried after a gap: as many records as fit into it, but never more than this.
+#: How many record numbers are tried after a gap: as many as records may fit into the gap, within these bounds.
 MAX_TRIED: Final = 4096
 _LEAST_TRIED: Final = 64
 #: Octets of the smallest encrypted record.
 _LEAST_RECORD: Final = 22
-#: Records tried with wrong numbers of one session in all, and misses in a row after which a direction is given up.
+#: Wrong record numbers that are tried in one direction altogether; failures in a row after which it is given up.
 _MAX_TRIES: Final = 65_536
 MAX_MISSES: Final = 32
 
-#: Gives the key of a stage, None where its secret is not known.
+#: Returns the key of a stage, None if its secret is not known.
 Openers = Callable[[int], Opener | None]
 
 
 class Direction:
-    """What passed from one side to the other.
+    """What one side sent.
 
-    ``records`` and ``octets`` count all records, ``opened`` those decrypted, ``shut`` encrypted ones that were not;
-    ``first_ns`` and ``last_ns`` are the times of the first and the last record, 0 without one. ``changed`` says that
-    a change cipher spec of TLS 1.2 passed. ``window`` is how many record numbers may have been missed, ``given_up`` that no key
-    fits any more. ``alert`` is the latest alert in words.
+    ``records`` and ``octets`` count all records; ``opened`` counts decrypted ones, ``shut`` encrypted ones that stayed so.
+    ``first_ns`` and ``last_ns`` are the times of the first and the last record, 0 if there is none. ``changed``: a
+    ChangeCipherSpec of TLS 1.2 was seen. ``window``: how many record numbers a gap may have swallowed. ``given_up``: no key
+    fits any more. ``alert`` is the latest alert as text.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Direction:
         self.last_ns = time_ns
 
     def lose(self, size: int) -> None:
-        """``size`` octets are missing: nobody knows how many records."""
+        """``size`` octets are missing, with an unknown number of records."""
         self.reader.lose()
         self.messages.drop()
         self.window = min(MAX_TRIED, self.window + max(_LEAST_TRIED, size // _LEAST_RECORD))
@@ -75,7 +75,7 @@ class Direction:
         self._misses = 0
 
     def renew(self, stage: int) -> None:
-        """The next record has another key, that of ``stage``, and number 0."""
+        """The next record has the key of ``stage``, and number 0."""
         self.stage = stage
         self._opener = None
         self._number = 0
@@ -84,7 +84,7 @@ class Direction:
     # ---- decryption -------------------------------------------------------------------------------------------------
 
     def open_1_2(self, record: bytes, opener: Callable[[], Opener | None]) -> bytes | None:
-        """Return the content of a record of TLS 1.2; ``opener`` is asked for the key of the session once it is needed."""
+        """Return the content of a TLS 1.2 record, None if it cannot be decrypted; ``opener`` returns the session's key."""
         if self.given_up:
             return None
         if self._opener is None:
@@ -98,9 +98,9 @@ class Direction:
         return found
 
     def open_1_3(self, record: bytes, openers: Openers) -> bytes | None:
-        """Return content and type of a record of TLS 1.3, None where no key that is there opens it.
+        """Return content and type of a TLS 1.3 record; None if no known key decrypts it.
 
-        The next stage is tried as well: the message that ends the one at hand may be missing, or its secret.
+        The key of the next stage is tried as well: the message that ends the current stage may be missing, or its secret.
         """
         if self.given_up:
             return None
@@ -131,7 +131,7 @@ class Direction:
         return None
 
     def _after_update(self, record: bytes, openers: Openers) -> bytes | None:
-        """A key update may be among what is missing."""
+        """Try the key after a KeyUpdate, which may be among the missing octets."""
         self.updates += 1
         opener = openers(TRAFFIC)
         found = self._search(opener.open_1_3, record, 0) if opener is not None else None
@@ -142,7 +142,7 @@ class Direction:
         return found
 
     def _search(self, opening: Callable[[bytes, int], bytes | None], record: bytes, first: int) -> bytes | None:
-        """Open a record with the next number, or after a gap with one of those that follow."""
+        """Decrypt a record with the next number, or, after a gap, with one of the numbers after it."""
         found = opening(record, first)
         number = first
         while found is None and number - first < self.window and self._tries < _MAX_TRIES:

@@ -1,6 +1,6 @@
-"""Handshake messages: out of records, and what of them says who talks to whom and how (RFC 5246 section 7.4, RFC 8446 4).
+"""Handshake messages: joins them from records, and reads who talks to whom and how (RFC 5246 section 7.4, RFC 8446 4).
 
-Everything is read as far as it is there; whatever the octets are, nothing raises.
+Everything is read as far as it is there; nothing raises.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dissect.tls.tables import CLIENT_HELLO, HANDSHAKE, HANDSHAKE_TYPES, TLS_1_2
 from dissect.wire.octets import u16, u24
 from dissect.wire.text import shortened
 
-#: The largest message that is kept whole; chains of certificates take a few thousand octets.
+#: Octets of the largest message that is kept; chains of certificates have a few thousand.
 MAX_MESSAGE: Final = 128 * 1024
-#: Certificates of a chain that are kept, and cipher suites of an offer.
+#: Certificates of a chain that are kept; cipher suites of an offer that are kept.
 MAX_CERTIFICATES: Final = 8
 MAX_OFFERED: Final = 256
 #: Characters of a server name that are shown.
@@ -24,12 +24,12 @@ _RANDOM: Final = slice(2, 34)
 _SERVER_NAME: Final = 0
 _EARLY_DATA: Final = 42
 _SUPPORTED_VERSIONS: Final = 43
-#: A ServerHello with this random asks the client for another ClientHello: SHA-256 of its name (RFC 8446 section 4.1.3).
+#: The random of a HelloRetryRequest, which has the form of a ServerHello: SHA-256 of its name (RFC 8446 section 4.1.3).
 RETRY_RANDOM: Final = bytes.fromhex("cf21ad74e59a6111be1d8c021e65b891c2a211167abb8c5e079e09e2c8a8339c")
 
 
 class HandshakeReader:
-    """Joins the handshake messages of one direction, which may share records and span them.
+    """Joins the handshake messages of one direction, which may share records and span several.
 
     ``passed`` counts messages that were too long to be kept.
     """
@@ -47,7 +47,7 @@ class HandshakeReader:
         return len(self._rest)
 
     def push(self, body: bytes) -> list[tuple[int, bytes]]:
-        """Take what a handshake record carries; return (type, body) of the messages it completes."""
+        """Take the content of a handshake record; return (type, body) of the messages that it completes."""
         if self._skip:
             left = min(self._skip, len(body))
             self._skip -= left
@@ -70,7 +70,7 @@ class HandshakeReader:
         return found
 
     def drop(self) -> None:
-        """Forget an unfinished message: the rest of it will not come, or cannot be read."""
+        """Forget an unfinished message: the rest of it will not come, or cannot be decrypted."""
         self._rest = b""
         self._skip = 0
 
@@ -78,8 +78,8 @@ class HandshakeReader:
 class Hello:
     """A ClientHello or ServerHello, as far as it is there.
 
-    ``version`` is the highest one offered, or the one chosen, 0 when it does not say. ``suites`` are those offered, or the one
-    chosen; ``server_name`` is made printable. ``retry`` marks a HelloRetryRequest.
+    ``version`` is the highest offered or the chosen version, 0 if unknown. ``suites`` are the offered ones, or the chosen one.
+    ``server_name`` is printable. ``retry``: this is a HelloRetryRequest.
     """
 
     __slots__ = ("early_data", "random", "retry", "server_name", "suites", "version")
@@ -94,7 +94,7 @@ class Hello:
 
 
 def parse_hello(body: bytes, from_client: bool) -> Hello:
-    """Return what the body of a ClientHello (``from_client``) or ServerHello says."""
+    """Read the body of a ClientHello (``from_client``) or ServerHello."""
     hello = Hello()
     size = len(body)
     if size < 35:
@@ -102,7 +102,7 @@ def parse_hello(body: bytes, from_client: bool) -> Hello:
     hello.version = u16(body, 0)
     hello.random = body[_RANDOM]
     hello.retry = not from_client and hello.random == RETRY_RANDOM
-    at = 35 + body[34]  # behind version, random and session id
+    at = 35 + body[34]  # after version, random and session id
     if at + 2 > size:
         return hello
     if from_client:
@@ -135,16 +135,16 @@ def _extensions(hello: Hello, body: bytes, at: int, from_client: bool) -> None:
 
 
 def _highest(versions: bytes) -> int:
-    """Return the highest known version of a list of them; clients put numbers without meaning among them."""
+    """Return the highest known version in a list of versions, in which clients put meaningless numbers as well."""
     listed = [u16(versions, at) for at in range(0, len(versions) - 1, 2)]
     return max([version for version in listed if version in TLS_VERSIONS], default=0)
 
 
 def certificates_of(body: bytes, version: int) -> list[bytes]:
-    """Return the certificates of the body of a Certificate message, DER, its sender's own first; those that are there whole."""
+    """Return the certificates (DER) in the body of a Certificate message that are complete, the sender's own one first."""
     at = 0
     if version == TLS_1_3 and body:
-        at = 1 + body[0]  # behind the context
+        at = 1 + body[0]  # after the context
     found: list[bytes] = []
     at += 3
     while at + 3 <= len(body) and len(found) < MAX_CERTIFICATES:
@@ -164,7 +164,7 @@ def certificates_of(body: bytes, version: int) -> list[bytes]:
 
 
 def record_words(octets: bytes) -> str:
-    """Return what identifies the record that ``octets`` begin with: version, kind, and the server name of a ClientHello."""
+    """Return a text for the record at the beginning of ``octets``: version, type, and the server name of a ClientHello."""
     from dissect.tls.tables import CONTENT_TYPES
 
     if len(octets) < 5:
@@ -181,21 +181,21 @@ def record_words(octets: bytes) -> str:
     server = f", server name {name}" if name else ""
     said = TLS_VERSIONS.name(version) if version in TLS_VERSIONS else f"version 0x{version:04x}"
     if version == TLS_1_2 and octets[0] != HANDSHAKE:
-        said = "TLS 1.2 or 1.3"  # records of both say 1.2 (RFC 8446 section 5.1)
+        said = "TLS 1.2 or 1.3"  # records of both have version 1.2 (RFC 8446 section 5.1)
     return f"{said} {kind}{server}"
 
 
 def _hello_in(octets: bytes) -> Hello | None:
-    """Return the hello at the beginning of a handshake record, None when another message stands there."""
+    """Return the hello at the beginning of a handshake record; None if there is another message."""
     if octets[5] not in {1, 2} or len(octets) < 9:
         return None
     return parse_hello(octets[9 : 9 + u24(octets, 6)], octets[5] == CLIENT_HELLO)
 
 
 def chosen_version(octets: bytes, start: int, end: int) -> str:
-    """Return the version that the ServerHello at ``start`` chooses for its session; empty where none is.
+    """Return the version that the ServerHello at ``start`` chooses; empty if there is none.
 
-    In TLS 1.3 it stands in supported_versions only (RFC 8446 section 4.2.1).
+    In TLS 1.3 it is only in the extension supported_versions (RFC 8446 section 4.2.1).
     """
     if end - start < 44 or octets[start] != HANDSHAKE or octets[start + 1] != 3 or octets[start + 5] != 2:
         return ""

@@ -1,6 +1,6 @@
-"""Session keys as programs write them into an SSLKEYLOGFILE (draft-ietf-tls-keylogfile), by the random of their ClientHello.
+"""Session keys from an SSLKEYLOGFILE (draft-ietf-tls-keylogfile), by the random of the ClientHello.
 
-Secrets are given to whoever decrypts, and to nobody else: nothing here puts one into words.
+Secrets are only given to code that decrypts; nothing here writes one as text.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ EARLY: Final = "CLIENT_EARLY_TRAFFIC_SECRET"
 HANDSHAKE_OF: Final = ("CLIENT_HANDSHAKE_TRAFFIC_SECRET", "SERVER_HANDSHAKE_TRAFFIC_SECRET")
 TRAFFIC_OF: Final = ("CLIENT_TRAFFIC_SECRET_0", "SERVER_TRAFFIC_SECRET_0")
 
-#: Labels that open records; the others of the format (exporters, ECH) are known and not kept.
+#: Labels of secrets that open records; the other labels of the format (exporters, ECH) are known, but not kept.
 _KEPT: Final = frozenset((MASTER, EARLY, *HANDSHAKE_OF, *TRAFFIC_OF))
 _KNOWN: Final = frozenset(("EARLY_EXPORTER_SECRET", "EXPORTER_SECRET", "ECH_SECRET", "ECH_CONFIG", "RSA"))
-# Patterns are texts: `re` compiles and keeps each where it is first used, and most runs use none.
+# Patterns are texts, which `re` compiles and keeps at their first use: most runs use none.
 _LINE: Final = rb"([A-Z][A-Z0-9_]{1,63}) ([0-9A-Fa-f]{2,512}) ([0-9A-Fa-f]{2,512})"
 _BEGINNING: Final = rb"[A-Z][A-Z0-9_]{0,63}( [0-9A-Fa-f]{0,512}( [0-9A-Fa-f]{0,512})?)?"
 _RANDOM: Final = 32
 _SECRETS: Final = frozenset((32, 48, 64))
 
-#: Sessions that are kept; more come from a machine that logged for weeks, and the oldest go.
+#: Sessions that are kept; a machine that logs for weeks may have more, then the oldest are dropped.
 MAX_SESSIONS: Final = 200_000
-#: Octets of a line that does not end; the format needs some three hundred.
+#: Octets of an unfinished line that are kept; the format needs some three hundred.
 _MAX_LINE: Final = 4096
 
 
 class Growing(Protocol):
-    """A file that another program writes to: `more` gives what was added, ``begun`` counts how often it was begun anew."""
+    """A file that another program writes: `more` returns what was added, ``begun`` counts how often it was begun anew."""
 
     begun: int
 
@@ -39,10 +39,10 @@ class Growing(Protocol):
 
 
 class KeyLog:
-    """The secrets of key logs, given by `add`; ``sources`` and ``files`` are asked for more when a session is not found.
+    """Secrets from key logs: given to `add`, or read from ``sources`` and ``files``, which may grow.
 
-    ``lines`` counts lines that are no comments, ``wrong`` those of them of another form, ``forgotten`` the sessions for
-    which there was no room. ``revision`` grows with each new secret.
+    ``lines`` counts lines that are not comments, ``wrong`` those of another form, ``forgotten`` sessions that were dropped.
+    ``revision`` grows with each new secret.
     """
 
     def __init__(self, sources: Sequence[Callable[[], bytes]] = (), files: Sequence[Growing] = ()) -> None:
@@ -54,13 +54,13 @@ class KeyLog:
         self.revision = 0
 
     def __repr__(self) -> str:
-        return f"KeyLog({len(self._sessions)} sessions)"  # never what is in them
+        return f"KeyLog({len(self._sessions)} sessions)"  # without any secret
 
     def __len__(self) -> int:
         return len(self._sessions)
 
     def add(self, text: bytes) -> None:
-        """Take whole lines of a key log. Those of another form are counted."""
+        """Take whole lines of a key log; count those of another form."""
         for piece in _lines(text):
             line = _stripped(piece)
             if not _says_nothing(line):
@@ -68,7 +68,7 @@ class KeyLog:
                 self.wrong += not self._line(line)
 
     def _line(self, line: bytes) -> bool:
-        """Take a line; False when it has another form."""
+        """Take a line; return False if it has another form."""
         found = re.fullmatch(_LINE, line)
         if found is None:
             return False
@@ -92,9 +92,10 @@ class KeyLog:
         return True
 
     def look(self) -> None:
-        """Take what was written to the sources since; a key log grows while a live line is watched.
+        """Read what was added to the sources: key logs grow during a live capture.
 
-        A last line that may go on is used already when it could be a whole one, and is wrong already when it cannot become one.
+        The last line may be unfinished. It is used as soon as it could be complete, and counted as wrong as soon as it cannot
+        become valid.
         """
         for source in self._sources:
             text = source.text()
@@ -110,16 +111,16 @@ class KeyLog:
 
     @property
     def unfinished(self) -> int:
-        """How many sources end with a line that is cut off, and gives no secret unless it goes on."""
+        """How many sources end with an unfinished line, which gives no secret yet."""
         return sum([source.unfinished for source in self._sources])
 
     def find(self, random: bytes) -> dict[str, bytes]:
-        """Return the secrets of the session whose ClientHello had ``random``, by their label; empty when there are none."""
+        """Return the secrets of the session with this ClientHello ``random``, by label; empty if there are none."""
         return self._sessions.get(random, {})
 
 
 class _Source:
-    """What more can be asked of, and the beginning of a line it ended with; ``unfinished`` if that gives no secret yet."""
+    """A source of lines, and the unfinished line at its end; ``unfinished``: that line gives no secret yet."""
 
     __slots__ = ("_begun", "_file", "_more", "rest", "unfinished")
 
@@ -131,7 +132,7 @@ class _Source:
         self.unfinished = False
 
     def text(self) -> bytes:
-        """Return what was written since the last call. In a file that was begun anew, nothing goes on with it."""
+        """Return what was written since the last call. If the file was begun anew, the unfinished line is dropped."""
         text = self._more()
         if self._file is not None and self._file.begun != self._begun:
             self._begun = self._file.begun
@@ -145,7 +146,7 @@ def _stripped(line: bytes) -> bytes:
 
 
 def _says_nothing(line: bytes) -> bool:
-    """Tell whether a line is a comment, or holds nothing at all."""
+    """Return whether a line is a comment, or empty."""
     stripped = _stripped(line)
     return not stripped or stripped.startswith(b"#")
 
@@ -155,7 +156,7 @@ def _lines(text: bytes) -> list[bytes]:
 
 
 class KeyRing:
-    """All key logs of a run: those ``given`` by the user, and what the capture itself holds (``found``)."""
+    """All key logs of a run: those ``given`` by the user, and those ``found`` in the capture."""
 
     def __init__(self, given: KeyLog | None = None) -> None:
         self.given = given
@@ -166,12 +167,12 @@ class KeyRing:
 
     @property
     def asked(self) -> bool:
-        """True when somebody wants sessions opened: there is a key log, even an empty one."""
+        """True if sessions are to be decrypted: there is a key log, even an empty one."""
         return self.given is not None or self.found.lines > 0
 
     @property
     def lacks(self) -> str:
-        """What there is instead of the secrets of a session that was not found, as half a sentence."""
+        """What the key logs have instead of the secrets of a session, as half a sentence."""
         logs = (self.found,) if self.given is None else (self.found, self.given)
         count = len(self)
         others = f"only keys of {count} other session{'s' if count > 1 else ''}" if count else ""
@@ -190,12 +191,12 @@ class KeyRing:
         return self.found.revision + (self.given.revision if self.given is not None else 0)
 
     def look(self) -> None:
-        """Take what was written to the key logs since."""
+        """Read what was added to the key logs."""
         if self.given is not None:
             self.given.look()
 
     def find(self, random: bytes) -> dict[str, bytes]:
-        """Return the secrets of a session by their label; empty when there are none."""
+        """Return the secrets of a session by label; empty if there are none."""
         found = self.found.find(random)
         given = self.given.find(random) if self.given is not None else {}
         return {**found, **given} if found else given

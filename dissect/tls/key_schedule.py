@@ -1,4 +1,4 @@
-"""Keys out of secrets: HKDF-Expand-Label of TLS 1.3 (RFC 8446 section 7) and the PRF of TLS 1.2 (RFC 5246 section 5)."""
+"""Derives keys from secrets: HKDF-Expand-Label of TLS 1.3 (RFC 8446 section 7), PRF of TLS 1.2 (RFC 5246 section 5)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dissect.tls.tables import Suite
 
 
 class Keys:
-    """What opens the records of one direction: a key, and the ``iv`` (TLS 1.3) or salt (1.2) of its nonces."""
+    """The key of the records of one direction, with the ``iv`` (TLS 1.3) or salt (1.2) for their nonces."""
 
     __slots__ = ("iv", "key")
 
@@ -19,7 +19,7 @@ class Keys:
 
 
 def expand_label(hash_: str, secret: bytes, label: bytes, size: int) -> bytes:
-    """Return ``size`` octets, HKDF-Expand-Label(secret, label, "", size) with a hash that `hashlib` knows."""
+    """Return HKDF-Expand-Label(secret, label, "", size), with a hash that `hashlib` knows."""
     name = b"tls13 " + label
     info = size.to_bytes(2, "big") + bytes((len(name),)) + name + b"\0"
     made = b""
@@ -31,20 +31,20 @@ def expand_label(hash_: str, secret: bytes, label: bytes, size: int) -> bytes:
 
 
 def traffic_keys(suite: Suite, secret: bytes) -> Keys:
-    """Return the keys that a traffic secret of TLS 1.3 makes."""
+    """Return the keys for a traffic secret of TLS 1.3."""
     key = expand_label(suite.hash, secret, b"key", suite.key)
     return Keys(key, expand_label(suite.hash, secret, b"iv", 12))
 
 
 def next_secret(suite: Suite, secret: bytes) -> bytes:
-    """Return the traffic secret that follows ``secret`` after a KeyUpdate."""
+    """Return the traffic secret after ``secret`` and a KeyUpdate."""
     return expand_label(suite.hash, secret, b"traffic upd", hashlib.new(suite.hash).digest_size)
 
 
 class TrafficSecrets:
-    """The traffic secrets of one direction, made one of the other: a step of the key schedule for each KeyUpdate.
+    """The traffic secrets of one direction; each KeyUpdate derives the next one.
 
-    The latest one and the one before it are kept, for whoever tries whether a KeyUpdate is missing.
+    The latest one and the one before it are kept, because `Direction` tries whether a KeyUpdate was missed.
     """
 
     __slots__ = ("_before", "_first", "_latest", "_steps", "_suite")
@@ -57,7 +57,7 @@ class TrafficSecrets:
         self._steps = 0  # from the first to the latest
 
     def after(self, suite: Suite, first: bytes, updates: int) -> bytes:
-        """Return the secret that follows ``first`` after so many updates."""
+        """Return the secret after ``first`` and ``updates`` KeyUpdates."""
         if first != self._first or suite is not self._suite or updates < self._steps - 1:
             self._suite = suite
             self._first = first
@@ -71,7 +71,7 @@ class TrafficSecrets:
         return self._latest if updates == self._steps else self._before
 
     def forget(self) -> None:
-        """Keep no secret."""
+        """Drop all secrets."""
         self._first = b""
         self._before = b""
         self._latest = b""
@@ -80,7 +80,7 @@ class TrafficSecrets:
 
 
 def prf(hash_: str, secret: bytes, label: bytes, seed: bytes, size: int) -> bytes:
-    """Return ``size`` octets of the PRF of TLS 1.2."""
+    """Return ``size`` octets of the TLS 1.2 PRF."""
     seed = label + seed
     made = b""
     chained = seed
@@ -91,7 +91,7 @@ def prf(hash_: str, secret: bytes, label: bytes, seed: bytes, size: int) -> byte
 
 
 def key_block(suite: Suite, master: bytes, client_random: bytes, server_random: bytes) -> tuple[Keys, Keys]:
-    """Return the keys of client and server that a master secret of TLS 1.2 makes for an AEAD suite."""
+    """Return the keys of client and server for an AEAD suite and a master secret of TLS 1.2."""
     key, salt = suite.key, suite.salt
     block = prf(suite.hash, master, b"key expansion", server_random + client_random, 2 * (key + salt))
     client = Keys(block[:key], block[2 * key : 2 * key + salt])

@@ -1,4 +1,4 @@
-"""The record layer: octets of one direction to whole TLS records, however they are cut into messages (RFC 8446 section 5.1)."""
+"""The record layer: splits the octets of one direction into TLS records (RFC 8446 section 5.1)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from mypy_extensions import i64
 from dissect.wire.octets import u16
 
 HEADER: Final = 5
-#: The largest body a record may have: TLS 1.2 allows 2048 octets beside the 2**14 of its content, TLS 1.3 256.
+#: Octets of the largest body of a record: 2**14 of content, and up to 2048 more in TLS 1.2 (256 in TLS 1.3).
 MAX_BODY: Final = (1 << 14) + 2048
 
 
 def begins_record(octets: bytes, at: i64, end: i64) -> bool:
-    """Tell whether a record may begin at ``at``: type, version and length, as far as they are there, are those of one."""
+    """Return whether a record may begin at ``at``: type, version and length are valid, as far as they are there."""
     if at >= end or octets[at] < 0x14 or octets[at] > 0x18:
         return False
     if end - at >= 2 and octets[at + 1] != 3:
@@ -25,9 +25,9 @@ def begins_record(octets: bytes, at: i64, end: i64) -> bool:
 
 
 class RecordReader:
-    """Cuts one direction into records. What is kept of an unfinished one is never more than a record.
+    """Splits one direction into records. At most one unfinished record is kept.
 
-    ``skipped`` counts octets that are in no record. After a gap (`lose`) the next message has to begin with a record.
+    ``skipped`` counts octets outside of records. After a gap (`lose`), the next message has to begin with a record.
     """
 
     __slots__ = ("_rest", "skipped")
@@ -42,9 +42,9 @@ class RecordReader:
         return len(self._rest)
 
     def push(self, octets: bytes) -> list[bytes]:
-        """Take the next octets; return the records they complete, headers included.
+        """Take the next octets; return the records that they complete, with their headers.
 
-        Where no record begins the rest of ``octets`` is skipped: the next message may begin with one.
+        Where no record begins, the rest of ``octets`` is skipped: the next message may begin with a record.
         """
         rest = self._rest
         if rest:
@@ -68,6 +68,6 @@ class RecordReader:
         return found
 
     def lose(self) -> None:
-        """Octets are missing: what was begun has no end."""
+        """Octets are missing: drop the unfinished record."""
         self.skipped += len(self._rest)
         self._rest = b""

@@ -1,7 +1,7 @@
-"""One TLS session, both directions: what its handshake says, and its content where the session keys are there.
+"""One TLS session, both directions: its handshake, and its content if the session keys are known.
 
-Octets come in as the transport delivers them, content goes out as `Content`, in the order in which it was sent. Nothing of
-the wire raises. What cannot be opened is counted, and `TlsSession.why_closed` says why.
+Octets are fed as the transport delivers them; content is returned as `Content`, in the order in which it was sent. Nothing from
+the wire raises. Records that cannot be decrypted are counted, and `TlsSession.why_closed` gives the reason.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from dissect.tls.tables import (
     suite_of,
 )
 
-#: Octets of encrypted records of a session that wait for their key, and of all sessions of a run together.
+#: Bounds for encrypted records that wait for their key, in octets: of a session, and of all sessions of a run together.
 MAX_WAITING: Final = 128 * 1024
 MAX_WAITING_ALL: Final = 16 * 1024 * 1024
-#: Key updates that are followed; each one is a step of the key schedule.
+#: KeyUpdates that are followed; each needs a step of the key schedule.
 _MAX_UPDATES: Final = 10_000
 
 
 class Content:
-    """Application data that was decrypted: what side ``index`` sent, with the packet that completed the record."""
+    """Decrypted application data that side ``index`` sent, and the packet that completed the record."""
 
     __slots__ = ("frame", "index", "octets", "time_ns")
 
@@ -57,7 +57,7 @@ class Content:
 
 
 class Waiting:
-    """Octets of all sessions that wait for keys; ``octets`` of them at the moment."""
+    """Counts the ``octets`` of all sessions that wait for keys."""
 
     __slots__ = ("octets",)
 
@@ -66,11 +66,12 @@ class Waiting:
 
 
 class TlsSession:
-    """A TLS session as far as it was captured. ``directions`` are by side of the connection, ``client`` is the client's side.
+    """A TLS session, as far as captured. ``directions`` are by side of the connection; ``client`` is the side of the client.
 
-    ``version`` and ``suite_code`` are what the server chose, 0 and -1 while unknown; ``server_name`` whom the client asked for.
-    ``why_closed`` says, once it is over, why records stayed closed although there is a key log. ``malformed`` counts messages
-    and records that contradict themselves. ``shown`` are the sides whose certificates came since it was last emptied.
+    ``version`` and ``suite_code`` are what the server chose, 0 and -1 while unknown. ``server_name`` is the name that the
+    client requested. ``why_closed`` is set at the end: why records stayed encrypted although there is a key log. ``malformed``
+    counts messages and records that contradict themselves. ``shown`` are the sides whose certificates were read since it was
+    last emptied.
     """
 
     def __init__(self, keys: KeyRing, waiting: Waiting | None = None) -> None:
@@ -93,22 +94,22 @@ class TlsSession:
         self._retried = False
         self._installed = True
         self._waiting: list[tuple[int, bytes, int, int]] = []
-        self._waits = 0  # octets in them
+        self._waits = 0  # octets of the waiting records
         self._overflown = False
 
     # ---- what came in -----------------------------------------------------------------------------------------------
 
     @property
     def held(self) -> int:
-        """Octets that are kept: unfinished records and messages, records that wait for their key."""
+        """Octets that are kept: unfinished records and messages, and records that wait for their key."""
         return self._waits + sum([one.reader.held + one.messages.held for one in self.directions])
 
     def wants(self, index: int, octets: bytes, start: int, end: int) -> bool:
-        """Tell whether a message of side ``index`` is part of the session: a record goes on or begins in it."""
+        """Return whether a message of side ``index`` belongs to the session: it continues a record or begins with one."""
         return self.directions[index].reader.held > 0 or begins_record(octets, start, end)
 
     def feed(self, index: int, octets: bytes, frame: int, time_ns: int) -> list[Content]:
-        """Take the next octets of side ``index``; return the content that can be opened now."""
+        """Take the next octets of side ``index``; return the content that can be decrypted now."""
         direction = self.directions[index]
         found: list[Content] = []
         skipped = direction.reader.skipped
@@ -125,7 +126,7 @@ class TlsSession:
         self.directions[index].lose(size)
 
     def close(self) -> None:
-        """The session is over: say why what is closed stayed so, and forget its secrets."""
+        """The session is over: find out why records stayed encrypted, and forget the secrets."""
         self._give_up_waiting()
         self.why_closed = self._why()
         self._secrets = {}
@@ -135,7 +136,7 @@ class TlsSession:
             direction.renew(direction.stage)
 
     def _give_up_waiting(self) -> None:
-        """What still waits for a key gets none."""
+        """Count the records that still wait for a key as not decrypted, and drop them."""
         for index, _, _, _ in self._waiting:
             self.directions[index].shut += 1
         self._drop_waiting()
@@ -160,7 +161,7 @@ class TlsSession:
     # ---- records that wait ------------------------------------------------------------------------------------------
 
     def _look(self, found: list[Content]) -> None:
-        """Ask for further secrets while some are missing, and open what waited for them."""
+        """Look for further secrets while some are missing; decrypt the records that waited for them."""
         if not self._keys.asked or all([one.content for one in self.directions]):
             return
         self._keys.look()
@@ -176,11 +177,11 @@ class TlsSession:
                 self._wait(index, record, frame, time_ns)
 
     def _may_open(self, direction: Direction) -> bool:
-        """Tell whether a record that no key opens may find one later."""
+        """Return whether a key for a record may still turn up."""
         if not self._keys.asked or self._overflown or not self._client_random or direction.given_up:
             return False
         if not self.version:
-            return True  # early data: the ServerHello is still to come
+            return True  # early data: the ServerHello comes later
         if self._suite is None or not self._installed:
             return False
         if self.version == TLS_1_3:
@@ -206,7 +207,7 @@ class TlsSession:
     # ---- decryption -------------------------------------------------------------------------------------------------
 
     def _opened(self, index: int, record: bytes, frame: int, time_ns: int, found: list[Content]) -> bool:
-        """Open a record and take its content; False when no key does."""
+        """Decrypt a record and take its content; return False if no key fits."""
         if not self._secrets or not self._installed:
             return False
         direction = self.directions[index]
@@ -312,7 +313,7 @@ class TlsSession:
             self.directions[index].renew(EARLY)
 
     def _begin_anew(self) -> None:
-        """Another session begins on the connection: of the old one nothing but its counts stays."""
+        """Another session begins on the connection: keep only the counts of the old one."""
         self._give_up_waiting()
         self.version = 0
         self._overflown = False
@@ -332,7 +333,7 @@ class TlsSession:
             self.client = 1 - index
         self._retried = hello.retry
         if hello.retry:
-            self.directions[1 - index].renew(HANDSHAKING)  # early data was refused
+            self.directions[1 - index].renew(HANDSHAKING)  # the server refused early data
             return
         self.version = hello.version
         self.suite_code = hello.suites[0]
@@ -343,31 +344,31 @@ class TlsSession:
 
     @property
     def version_name(self) -> str:
-        """The version the server chose, empty while unknown."""
+        """The version that the server chose; empty while unknown."""
         return TLS_VERSIONS.name(self.version) if self.version else ""
 
     @property
     def suite_name(self) -> str:
-        """The cipher suite the server chose, empty while unknown."""
+        """The cipher suite that the server chose; empty while unknown."""
         return CIPHER_SUITES.name(self.suite_code) if self.suite_code >= 0 else ""
 
     @property
     def shut(self) -> int:
-        """Encrypted records that were not opened."""
+        """Number of encrypted records that were not decrypted."""
         return sum([one.shut for one in self.directions])
 
     @property
     def opened(self) -> int:
-        """Encrypted records that were opened."""
+        """Number of encrypted records that were decrypted."""
         return sum([one.opened for one in self.directions])
 
     @property
     def is_open(self) -> bool:
-        """True when application data of it was decrypted."""
+        """True if application data were decrypted."""
         return any([one.content for one in self.directions])
 
     def _missing(self, index: int, first: int) -> str:
-        """Return the label of the secret that records of side ``index`` need from stage ``first`` on and the key log lacks."""
+        """Return the label of a secret that records of side ``index`` need from stage ``first`` on, but that is missing."""
         if self.version != TLS_1_3:
             return "" if key_log.MASTER in self._secrets else key_log.MASTER
         for stage in range(first, TRAFFIC + 1):
@@ -377,7 +378,7 @@ class TlsSession:
         return ""
 
     def _why(self) -> str:
-        """Return why records stayed closed although there is a key log, as half a sentence; empty when none did."""
+        """Return why records stayed encrypted although there is a key log, as half a sentence; empty if none did."""
         if not self._keys.asked or not self.shut:
             return ""
         if not self._client_random:

@@ -97,16 +97,16 @@ ALERTS: Final = CodeTable("TLS alert", 2, [
     (120, "no_application_protocol", ""),
 ])  # fmt: skip
 
-# How a suite protects a record.
+# How a suite protects records.
 GCM: Final = "GCM"
 CCM: Final = "CCM"
 CHACHA20: Final = "ChaCha20-Poly1305"
 
 
 class Suite:
-    """What the keys of an AEAD cipher suite are made of, and how it protects a record.
+    """The parameters of an AEAD cipher suite.
 
-    ``hash`` is a name that `hashlib` knows; ``key`` and ``tag`` are in octets; ``kind`` is `GCM`, `CCM` or `CHACHA20`.
+    ``hash`` is a name that `hashlib` knows; ``key`` and ``tag`` are sizes in octets; ``kind`` is `GCM`, `CCM` or `CHACHA20`.
     """
 
     __slots__ = ("code", "hash", "key", "kind", "name", "tag")
@@ -121,12 +121,12 @@ class Suite:
 
     @property
     def explicit(self) -> int:
-        """Octets of the nonce that each record of TLS 1.2 carries (RFC 5288, 6655, 7905)."""
+        """Octets of the nonce that are sent with each TLS 1.2 record (RFC 5288, 6655, 7905)."""
         return 0 if self.kind == CHACHA20 else 8
 
     @property
     def salt(self) -> int:
-        """Octets of the nonce that the key block of TLS 1.2 gives."""
+        """Octets of the nonce that come from the TLS 1.2 key block."""
         return 12 - self.explicit
 
 
@@ -196,7 +196,7 @@ _TLS_1_2: Final = [
     (0xD005, "TLS_ECDHE_PSK_WITH_AES_128_CCM_SHA256"),
 ]
 
-#: Suites that are named, and not opened: their records are no AEAD.
+#: Suites that are named, but not decrypted, because they are not AEAD.
 _OTHERS: Final = [
     (0x0000, "TLS_NULL_WITH_NULL_NULL"),
     (0x0001, "TLS_RSA_WITH_NULL_MD5"),
@@ -237,12 +237,12 @@ CIPHER_SUITES: Final = CodeTable(
     "TLS cipher suite", 4, [(code, name, "") for code, name in (*_TLS_1_3, *_TLS_1_2, *_OTHERS)]
 )
 
-#: Words in the name of a suite that protects nothing, or not enough: no encryption, broken ciphers, nobody proves who he is.
+#: Words in the name of a suite with insufficient protection: no encryption, broken ciphers, no authentication.
 WEAK_WORDS: Final = frozenset(("NULL", "RC4", "3DES", "DES40", "EXPORT", "anon", "MD5"))
 
 
 def suite_of(code: int) -> Suite | None:
-    """Return what `code` is made of, None when it is no AEAD suite or not known; its name says it all."""
+    """Return the parameters of the suite ``code``, which are all in its name; None if it is not AEAD or not known."""
     name = CIPHER_SUITES.name(code)
     words = name.split("_")
     hash_ = "sha384" if words[-1] == "SHA384" else "sha256"

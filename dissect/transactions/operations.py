@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
+from dissect.s7.services import DELETE as DELETE_BLOCKS
 from dissect.s7.services import PROGRAM
 from dissect.s7.tables import (
     ACKNOWLEDGED,
@@ -56,6 +57,7 @@ from dissect.transactions.operation import (
     CONNECT,
     CONTROL,
     CYCLIC,
+    DELETE,
     DONE,
     FAILED,
     LONG_ANSWER,
@@ -195,6 +197,10 @@ class Operations(OperationBook):
             from dissect.transactions.transfers import follow_blocks  # late, as above
 
             follow_blocks(transaction, body)
+            if body.text("service") == DELETE_BLOCKS:
+                blocks = [note.removeprefix("block ") for note in body.notes if note.startswith("block ")]
+                subject = ", ".join(blocks)[:MAX_SUBJECT] or subject_of(transaction)
+                self.settle(self.begin(DELETE, "", transaction, subject), transaction, DONE, REFUSED)
 
     # ---- connections ------------------------------------------------------------------------------------------------
 

@@ -62,6 +62,7 @@ class Side:
         "stray",
         "stream",
         "tcp",
+        "told_jobs",
         "told_overdue",
         "waiting",
         "watched",
@@ -98,6 +99,7 @@ class Side:
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
         self.waiting: bool = False  # `Timers` has it in its list of sides to look at when time passes
         self.watched: bool = False  # `OverdueWatch` looks at its requests
+        self.told_jobs: i64 = 0  # packet of its latest request that was one more than was granted
         self.told_overdue: i64 = 0  # number of its latest request that was reported as overdue
         self.stray: Stray | None = None  # there while its octets belong to no TPKT
         self.rival: Rival | None = None  # a SYN with new sequence numbers that nothing has confirmed yet

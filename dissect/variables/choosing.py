@@ -36,11 +36,14 @@ class WantedError(ValueError):
 class Known:
     """The names that a user may give: those of the tags in ``naming``, and ``others`` (of SCD).
 
-    ``of_command``: they are arguments of a command, so that error messages mention files and the option for tags.
+    ``of_command``: they are those of a command, where tags come by its option; ``files``: and may be files as well.
     """
 
-    def __init__(self, naming: Naming | None, others: Iterable[str] = (), of_command: bool = True) -> None:
+    def __init__(
+        self, naming: Naming | None, others: Iterable[str] = (), of_command: bool = True, files: bool = True
+    ) -> None:
         self.of_command = of_command
+        self.files = files and of_command
         self.tags: list[tuple[Tag, TagNaming | None]] = []
         if isinstance(naming, HostNaming):
             for one in naming.all:
@@ -158,5 +161,5 @@ def _wrong(text: str, why: str, known: Known) -> str:
         return why
     option = "--tags" if known.of_command else "tags="
     tags = f"nor a tag of the files of {option}" if known.has_tags else f"and without {option} there are no names"
-    neither = "neither a file nor an address" if known.of_command else "not an address"
+    neither = "neither a file nor an address" if known.files else "not an address"
     return f"{shown}: {neither} such as DB10.DBD4, DB10.DBD4:REAL, MW20 or I0.1, {tags}"

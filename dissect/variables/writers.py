@@ -14,8 +14,7 @@ from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import json_cell, quoted
-from dissect.s7plus.ids import member_name
-from dissect.s7plus.value_showing import meant
+from dissect.s7plus.value_showing import members_said
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow, Variable
 from dissect.wire.text import Clock, cell, json_text, shortened
@@ -97,19 +96,6 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
     if variable.unit:
         said += f" {shortened(variable.unit, 20)}"
     return f"{said} ({shortened(text, _NAME)})" if text else said
-
-
-def members_said(members: dict[object, object]) -> str:
-    """Return the members of an S7comm-plus structure by name: ``{OwnState: 0, OperatingState: 8 RUN}``. Not escaped."""
-    return f"{{{', '.join([_member_said(str(name), value) for name, value in members.items()])}}}"
-
-
-def _member_said(name: str, value: object) -> str:
-    id_ = int(name) if name.isascii() and name.isdecimal() else -1
-    inner = value.get("members") if isinstance(value, dict) else None
-    said = members_said(inner) if isinstance(inner, dict) else json.dumps(value, ensure_ascii=False, default=str)
-    meaning = meant(value, id_)
-    return f"{member_name(id_) if id_ >= 0 else name}: {said}{f' {meaning}' if meaning else ''}"
 
 
 class Beginnings:

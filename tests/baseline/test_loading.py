@@ -42,6 +42,24 @@ def test_addresses_are_taken_as_traffic_is_told(tmp_path: Path) -> None:
         ("format = 1\nname = 3\n", "plant.toml:2: file, name: no such key here"),
         ("format = 1\n[pair]\n", "plant.toml:2: [pair]: must be written as [[pair]]"),
         (PAIR + "reads = [1]\n", "plant.toml:6: [[pair]] 1, reads: 1 is not a string of 1 to 200 characters"),
+        (
+            PAIR + 'functions = ["ReadVar"]\n',
+            "plant.toml:6: [[pair]] 1, functions: 'ReadVar' is not how a function is written: 'Read Var'",
+        ),
+        (
+            PAIR + 'functions = ["read var"]\n',
+            "plant.toml:6: [[pair]] 1, functions: 'read var' is not how a function is written: 'Read Var'",
+        ),
+        (PAIR + 'reads = ["db2"]\n', "plant.toml:6: [[pair]] 1, reads: 'db2' is not how an area is written: 'DB2'"),
+        (
+            PAIR + 'writes = ["M", "DB 2"]\n',
+            "plant.toml:6: [[pair]] 1, writes: 'DB 2' is not how an area is written: 'DB2'",
+        ),
+        (
+            PAIR + 'writes = ["DB2.DBW4"]\n',
+            "plant.toml:6: [[pair]] 1, writes: 'DB2.DBW4' is not how an area is written: 'DB2'",
+        ),
+        (PAIR + 'writes = ["mw10"]\n', "plant.toml:6: [[pair]] 1, writes: 'mw10' is not how an area is written: 'M'"),
         (PAIR + 'reads = "M"\n', "plant.toml:6: [[pair]] 1, reads: 'M' is not an array"),
         (PAIR + "read = []\n", "plant.toml:6: [[pair]] 1, read: no such key here"),
         (PAIR + "server_ports = [true]\n", "plant.toml:6: [[pair]] 1, server_ports: True is not a port"),

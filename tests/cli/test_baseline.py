@@ -150,6 +150,7 @@ def test_rules_are_tried_where_their_program_and_socket_are_not(capfdbinary: Cap
         (("--rate-factor", "2"), "--rate-factor and --silence-factor need --against."),
         (("--silence-factor", "3", "--rules", "NEW"), "--silence-factor need --against without --rules"),
         (("--against", "BAD", "-o", "x"), "--output and --update cannot be combined with --against and --rules"),
+        (("-T", "jsonl"), "-T needs --against or --rules: a baseline is written as TOML."),
         (("--against", "no.toml"), "no.toml: No such file"),
     ],
 )

@@ -149,6 +149,23 @@ def test_what_changed(capfdbinary: Capture, tmp_path: Path) -> None:
     assert next((row["state"], row["type"], row["parts"]) for row in rows) == ("changed", "OB", "code, header")
 
 
+def test_a_comparison_that_finds_nothing_says_of_what(capfdbinary: Capture, tmp_path: Path) -> None:
+    """Two captures without a block are alike, too, and nobody wants to hear that for an answer."""
+    without = simple(tmp_path / "a.pcapng")
+    assert run(capfdbinary, "blocks", "--diff", PROGRAM, PROGRAM) == (0, "", "s7dissect: no differences in 3 blocks\n")
+    none = f"s7dissect: {without}: no block was downloaded or uploaded\n"
+    assert run(capfdbinary, "blocks", "--diff", without, without) == (0, "", none * 2)
+    assert run(capfdbinary, "blocks", "--diff", without) == (0, "", none)
+    ran = run(capfdbinary, "blocks", "--diff", PROGRAM, without)
+    assert (ran.code, ran.err, "gone" in ran.out) == (1, none, True)
+    cut = tmp_path / "cut.pcapng"
+    run(capfdbinary, "cut", PROGRAM, "-o", cut, "-Y", "frame < 20")
+    assert run(capfdbinary, "blocks", "--diff", cut).err == (
+        "s7dissect: no differences between the versions of 2 blocks; 2 versions are incomplete, compared as far as possible\n"
+    )
+    assert "; 4 versions are incomplete" in run(capfdbinary, "blocks", "--diff", cut, cut).err
+
+
 def test_a_damaged_capture_is_told(capfdbinary: Capture, tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes(PROGRAM.read_bytes()[:-500])

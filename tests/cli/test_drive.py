@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import fcntl
 import gzip
 import io
@@ -25,6 +26,7 @@ import pytest
 
 from dissect.cli.look import write_lines
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE, group
+from dissect.cli.run import Bar
 from dissect.report.styled import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
 from tests.cli.test_outputs import commands
@@ -528,6 +530,21 @@ def test_progress_is_shown_on_a_terminal_for_large_files_only(tmp_path: Path) ->
     packed = tmp_path / "large.pcapng.gz"
     packed.write_bytes(gzip.compress(path.read_bytes(), 0))
     assert "reading" in on_terminal("analyze", packed, stdout=False).err
+
+
+def test_a_file_that_cannot_be_looked_at_does_not_end_the_others_on_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether a bar is worth it is found out before files are read; what cannot be read is said where it is."""
+
+    def denied(path: Path, *_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", os.fspath(path))
+
+    small = os.fspath(simple(tmp_path / "small.pcapng"))
+    monkeypatch.setattr(Path, "open", denied)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    with Bar((small, "x" * 5000), streaming=False) as bar:
+        bar.show(1)
 
 
 def test_no_progress_goes_into_a_pipe(s7dissect: Command, tmp_path: Path) -> None:

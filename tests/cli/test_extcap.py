@@ -96,7 +96,9 @@ def test_the_wrapper_is_written_once(capfdbinary: Capture, tmp_path: Path) -> No
     path = tmp_path / "made" / "extcap" / "s7dissect"
     ran = run(capfdbinary, "extcap", "--install", path.parent)
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.startswith(f"wrote {path}\n")
+    assert ran.out.startswith(
+        f"wrote {path}\nif that is an extcap folder of Wireshark (Help, About, Folders), it lists after"
+    )
     assert path.stat().st_mode & stat.S_IXUSR
     written = path.read_bytes()
     assert run(capfdbinary, "extcap", "--install", path.parent).code == 0
@@ -128,6 +130,9 @@ def test_tshark_knows_the_folder(
     assert ran.code == (0 if folder else 2), ran.err
     if folder:
         assert (tmp_path / folder / "s7dissect").exists()
+        named = run(capfdbinary, "extcap", "--install", tmp_path / folder)
+        assert "\nWireshark lists it after a restart: " in ran.out
+        assert named.out == ran.out
     else:
         assert "--install DIR" in ran.err
 

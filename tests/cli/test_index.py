@@ -121,6 +121,9 @@ def test_wrong_use_is_one_line(capfdbinary: Capture, folder: Path) -> None:
         assert ran.code == 2, words
         assert said in ran.err
     assert run(capfdbinary, "index", folder / "missing").code == 2
+    ran = run(capfdbinary, "index", "")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == "Error: the name of the folder is empty; was a variable of the shell not set?\n"
     assert other.read_bytes() == b"x" * 5000
 
 
@@ -158,6 +161,15 @@ def test_files_that_cannot_answer_are_not_opened(
     # Nothing can answer: one is opened, for a result in which nothing is. What changed since, or is not known, is opened.
     ran = run(capfdbinary, "transactions", "--separate", "-Y", "port == 1", *wanted, "--indexed", "-T", "csv")
     assert (ran.code, ran.out.count("\n")) == (0, 1)
+    assert ran.err == (
+        f"s7dissect: the index has nothing that -Y selects in any of 2 files; only {wanted[0]} is opened, "
+        "to write an empty result\n"
+    )
+    ran = run(capfdbinary, "transactions", "--separate", "-Y", "port == 1", wanted[0], "--indexed", "-T", "csv")
+    assert ran.err == (
+        f"s7dissect: the index has nothing that -Y selects in {wanted[0]}; it is opened all the same, "
+        "to write an empty result\n"
+    )
     for path in (Path(wanted[0]), folder / "new.pcapng"):
         path.write_bytes(b"no capture, but long enough to be looked at")
         ran = run(capfdbinary, "analyze", *where, *wanted, str(path), "--indexed")
@@ -185,9 +197,21 @@ def test_indexed_needs_an_index_and_a_question(capfdbinary: Capture, folder: Pat
     base.close()
     before = index.read_bytes()
     ran = run(capfdbinary, "analyze", name, "--separate", *where, "--indexed")
-    assert ran.code == 2
-    assert f"{index} is not of this version: `s7dissect index` brings it up to date" in ran.err
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == f"Error: {index} is not of this version: `s7dissect index` brings it up to date\n"
     assert index.read_bytes() == before
+    # Nor is it taken for one that has nothing.
+    ran = run(capfdbinary, "index", folder, "--no-update", *where)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == f"Error: {index} is not of this version: `s7dissect index` brings it up to date\n"
+    assert index.read_bytes() == before
+    # Where another index can be used, the files of this one are opened.
+    other = folder / "day 2"
+    run(capfdbinary, "index", other)
+    ran = run(capfdbinary, "analyze", name, str(other / "refusals.pcapng"), "--separate", *where, "--indexed")
+    assert ran.code == 0
+    assert f"{index} is not of this version: `s7dissect index` brings it up to date; the files of this" in ran.err
+    assert "1 of 2 files is not opened: the index has nothing in it that -Y selects\n" in ran.err
 
 
 @pytest.mark.skipif(os.name == "nt", reason="names are text there")

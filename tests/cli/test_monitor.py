@@ -24,7 +24,7 @@ from tests.properties import messages
 from tests.properties.messages import dt
 from tests.report.schemas import complaints
 from tests.report.support import WORD, begun, read, saved
-from tests.source.craft import drain
+from tests.source.craft import Pcapng, drain
 from tests.source.live_support import ENGINES
 
 Told = dict[str, Any]
@@ -52,6 +52,21 @@ def test_a_file_is_told_line_by_line(capfdbinary: pytest.CaptureFixture[bytes], 
     assert sum("Read Var" in line and "#" in line for line in told) == 3
     assert sum("transaction.item_error" in line for line in told) == 1
     assert ran.err == "s7dissect: 13 packets, 1 connection, 4 transactions (1 with errors), 1 finding\n"
+
+
+def test_what_is_odd_about_a_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    file = Pcapng()
+    file.interface(options=file.resolution(0xFF))
+    file.packet(0, 0, bytes(60))
+    path = tmp_path / "odd.pcapng"
+    dropped = b"\x05\0\x08\0" + (7).to_bytes(8, "little")  # isb_ifdrop
+    statistics = bytes(12) + dropped + bytes(4)
+    size = (12 + len(statistics)).to_bytes(4, "little")
+    path.write_bytes(bytes(file.octets) + b"\x05\0\0\0" + size + statistics + size)
+    ran = run(capfdbinary, "monitor", path)
+    assert ran.code == 0
+    assert f"s7dissect: {path}: an interface claims a time resolution of 10 or 2 to the minus 127" in ran.err
+    assert f"capture.dropped  packet 1: {path}: 7 packets dropped by the interface, as the file states" in ran.out
 
 
 def test_json_lines_are_the_schemas(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
@@ -129,6 +144,10 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["-i", "lo", "-w", "x", "--keep-around", "nonsense", "1s"], "'nonsense' is neither a severity nor a finding"),
         (["file", "--export-every", "1s"], "--export-every needs --export, the folder"),
         (["-i", "lo", "--baseline", "plant.toml"], "needs --alerts"),
+        (["file", "--allow-remote"], "--allow-remote needs --metrics HOST:PORT"),
+        (["file", "--only", "scd"], "--only scd needs --scd DICT and --bind BINDINGS"),
+        (["file", "--plain", "--watch", "DB1.DBW0"], "--watch is for the screens"),
+        (["file", "-T", "jsonl", "--watch", "DB1.DBW0"], "--watch is for the screens"),
     ],
 )
 def test_wrong_use_is_told(capfdbinary: pytest.CaptureFixture[bytes], arguments: list[str], said: str) -> None:

@@ -283,6 +283,7 @@ def refused(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -
         ),
         (("--to", "127.0.0.1", "-w", "-", "-T", "jsonl"), "so -T jsonl and --only cannot be used"),
         (("--to", "127.0.0.1", "--only", "nonsense"), "expected connections, transactions,"),
+        (("--to", "127.0.0.1", "--only", "scd"), "--only scd needs --scd DICT and --bind BINDINGS"),
         ((), "Missing option '--to'"),
     ],
 )

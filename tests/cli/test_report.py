@@ -159,3 +159,40 @@ def test_a_damaged_capture_says_so_in_the_page(capfdbinary: Capture, tmp_path: P
     ran = run(capfdbinary, "report", OWN / "crafted" / "cut-pcapng.pcapng", "-o", out)
     assert (ran.code, "cut off" in ran.err) == (3, True)
     assert re.search(r"<li>DAMAGED: cut off", out.read_text(encoding="utf-8"))
+
+
+def test_what_a_row_says_to_type_reads_the_file_as_the_page_did(
+    capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the dictionary a command that selects a message of SCD finds nothing."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "names.csv").write_text("name,address,type\nLevel,DB9.DBD0,REAL\n", encoding="utf-8")
+    (tmp_path / "hosts.toml").write_text('[hosts]\n"192.0.2.20" = "Press"\n', encoding="utf-8")
+    scd = ["--scd", str(OWN / "scd" / "plant.toml"), "--bind", str(OWN / "scd" / "plant.bind.toml")]
+    tags = ["--tags", "192.0.2.20=names.csv"]
+    first = ["--config", "hosts.toml", "--checksums"]
+    reading = [*first, *scd, *tags]
+    assert run(capfdbinary, "report", OWN / "scd" / "plant.pcapng", "-o", "o.html", *reading).code == 0
+    shown = set()
+    for table in session_of((tmp_path / "o.html").read_text(encoding="utf-8"))["tables"]:
+        for row in table["rows"]:
+            words = shlex.split(row["show"])
+            expected = reading if words[1] not in {"operations", "devices"} else [*first, *tags]
+            assert words[-1 - len(expected) : -1] == expected
+            if words[1] not in shown or "SCD" in row["show"]:
+                ran = run(capfdbinary, *words[1:])
+                assert (ran.code, bool(ran.out)) == (0, True), (row, ran.err)
+            shown.add(words[1])
+    assert shown >= {"transactions", "devices", "show"}
+
+
+def test_options_that_take_too_much_room_are_named_only(capfdbinary: Capture, tmp_path: Path) -> None:
+    tags = []
+    for number in range(9):
+        path = tmp_path / f"{number}{'long' * 20}.csv"
+        path.write_text(f"name,address,type\nLevel{number},DB9.DBD{4 * number},REAL\n", encoding="utf-8")
+        tags += ["--tags", str(path)]
+    out = tmp_path / "o.html"
+    assert run(capfdbinary, "report", OWN / "transfer.pcapng", "-o", out, "--checksums", *tags).code == 0
+    (devices,) = [one for one in session_of(out.read_text(encoding="utf-8"))["tables"] if one["name"] == "devices"]
+    assert f"--checksums{' --tags …' * 9} /" in devices["rows"][0]["show"]

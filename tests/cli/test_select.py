@@ -85,6 +85,26 @@ def test_why_nothing_is_shown(capfdbinary: Capture, call: list[str], why: str) -
     assert len(ran.out.splitlines()) == ("csv" in call)
 
 
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("Valve.presure", "Valve.presure: no such tag; close to it: Valve.pressure, Valve.open, Valve.cycles"),
+        ("valve.Pressure", "valve.Pressure: the tag is called Valve.pressure"),
+        ("Typo", "Typo: not an address such as DB10.DBD4, DB10.DBD4:REAL, MW20 or I0.1, nor a tag of the files of --tags"),
+        ("'Typo'", "Typo: not an address such as DB10.DBD4, DB10.DBD4:REAL, MW20 or I0.1, nor a tag of the files of --tags"),
+        ("Valve.pressure", ""), ("DB99.DBW2", ""), ("DB99", ""), ("DB1.\"level\"", ""),
+    ],
+)  # fmt: skip
+def test_a_variable_that_there_is_not_is_told(capfdbinary: Capture, name: str, why: str) -> None:
+    tags = ROOT / "captures" / "tags" / "valve.csv"
+    expression = f"value[{name}] > 1e30"
+    ran = run(capfdbinary, "transactions", ERRORS, "--tags", tags, "-Y", expression)
+    lines = [f"s7dissect: no transaction matches {expression}", *([f"s7dissect: {why}"] if why else [])]
+    assert (ran.code, ran.err.splitlines()) == (0, lines)
+    without = run(capfdbinary, "transactions", ERRORS, "-Y", "value[Valve.pressure] > 1").err.splitlines()
+    assert without[1].endswith("MW20 or I0.1, and without --tags there are no names")
+
+
 @pytest.mark.parametrize("begin", ["2026-11-21T01:31:05.699", "2026-11-21 01:31:05.699", "2026-11-21 01:31:05.699 UTC"])
 def test_a_time_is_taken_as_reports_write_it(capfdbinary: Capture, begin: str) -> None:
     ran = run(capfdbinary, "transactions", "-T", "jsonl", "--time", f"{begin}..2026-11-21 01:31:05.7007", ERRORS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+import os
 import shutil
 import sqlite3
 import subprocess
@@ -220,6 +221,27 @@ def test_a_full_disk_costs_the_capture_that_does_not_fit(capfdbinary: Capture, t
     said = ran.stderr.splitlines()
     assert said[0] == f"s7dissect: {READ}: its rows cannot be written to {out}: No space left on device"
     assert said[-1] == f"s7dissect: 16 transactions written to {out}"
+
+
+def test_a_full_folder_for_temporary_files_is_not_taken_for_the_output(tmp_path: Path) -> None:
+    apart = [shutil.which("unshare") or "unshare", "--mount", "sh", "-c"]
+    if shutil.which("unshare") is None or subprocess.run([*apart, "true"], check=False, capture_output=True).returncode:
+        pytest.skip("a file system of its own for one process takes rights")
+    disk, out = tmp_path / "disk", tmp_path / "out.sqlite"
+    disk.mkdir()
+    export = [sys.executable, "-m", "dissect", "export", SZL, READ, "--separate", "-o", str(out)]
+    ran = subprocess.run(
+        [*apart, SMALL_DISK, str(disk), str(PAGE), *export],
+        check=False,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "TMPDIR": str(disk)},
+    )
+    said = ran.stderr.splitlines()
+    assert (ran.returncode, len(said)) == (3, 3)
+    for line, file in zip(said, (SZL, READ), strict=False):
+        assert line.startswith(f"s7dissect: {file}: its rows cannot be written to {disk}{os.sep}s7dissect-rows-")
+        assert line.endswith(": No space left on device; TMPDIR names another place for them")
 
 
 def test_a_library_that_is_missing_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

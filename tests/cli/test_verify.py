@@ -82,7 +82,7 @@ def test_what_is_not_explained_is_told(capfdbinary: pytest.CaptureFixture[bytes]
     ran = run(capfdbinary, "verify", differing)
     assert ran.code == 1
     first, line, total, *_ = ran.out.splitlines()
-    assert "1 unexplained differences, 1 known" in first
+    assert "1 unexplained difference, 1 known" in first
     assert line == "  frame 4 PDU s7comm.header.pduref: ours 258 (0x102), theirs 259 (0x103) (unexplained)"
     assert total.startswith("1 file, ")
 

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -135,6 +136,7 @@ def test_a_sound_cluster(capfdbinary: Capture, site: Site) -> None:
             ("b", True, []),
         ]
         assert told["workers"][0]["machine"] == told["here"]
+        assert {worker["dask"] for worker in told["workers"]} == {version("distributed")}
 
 
 def test_a_worker_of_another_version(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:
@@ -309,9 +311,10 @@ def test_credentials_that_are_refused(capfdbinary: Capture, site: Site) -> None:
     said = ran.err.splitlines()
     assert len(said) == len(shown)
     assert re.fullmatch(rf"s7dissect: {shown[0]}: no permission to read it \(worker [ab] on \S+\)", said[0])
-    for line, name in zip(said[1:], shown[1:], strict=True):
+    own, address = "those of the transport's own tools", "what the address holds: https://USER:PASSWORD@HOST/…"
+    for line, name, whose in zip(said[1:], shown[1:], (own, address, address), strict=True):
         assert line.startswith(f"s7dissect: {name}: access refused (")
-        assert re.search(r"; credentials are those of the transport's own tools \(worker [ab] on \S+\)$", line)
+        assert re.search(rf"; credentials are {re.escape(whose)} \(worker [ab] on \S+\)$", line)
     assert "dOwN" not in ran.err + ran.out
 
 

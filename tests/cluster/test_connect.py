@@ -9,8 +9,9 @@ import threading
 import pytest
 
 from dissect.cluster import connect
-from dissect.cluster.connect import ClusterError, Patience, bounded
+from dissect.cluster.connect import ClusterError, Patience
 from dissect.cluster.workers import workers_of
+from dissect.source.remote import bounded
 from tests.cli.support import run
 from tests.source.servers import LOOPBACK
 

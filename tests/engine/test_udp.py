@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.exchange import PayloadDecoder
+from dissect.page.rows import Rows
 from dissect.transactions.side import Side
 from dissect.transactions.table import MAX_CONNECTIONS, ConnectionTable
+from dissect.wire.text import Clock
 from tests.bindings import plant
 from tests.transactions.talk import CLIENT, MS, SERVER, Talk
 
@@ -62,6 +64,15 @@ def test_both_directions_are_one_conversation() -> None:
     assert (first.udp, first.tcp.packets, first.tcp.first_frame, first.tcp.last_frame) == (True, 3, 1, 4)
     assert (second.number, second.tcp.packets) == (2, 1)
     assert talk.pipeline.counters.packet_counts()["payload"] == 4
+
+
+def test_a_page_names_their_ports_as_those_of_udp() -> None:
+    talk = hearing(Heard())
+    talk.datagram(CLIENT, b"one", (1, 7000))
+    talk.pipeline.finish()
+    (connection,) = talk.connections
+    filtered = Rows(["a.pcap"], Clock(), {}).connection(connection)["filter"]
+    assert filtered.endswith(" && udp.port == 1 && udp.port == 7000")
 
 
 def test_a_cut_datagram_says_what_is_missing() -> None:

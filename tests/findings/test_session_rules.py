@@ -159,6 +159,15 @@ def test_a_grant_of_thousands_is_counted_as_well() -> None:
     assert len(found(talk, "session.too_many_jobs")) == 1
 
 
+def test_requests_of_one_packet_are_counted_each_and_told_once() -> None:
+    talk = Talk()
+    talk.open(1, 2)
+    first = talk.ask(*(read(number, dbw(1, 0)) for number in range(6)))
+    second = talk.ask(read(6, dbw(1, 0)))
+    assert [finding.frames for finding in found(talk, "session.too_many_jobs")] == [[first], [second]]
+    assert talk.pipeline.finding_counts["session.too_many_jobs"] == 5
+
+
 def test_the_other_direction_has_a_grant_of_its_own() -> None:
     talk = Talk()
     talk.open(2, 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sqlite3
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,41 @@ def test_an_index_that_another_process_writes_is_waited_for_and_then_told(
         assert list(store.files()) == [some()]
 
 
+def test_two_that_begin_an_index_at_the_same_time_both_have_it(tmp_path: Path) -> None:
+    with Store(tmp_path / "other", "1") as store:
+        store.put(some())
+    made = (tmp_path / "other").read_bytes()
+    path = tmp_path / "index"
+    holder = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
+    holder.execute("BEGIN IMMEDIATE")
+    with sqlite3.connect(tmp_path / "other") as base:
+        for statement in base.iterdump():
+            if statement not in {"BEGIN TRANSACTION;", "COMMIT;"}:
+                holder.execute(statement)
+    base.close()
+    holder.execute(f"PRAGMA application_id = {int.from_bytes(made[68:72], 'big')}")
+    done = threading.Timer(0.3, holder.execute, ("COMMIT",))
+    done.start()
+    with Store(path, "1") as store:  # sees no tables, and has to wait until they are there
+        assert list(store.files()) == [some()]
+    done.join()
+    holder.close()
+
+
+def test_what_is_wrong_with_an_index_that_is_only_read(tmp_path: Path) -> None:
+    with Store(tmp_path / "index", "1") as store:
+        store.put(some())
+    octets = (tmp_path / "index").read_bytes()
+    (tmp_path / "cut").write_bytes(octets[: len(octets) // 2])
+    with (
+        pytest.raises(StoreError, match=r"cut is damaged: remove it, `s7dissect index` makes it again$"),
+        Store(tmp_path / "cut", "1", changes=False) as store,
+    ):
+        list(store.files())
+    with pytest.raises(StoreError, match=r"none cannot be read$"), Store(tmp_path / "none", "1", changes=False):
+        pass
+
+
 def test_a_full_disk_and_a_place_that_is_not_there_are_told(tmp_path: Path) -> None:
     with Store(tmp_path / "index", "1") as store:
         pages = store._base.execute("PRAGMA page_count").fetchone()[0]
@@ -142,6 +178,23 @@ def test_what_cannot_be_read_is_told_and_what_is_broken_off_is_read_the_next_tim
         changes = update(store, tmp_path, lambda _path, facts: answers[facts.name])
         assert (changes.unreadable, changes.read, changes.whole) == ({"a.pcap": "not a capture"}, ["b.pcap"], False)
         assert list(store.known()) == ["b.pcap"]
+
+
+def test_what_a_disk_or_server_broke_off_is_read_again(tmp_path: Path) -> None:
+    """What was not read may hold anything: the index must not know the file."""
+    (tmp_path / "a.pcap").write_bytes(b"x")
+
+    def broken(_: str, facts: FileFacts) -> FileFacts:
+        facts.damage = "reading failed after byte 4096: Input/output error; what it held is cut off at byte 4096"
+        return facts
+
+    with Store(tmp_path / "index", "1") as store:
+        for _ in range(2):
+            changes = update(store, tmp_path, broken)
+            assert (changes.read, changes.unchanged, changes.damaged) == ([], 0, {})
+            assert changes.unreadable["a.pcap"].startswith("reading failed after byte 4096: Input/output error")
+            assert store.known() == {}
+        assert update(store, tmp_path, lambda _, facts: facts).read == ["a.pcap"]
 
 
 def test_a_name_may_be_of_any_bytes(tmp_path: Path) -> None:

@@ -168,6 +168,34 @@ def test_lost_packets_are_told_when_they_grow() -> None:
     assert run.drops == Drops(15, 2)
 
 
+@pytest.mark.parametrize(("lost", "doubtful"), [(Drops(12, 0), True), (Drops(0, 3), True), (Drops(0, 0), False)])
+def test_a_server_is_not_blamed_for_what_the_capture_lost(lost: Drops, doubtful: bool) -> None:
+    """The answer may be among the packets that were dropped since the request."""
+    line = Line(Clock(), [asked()])
+    run, told = run_of(line)
+    steps(run, 2)
+    line.lost = lost
+    steps(run, 48)
+    run.stop()
+    while run.step():
+        pass
+    said = {finding.slug: finding.detail for finding in told.findings}
+    for slug in ("transaction.overdue", "transaction.unanswered"):
+        assert said[slug].endswith("; packets were lost while capturing, the answer perhaps among them") is doubtful
+
+
+def test_packets_that_were_lost_before_a_request_are_no_excuse() -> None:
+    packets = asked()
+    line = Line(Clock(), [packets[:-1]])
+    run, told = run_of(line)
+    line.lost = Drops(12, 0)
+    steps(run, 25)
+    line.batches = [[packets[-1]._replace(time_ns=packets[-1].time_ns + 3 * SECOND)]]
+    steps(run, 60)
+    (overdue,) = [finding for finding in told.findings if finding.slug == "transaction.overdue"]
+    assert overdue.detail.endswith("still unanswered")
+
+
 def test_what_was_not_known_before_is_told_at_the_end() -> None:
     """dumpcap says only at its end how many packets the kernel dropped."""
 

@@ -8,10 +8,16 @@ from rich.cells import cell_len
 from dissect.monitor import details, rows
 from dissect.monitor.app import save
 from dissect.monitor.lists import ConnectionFacts
+from dissect.s7plus.tables import GET_VAR_SUBSTREAMED
+from dissect.s7plus.value_tables import BLOB
+from dissect.s7plus.values import Blob, Value, build_value
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.monitor.support import hostile, model_of, of_capture, of_packets
-from tests.report.support import UNSAFE
+from tests.properties.messages import dt
+from tests.report.support import UNSAFE, begun
+from tests.s7plus import bodies
+from tests.s7plus.pdus import asked, framed, told
 
 NAMES = ("bsend", "client-killed", "nodes7-poll-missing", "password", "refused-full", "szl", "transfer", "two-clients")
 
@@ -131,3 +137,20 @@ def test_a_narrow_row_has_room_for_what_a_push_says() -> None:
     narrow = [rows.joined(rows.entry_row(entry, 80, Clock())) for entry in pushes]
     assert any("  cyclic transfer  push  job 4: item 1 = 00 aa" in line for line in narrow)
     assert all("cyclic services: " in rows.joined(rows.entry_row(entry, 160, Clock())) for entry in pushes)
+
+
+def test_a_secret_that_is_read_back_is_not_in_the_details() -> None:
+    """What is read stands there; the same answer to another request is shown."""
+    talk = begun()
+    answer = b"\0\0" + build_value(Value(0, BLOB, Blob(0, b"geheim"))) + bodies.end(3)
+    for number, id_ in ((1, 7921), (2, 4196)):
+        asks = bodies.get_stream(50, [id_]) + bodies.end(3)
+        talk.send(0, dt(framed(asked(number, GET_VAR_SUBSTREAMED, body=asks), 3)))
+        talk.send(1, dt(framed(told(number, GET_VAR_SUBSTREAMED, answer), 3)))
+    model = model_of(of_packets(talk.packets()))
+    entries = [entry for entry in model.entries if isinstance(entry.what, Transaction)]
+    secret, other = ["\n".join([line.text for line in details.entry_lines(entry)]) for entry in entries[-2:]]
+    said = b"geheim".hex(" ")
+    assert said not in secret
+    assert "CPUcommon.CPUPasswordFailsafe" in secret
+    assert said in other

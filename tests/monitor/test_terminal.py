@@ -132,6 +132,16 @@ def test_a_dumb_terminal_gets_lines() -> None:
         ours.end()
 
 
+def test_a_choice_of_lines_is_not_lost_on_the_screens() -> None:
+    ours = Terminal(f"$PYTHON -m dissect monitor {CAPTURE} --only findings; echo code=$?")
+    try:
+        told = ours.until(lambda text: "code=" in text)
+        assert "code=2" in told
+        assert "--only is for lines, and the screens show everything: add --plain" in " ".join(told.split())
+    finally:
+        ours.end()
+
+
 def test_where_there_is_no_terminal_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(terminal, "_TERMINAL", "/dev/null/nothing")
     monkeypatch.setattr("sys.stdin", open(os.devnull, encoding="ascii"))  # noqa: PTH123, SIM115

@@ -195,6 +195,21 @@ def test_who_talks_to_whom_with_the_worst_finding(tmp_path: Path) -> None:
     assert (variable.refused, variable.why) == (1, "Object does not exist")
 
 
+def test_what_is_refused_of_a_variable_is_what_was_refused(tmp_path: Path) -> None:
+    """A request may be refused as a whole; an item without return code may have been written."""
+    talk = begun()
+    talk.send(0, dt(messages.write_job(1, [WORD], [b"\0\1"]))).send(1, dt(bytes.fromhex("3203000000010000000084 04")))
+    found = gathered_of([saved(tmp_path / "whole.pcapng", talk.close().packets())])
+    (variable,) = found.requests.variables().values()
+    assert (variable.written, variable.refused, variable.why) == (1, 1, "Function cannot be performed")
+    talk, other = begun(), messages.Item(0x04, 1, 10, 0x84, 6 * 8)
+    read(talk, 1, other, 0x0A)
+    talk.send(0, dt(messages.write_job(2, [WORD, other], [b"\0\1"] * 2))).send(1, dt(messages.write_answer(2, [0xFF])))
+    found = gathered_of([saved(tmp_path / "short.pcapng", talk.close().packets())])
+    told = {address: (one.refused, one.why) for (_, address), one in found.requests.variables().items()}
+    assert told == {"DB10.DBW4": (0, ""), "DB10.DBW6": (1, "Object does not exist")}
+
+
 def test_tables_are_bounded_and_count_what_they_leave_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "MAX_SLOWEST", 3)
     monkeypatch.setattr(room, "MAX_FAILED", 2)

@@ -17,7 +17,7 @@ import pytest
 
 from dissect import analyze
 from dissect.page.data import Data
-from dissect.page.rendering import embedded
+from dissect.page.rendering import Side, embedded, render
 from tests.cli.support import run
 from tests.page.support import NAUGHTY, data_of, gathered_of, page_of, session_of
 from tests.report.schemas import ROOT
@@ -205,3 +205,24 @@ def test_hosts_have_their_names_wherever_they_stand_in_a_table() -> None:
     for table in Data(gathered, "").as_dict()["tables"]:
         for row in table["rows"]:
             assert not [cell for cell in row["cells"] if isinstance(cell, str) and "192.0.2." in cell], table["name"]
+
+
+def test_details_of_findings_name_hosts_as_the_tables_do() -> None:
+    names = {"192.0.2.20": "Press", "192.0.2.10": "Desk", "192.0.2.30": "Panel"}
+    path = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
+    gathered = gathered_of([path], hosts=names)
+    page = render([Side(gathered, [path.name])], "0")
+    assert "192.0.2.10:49320 to 192.0.2.20:102" in page_of(path)
+    assert "Desk:49320 to Press:102" in page
+    assert "Desk:49320 to Press:102" in json.dumps(Data(gathered, "").as_dict()["marks"])
+    assert not re.findall(
+        r">[^<]*192\.0\.2\.[^<]*<", re.sub(r"<(script|code)[^>]*>.*?</\1>", "", page, flags=re.DOTALL)
+    )
+
+
+def test_wireshark_is_not_asked_for_s7comm_where_it_does_not_look_for_it() -> None:
+    """It reads neither IBH-NetLink nor S7comm on other ports."""
+    for name, expected in (("crafted/netlink", "ip.addr == 192.0.2.20"), ("szl", "s7comm && ip.addr == 192.0.2.20")):
+        tables = Data(gathered_of([ROOT / "captures" / f"{name}.pcapng"]), "").as_dict()["tables"]
+        (functions,) = [table for table in tables if table["name"] == "functions"]
+        assert {re.sub(r"[\d.]+$", "192.0.2.20", row["filter"]) for row in functions["rows"]} == {expected}

@@ -112,3 +112,14 @@ def test_one_more_kind_is_not_several(tmp_path: Path) -> None:
     left = [rule.severity for rule in by_weight(gathered.analysis)[1:] if rule.severity != "note"]
     assert left == ["warning"]
     assert verdict(gathered).sentences[2].endswith("; there is 1 more kind of warning below.")
+
+
+def test_a_flood_comes_before_the_first_write(tmp_path: Path) -> None:
+    """Every plant with a panel has writes."""
+    talk = begun()
+    for number in range(1, 600):
+        talk.send(0, dt(messages.write_job(number, [WORD], [number.to_bytes(2, "big")])))
+        talk.send(1, dt(messages.write_answer(number, [0xFF])))
+    gathered = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
+    assert [rule.slug for rule in by_weight(gathered.analysis)] == ["security.flood", "security.write"]
+    assert "What stands out: A connection floods a PLC" in verdict(gathered).sentences[0]

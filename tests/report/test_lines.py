@@ -398,6 +398,16 @@ def test_a_damaged_tpdu_has_a_line(tpdu: bytes) -> None:
     assert not UNSAFE.search(line)
 
 
+@pytest.mark.parametrize(("variable", "said"), [(b"\r\n", "RDP"), (b"Cookie: x=1\r\n", "RDP, ")])
+def test_a_connect_request_of_remote_desktop(variable: bytes, said: str) -> None:
+    """A bare end of a line says nothing more."""
+    connection = transactions(begun().packets())[0].connection
+    request = bytes((6 + len(variable), 0xE0)) + bytes(5) + variable
+    line = tpdu_line(parse_tpdu(request), 8, EPOCH_NS, connection, 0, Clock(), ONE)
+    _, found, rest = line.partition(f"  COTP CR  {said}")
+    assert (bool(found), bool(rest)) == (True, said != "RDP")
+
+
 def test_a_comment_is_safe_and_bounded() -> None:
     assert comment_line(7, "look\x1b[31m here\u202e", ONE) == "     7  comment: look\\x1b[31m here\\u202e"
     assert comment_line(7, "x" * 5000, ONE) == f"     7  comment: {'x' * 1000}… (5000 characters)"

@@ -65,3 +65,14 @@ def test_packets_in_words(frames: list[int], alone: str, among_others: str) -> N
 def test_the_mark_of_a_line() -> None:
     assert places(several=False).mark(12) == "12"
     assert places().mark(12) == "b\\x1b.pcap:2"
+
+
+def test_a_text_has_the_names_of_hosts_for_whole_addresses_only() -> None:
+    named = Places([], False, {"10.0.0.1": "Press", "fe80::1": "Panel", "2001:db8::": "Net"}).named
+    assert named("10.0.0.1:102 to 10.0.0.10:102, 110.0.0.1, 10.0.0.1.2 and 10.0.0.1.") == (
+        "Press:102 to 10.0.0.10:102, 110.0.0.1, 10.0.0.1.2 and Press."
+    )
+    assert named("[fe80::1]:102 (fe80::1), fe80::11, fe80::1:2, ::ffff:10.0.0.1, 2001:db8::1, [2001:db8::1]:5") == (
+        "Panel:102 (Panel), fe80::11, fe80::1:2, ::ffff:10.0.0.1, 2001:db8::1, [2001:db8::1]:5"
+    )
+    assert Places([], False).named("10.0.0.1:102") == "10.0.0.1:102"

@@ -11,20 +11,29 @@ from hypothesis import strategies as st
 from librt.strings import BytesWriter
 
 from dissect.engine.observer import Observer
-from dissect.report.plus import as_text, head_json, plus_notes
+from dissect.report.plus import as_text, head_json, malformed_note, plus_notes
 from dissect.report.plus_items import write_item
 from dissect.report.tree_fields import meaning
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.contents import Address
-from dissect.s7plus.ids import SECRETS
+from dissect.s7plus.hiding import reads_secret
+from dissect.s7plus.ids import HIDDEN, SECRETS
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.layouts import OBJECT_ID
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION
 from dissect.s7plus.stamps import _STAMPS
 from dissect.s7plus.summary import summary
-from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, GET_LINK, GET_VARIABLE, SET_VARIABLE
+from dissect.s7plus.tables import (
+    CREATE_OBJECT,
+    EXPLORE,
+    GET_LINK,
+    GET_MULTI_VARIABLES,
+    GET_VAR_SUBSTREAMED,
+    GET_VARIABLE,
+    SET_VARIABLE,
+)
 from dissect.s7plus.value_tables import ADDRESS_ARRAY, REAL, UDINT, WSTRING
 from dissect.s7plus.values import Value, build_value
 from dissect.session import Run
@@ -71,7 +80,10 @@ def alone(transaction: Transaction) -> dict[str, Any]:
     if alarms:
         facts["alarms"] = alarms
     items = join_items(request, response, transaction.connection.plus)
-    return {"asks": said(request), "tells": said(response), "s7plus": facts, "items": [written(one) for one in items]}
+    tells = said(response)
+    if response is not None and request is not None and reads_secret(request):
+        tells = [*plus_notes(response.pdu), HIDDEN, *malformed_note(response)]
+    return {"asks": said(request), "tells": tells, "s7plus": facts, "items": [written(one) for one in items]}
 
 
 class Held(Observer):
@@ -212,6 +224,28 @@ def test_lines_say_what_each_pdu_says_alone(runs: list[tuple[int, int, int, list
 def test_all_of_it_once_and_again() -> None:
     found = held(PDUS + session() * 2)
     assert len(found.lines) > 100
+
+
+@pytest.mark.parametrize(
+    ("function", "asks", "answer"),
+    [
+        (GET_VARIABLE, bodies.rid(285) + b"\1" + bodies.number(SECRET), b"\0"),
+        (GET_VAR_SUBSTREAMED, bodies.get_stream(285, [SECRET]) + bodies.end(9), b"\0\0"),
+        (GET_MULTI_VARIABLES, bodies.get_multi(Address(0, 285, SECRET, [])), b"\0\1"),
+    ],
+)
+def test_a_secret_that_is_read_back_stands_nowhere_in_a_line(function: int, asks: bytes, answer: bytes) -> None:
+    """Behind a sound answer stands a fault as well as none; the same answer to another request is shown."""
+    secret = Value(0, WSTRING, "geheim")
+    for end in (bodies.end(3), b"\0wrong"):
+        response = framed(told(1, function, answer + build_value(secret) + end), 3)
+        (line,) = held([(0, framed(asked(1, function, body=asks), 3)), (1, response)]).lines
+        assert HIDDEN in line["tells"]
+        assert not [form for form in ("geheim", b"geheim".hex()) if form in json.dumps(line)]
+    other = bodies.rid(285) + b"\1" + bodies.number(233)
+    response = framed(told(1, GET_VARIABLE, b"\0" + build_value(secret)), 3)
+    (line,) = held([(0, framed(asked(1, GET_VARIABLE, body=other), 3)), (1, response)]).lines
+    assert line["tells"] == ["WString 'geheim'"]
 
 
 def test_an_answer_that_nobody_asked_for_has_no_items(monkeypatch: pytest.MonkeyPatch) -> None:

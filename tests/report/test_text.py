@@ -342,6 +342,9 @@ def test_packets_that_were_not_used_are_told_by_reason() -> None:
 def test_a_damaged_file_and_notes() -> None:
     analysis = analysed(begun().packets())
     analysis.files[0].damage = "cut off at byte 12\x1b[2J"
+    analysis.files[0].octets = 0
+    assert report(analysis)[1] == "  NOT READ: cut off at byte 12\\x1b[2J"
+    analysis.files[0].octets = 12
     analysis.files[0].notes = [f"oddity {number}" for number in range(12)]
     lines = report(analysis)
     assert lines[1] == "  DAMAGED: cut off at byte 12\\x1b[2J"

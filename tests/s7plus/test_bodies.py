@@ -91,7 +91,7 @@ def test_reading_attributes_of_an_object() -> None:
 
 def test_an_index_is_not_named_as_an_object_or_a_class_of_its_number() -> None:
     labels = [Address(0, 201, 1081, [1]).label, Address(0, 201, 1037, [1001]).label, Address(0, 52, 2237, [3486]).label]
-    assert labels == ["ObjectRoot.1081.1", "ObjectRoot.1037.1001", "CPUexecUnit.DIS.OperatingState"]
+    assert labels == ["ObjectRoot.FreeItems.1", "ObjectRoot.SystemLimits.1001", "CPUexecUnit.DIS.OperatingState"]
 
 
 def test_writing_variables() -> None:
@@ -336,7 +336,7 @@ def test_contents_that_were_made_anonymous_are_no_contents(function: int, answer
         ),
         (
             0xA03388000081FFE0,
-            "0xa03388000081ffe0 Invalid AID; Invalid attribute identifier; from object management, line 129",
+            "0xa03388000081ffe0 Invalid attribute ID; Invalid attribute identifier; from object management, line 129",
         ),
         (
             0x4000800000000011,

@@ -13,6 +13,7 @@ import dissect
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.glance import Glance, Seen, glance
+from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import whole_numbers
 from dissect.s7plus.plain import REQUEST_SIZE
@@ -20,7 +21,6 @@ from dissect.s7plus.refusals import glimpse
 from dissect.s7plus.session import (
     CPU_EXEC_UNIT,
     CPU_PROXY,
-    IDENTIFICATION,
     OPERATING_STATE,
     REFERENCE_LIST,
     SESSION_KEY,

@@ -9,6 +9,7 @@ from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, known_address
 from dissect.s7plus.hiding import said_half, shown_contents, shown_half, without_secrets
+from dissect.s7plus.identification import IM0_HEAD
 from dissect.s7plus.ids import HIDDEN
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import parse_plus
@@ -24,12 +25,29 @@ from dissect.s7plus.tables import (
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
     SET_MULTI_VARIABLES,
+    SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
     refuses,
 )
-from dissect.s7plus.value_showing import octets_text
-from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, UINT, USINT, WSTRING
+from dissect.s7plus.value_showing import in_line, octets_text
+from dissect.s7plus.value_tables import (
+    ADDRESS_ARRAY,
+    ARRAY,
+    BLOB,
+    DINT,
+    INT,
+    NULL,
+    STRUCT,
+    TIMESPAN,
+    TIMESTAMP,
+    UDINT,
+    UINT,
+    USINT,
+    WSTRING,
+)
+from dissect.s7plus.value_tables import WORD as WORD16
 from dissect.s7plus.values import Blob, Struct, Value, build_value
+from dissect.wire.varint import VLQ, build_varint
 from tests.cases import each
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -144,6 +162,75 @@ def test_a_notification_that_refuses_items_is_known_by_a_glance(
     data += b"\0" + bytes(4)
     octets = framed(data[: len(data) - 5 * lost], version)
     assert notifies_refusal(octets, glimpse(octets)) == bool(parse_contents(parse_plus(octets), False).refusals)
+
+
+RECORD = IM0_HEAD + b"\0*" + b"6ES7 214-1HE30-0XB0 SZVBDYXX017685  " + bytes((0, 2)) + b"V\2\2\0" + bytes(10)
+
+
+def test_an_identification_record_is_shown_as_what_it_says() -> None:
+    answer = b"\0\0" + build_value(Value(0, BLOB, Blob(0, RECORD))) + bodies.end(3)
+    (item,) = joined(GET_VAR_SUBSTREAMED, bodies.get_stream(49, [3753]) + bodies.end(3), answer)
+    said = "6ES7 214-1HE30-0XB0, hardware 2, firmware V2.2.0, serial number SZVBDYXX017685"
+    assert (item.label, item.text, item.meaning) == ("CPUproxy.3753", f"I&M0 {said}", said)
+    assert item.json_value == RECORD.hex()
+    (other,) = joined(GET_VAR_SUBSTREAMED, bodies.get_stream(49, [3754]) + bodies.end(3), answer)
+    assert other.text == f"Blob {octets_text(RECORD)}"
+    short = b"\0\0" + build_value(Value(0, BLOB, Blob(0, RECORD[:-1]))) + bodies.end(3)
+    (other,) = joined(GET_VAR_SUBSTREAMED, bodies.get_stream(49, [3753]) + bodies.end(3), short)
+    assert (other.text, other.meaning) == (f"Blob {octets_text(RECORD[:-1])}", "")
+
+
+def test_times_that_no_program_declares_are_shown_as_such() -> None:
+    def meaning(value: Value) -> str:
+        (item,) = joined(GET_MULTI_VARIABLES, bodies.get_multi(WORD), bodies.multi_got([(1, value)], []))
+        return item.meaning
+
+    assert meaning(Value(0, TIMESTAMP, 1_391_557_835_393_500_000)) == "LDT#2014-02-04T23:50:35.393500000Z"
+    assert meaning(Value(0, TIMESTAMP, 2**63)) == ""
+    assert meaning(Value(0, TIMESPAN, -1_500_000_000)) == "LT#-1s500ms"
+    assert meaning(Value(ARRAY, TIMESPAN, [1])) == ""
+    assert meaning(Value(0, DINT, 5)) == ""
+
+
+def test_a_structure_without_a_name_is_shown_with_its_members() -> None:
+    state = Struct(
+        3481,
+        [
+            (3482, Value(0, DINT, 0)),
+            (3484, Value(0, WORD16, 1)),
+            (3486, Value(0, DINT, 8)),
+            (4055, Value(0, STRUCT, Struct(4055, [(4056, FIVE)]))),
+            (4056, Value(ARRAY, UDINT, [1, 2])),
+            (4057, Value(0, NULL, None)),
+            (3487, Value(0, BLOB, Blob(0, b""))),
+        ],
+    )
+    (item,) = joined(
+        GET_MULTI_VARIABLES,
+        bodies.get_multi(Address(0, 52, 2237, [])),
+        bodies.multi_got([(1, Value(0, STRUCT, state))], []),
+    )
+    assert item.text == (
+        "Struct {OwnState: 0, IOState: 0x0001, OperatingState: 8 RUN, 4055: Struct 4055, IOsystem: UDInt[2] 1, 2, "
+        "IODevice: Null, ComponentDiagnostics: (empty)}"
+    )
+    state.members += [(1, FIVE), (2, FIVE)]
+    assert in_line(Value(0, STRUCT, state), 0).endswith("(empty), 1: 5, …}")
+    assert in_line(Value(0, STRUCT, Struct(314, [(1, FIVE)])), 0) == "Struct 314 SessionVersion"
+
+
+def test_a_new_reference_list_says_what_it_subscribes_to() -> None:
+    def said(numbers: list[int]) -> str:
+        written = Value(ADDRESS_ARRAY, UDINT, numbers)
+        (item,) = joined(SET_VARIABLE, bodies.set_variable(0x70400008, [1048], written))
+        return item.text
+
+    assert said([0x80020000, 0, 1, 0x80140001, 2, 0, 52, 0, 2237]) == "new list: CPUexecUnit.DIS"
+    assert said([0x30000, 1, 1, 2, 0x80140001, 3, 0, 50, 0, 3701]) == "added: CPUcommon.3701; removed: 1 reference"
+    assert said([0x30000, 2, 0, 2, 3]) == "removed: 2 references"
+    many = [number for index in range(9) for number in (0x80140001, index, 0, 50, 0, 3701)]
+    assert said([0x80020000, 0, 9, *many]).endswith("CPUcommon.3701 and 1 more")
+    assert said([0x80020000, 0, 0]) == "UDInt[3] 2147614720, 0, 0"
 
 
 def test_functions_without_items() -> None:
@@ -344,12 +431,42 @@ def test_everything_else_is_shown() -> None:
     assert without_secrets(pdu, []) == pdu.octets
 
 
+def test_a_request_to_read_a_password_is_shown_as_it_is() -> None:
+    octets = framed(asked(1, GET_VAR_SUBSTREAMED, body=bodies.get_stream(50, [7921]) + bodies.end(3)), 3)
+    pdu = parse_plus(octets)
+    found, spans = shown_contents(pdu)
+    assert found.ids == [7921]
+    assert spans == []
+    assert HIDDEN not in "; ".join([*summary(pdu, found), *[part.note for part in found.parts]])
+
+
+def test_a_password_that_is_streamed_is_not_shown_and_its_attribute_is() -> None:
+    first = asked(
+        1,
+        SET_VAR_SUBSTREAMED,
+        body=bodies.get_stream(50, [7921]) + build_value(Value(0, BLOB, Blob(0, PASSWORD))),
+    )
+    piece = build_varint(len(PASSWORD), VLQ) + PASSWORD
+    octets = framed(first, 3, False) + framed(piece, 3, False) + framed(piece + bodies.end(3), 3)
+    pdu = parse_plus(octets)
+    found, spans = shown_contents(pdu)
+    assert pdu.whole
+    assert not found.malformed
+    assert len(found.pieces) == 2
+    clean = without_secrets(pdu, spans)
+    assert octets.count(PASSWORD) == 3
+    assert clean.count(PASSWORD) == 0
+    # The value has its root and its length with it.
+    assert sum(end - begin for begin, end in spans) == 3 * len(PASSWORD) + 2
+    assert bodies.get_stream(50, [7921]) in clean
+
+
 def test_a_password_that_is_read_back_is_not_shown() -> None:
     body = bodies.get_stream(50, [7918]) + bodies.end(3)
     (item,) = joined(
         GET_VAR_SUBSTREAMED, body, b"\0\0" + build_value(Value(0, BLOB, Blob(0, PASSWORD))) + bodies.end(3)
     )
-    assert (item.json_value, item.data, item.text) == (HIDDEN, None, f"WString '{HIDDEN}'")
+    assert (item.json_value, item.data, item.text) == (HIDDEN, None, HIDDEN)
     address = Address(0, 50, 7919, [])
     (item,) = joined(
         GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, Value(0, BLOB, Blob(0, PASSWORD)))], [])

@@ -130,7 +130,7 @@ def test_members_at_their_optimised_offsets() -> None:
     item = tank(OPTIMISED)
     assert item.note == ""
     assert item.json_value == {"id": TANK, "time": 5, "octets": OPTIMISED.hex(), "members": WANTED}
-    assert item_text(item).startswith("DB3.\"tank\" = Struct {'open': True, 'level': -5, 'old': 7")
+    assert item_text(item).startswith('DB3."tank" = Struct {open: true, level: -5, old: 7')
 
 
 def test_members_at_their_classic_offsets() -> None:

@@ -75,3 +75,13 @@ def test_the_codes_of_the_reference() -> None:
 )
 def test_which_return_values_say_no(code: int, no: bool) -> None:
     assert refuses(code) is no
+
+
+def test_names_of_errors_are_words() -> None:
+    """An abbreviation of the object model or a slip of its authors tells nobody why a request was refused."""
+    named = {0xFFE0: "Invalid attribute ID", 0xFFE2: "Invalid object ID", 35: "Message BLOB reallocated"}
+    assert {code: RETURN_CODES.name(code) for code in named} == named
+    words = {word for table in (RETURN_CODES, GENERIC_CODES) for row in table for word in row.name.split()}
+    assert ORIGINS.name(26) == "hardware configuration"
+    assert ORIGINS.name(92) == "IE configuration"
+    assert words.isdisjoint({"AID", "RID", "BLO", "changable", "notfound", "exced", "En"})

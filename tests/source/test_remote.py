@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import socket
+import ssl
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -51,6 +53,44 @@ def test_a_host_that_is_not_known_is_said_in_words() -> None:
     assert explained(error) == "cannot be read: Name or service not known"
 
 
+def test_what_is_wrong_with_tls_is_said_in_words() -> None:
+    """Its errors have numbers of their own, 1 for most, which the system has for "Operation not permitted"."""
+    refused = ssl.SSLCertVerificationError(1, "[SSL: CERTIFICATE_VERIFY_FAILED] certificate verify failed")
+    refused.verify_message = "self-signed certificate."
+    said = (
+        "cannot be read: its certificate is not accepted: self-signed certificate; SSL_CERT_FILE names others to trust"
+    )
+    assert explained(refused) == said
+    # As a transport has it: an error of its own that is one of TLS as well, in one of fsspec.
+    outer, own = FileNotFoundError("https://h/x"), ClientConnectorError(1, "Cannot connect to host h:443")
+    outer.__cause__, own.__cause__ = own, refused
+    assert explained(outer) == said
+
+
+class ClientConnectorError(ssl.SSLError):
+    """Stands for those of aiohttp."""
+
+
+def test_a_server_that_hangs_up_has_not_said_that_there_is_no_file() -> None:
+    pytest.importorskip("aiohttp", reason="no aiohttp: pip install 's7dissect[test]'")
+    with socket.create_server((LOOPBACK, 0)) as rude:
+
+        def hang_up() -> None:
+            try:
+                while True:
+                    with rude.accept()[0] as asking:
+                        asking.recv(4096)  # one that was not read would reset the connection
+            except OSError:
+                return
+
+        thread = threading.Thread(target=hang_up, daemon=True)
+        thread.start()
+        address = f"http://{LOOPBACK}:{rude.getsockname()[1]}/x.pcap"
+        assert refused(address) == f"{address}: cannot be read: Server disconnected"
+        rude.shutdown(socket.SHUT_RDWR)
+        thread.join(5)
+
+
 def test_what_is_a_name_of_another_machine() -> None:
     for name in ("sftp://h/x.pcap", "https://h/x.pcap", "s3://bucket/x", "S3://bucket/x"):
         assert is_remote(name)
@@ -63,6 +103,7 @@ def test_passwords_and_signatures_are_not_shown() -> None:
     assert shown("sftp://ann@h/x.pcap") == "sftp://ann@h/x.pcap"
     assert shown("https://h/x.pcap?X-Amz-Signature=abc&b=1") == "https://h/x.pcap?…"
     assert shown("what?.pcap") == "what?.pcap"
+    assert shown("sftp://ann:secret@h/what?.pcap") == "sftp://ann@h/what?.pcap"  # no query: a part of the name
     assert "secret" not in refused(f"sftp://ann:secret@{LOOPBACK}:{free_port()}/x.pcap")
 
 
@@ -74,6 +115,25 @@ def test_days_and_patterns_stand_for_the_files_there(tmp_path: Path) -> None:
     assert expand([under + "*-{20261030..20261031}.*"]) == [under + "a-20261030.pcap", under + "a-20261031.pcap"]
     assert expand([under + "b[1].pcap", "-", "gone.pcap"]) == [under + "b[1].pcap", "-", "gone.pcap"]
     assert expand([under + "b?.pcap"]) == [under + "b1.pcap"]
+    # A file that has the range in its name is that file.
+    named = tmp_path / "a-{20261030..20261031}.pcap"
+    named.write_bytes(b"")
+    assert expand([os.fspath(named)]) == [os.fspath(named)]
+
+
+def test_a_pattern_finds_what_it_does_in_a_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names that begin with a dot, as that of an index does, only where it says so; ** outside a part of its own is *."""
+    for name in ("a.pcap", ".index", ".old/b.pcap", "day/c.pcap", "day/.part/d.pcap", "day/.e.pcap"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    for pattern, found in (
+        ("*", ["a.pcap", "day"]), (".*", [".index", ".old"]), ("**/*.pcap", ["a.pcap", "day/c.pcap"]),
+        ("**.pcap", ["a.pcap"]), ("*/*", ["day/c.pcap"]), ("day/.*", ["day/.e.pcap", "day/.part"]),
+        (".old/*", [".old/b.pcap"]), ("day/../*.pcap", ["day/../a.pcap"]),
+    ):  # fmt: skip
+        assert expand([pattern]) == [os.fspath(Path(name)) for name in found], pattern
 
 
 def test_what_finds_nothing_is_said(tmp_path: Path) -> None:
@@ -130,6 +190,12 @@ def test_openssh(
         here = f"sftp://{LOOPBACK}:{port}{day}"
         assert packets(f"{here}/szl.pcapng") == packets(SZL)
         assert expand([f"{here}/*.pcapng"]) == [f"{here}/{POLL.name}", f"{here}/{SZL.name}"]
+        assert expand([f"{here}/sz?.pcapng"]) == [f"{here}/{SZL.name}"]
+        odd = day / "a #1?%20\n.pcapng"  # none of it means anything in the name of a file
+        shutil.copy(SZL, odd)
+        assert expand([f"{here}/a*"]) == [f"{here}/{odd.name}"]
+        assert packets(f"{here}/{odd.name}") == packets(SZL)
+        odd.unlink()
         assert refused(f"{here}/none.pcapng") == f"{here}/none.pcapng: no such file"
         assert refused(here) == f"{here}: a directory, not a capture file"
         told = run(capfdbinary, "analyze", "--brief", f"{here}/*.pcapng")
@@ -159,9 +225,13 @@ def test_nginx(day: Path, tmp_path: Path) -> None:
         assert packets(f"{here}/szl.pcapng") == packets(SZL)
         assert packets(f"{here}/plain/szl.pcapng?token=abc") == packets(SZL)  # a server without parts
         assert refused(f"{here}/none.pcapng") == f"{here}/none.pcapng: no such file"
+        why = "no such file; a web server lists no folders, so a name there is no pattern"
+        assert refused(f"{here}/*.pcapng") == f"{here}/*.pcapng: {why}"
         closed = refused(f"{here}/closed/x.pcapng?token=abc")
         assert closed.startswith(f"{here}/closed/x.pcapng?…: access refused (403")
         assert "abc" not in closed
+        secure = f"https://{LOOPBACK}:{port}/szl.pcapng"  # where none is spoken
+        assert refused(secure) == f"{secure}: cannot be read: TLS failed: wrong version number"
         source = open_remote(f"{here}/large")
         taken = len(source.read(1000))
         assert taken == 1000
@@ -199,6 +269,35 @@ def test_an_object_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 # ---- what goes wrong elsewhere --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [
+        ("sftp://", "the address names no host"),
+        ("http:///x.pcap", "the address names no host"),
+        ("http://h:99999/x.pcap", "Port out of range 0-65535"),
+        ("sftp://h:0/x.pcap", "Port out of range 1-65535"),
+    ],
+)
+def test_an_address_that_cannot_be(address: str, why: str) -> None:
+    assert refused(address) == f"{address}: cannot be read: {why}"
+
+
+@pytest.mark.parametrize("scheme", ["http", "s3"])
+def test_a_machine_that_takes_the_connection_and_says_nothing(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Transports try again, or ask several things: all that together has a limit."""
+    pytest.importorskip("s3fs", reason="no s3fs: pip install 's7dissect[test]'")
+    with socket.create_server((LOOPBACK, 0)) as mute:
+        port = mute.getsockname()[1]
+        for name, value in (
+            ("AWS_ENDPOINT_URL", f"http://{LOOPBACK}:{port}"), ("AWS_ACCESS_KEY_ID", "a"), ("AWS_SECRET_ACCESS_KEY", "b")
+        ):  # fmt: skip
+            monkeypatch.setenv(name, value)
+        name = f"{scheme}://{LOOPBACK}:{port}/x.pcap" if scheme == "http" else "s3://silent/x.pcap"
+        with pytest.raises(CaptureError) as told:
+            open_remote(name, 3)
+    assert str(told.value) == f"{name}: cannot be read: no answer in time"
 
 
 def test_a_scheme_that_nobody_knows() -> None:

@@ -51,6 +51,16 @@ def test_a_loaded_block_that_is_deleted(talk: Talk, name: str, code: int, told: 
     assert ("block.not_activated" in talk.slugs()) is told
 
 
+@pytest.mark.parametrize(("code", "result"), [(0, "done"), (0xD241, "refused")])
+def test_a_deletion_is_an_operation(talk: Talk, code: int, result: str) -> None:
+    names = events.blocks("0A00001P", "0800002A")
+    talk.ask(events.service(95, "_DELE", names))
+    talk.tell(events.answered(95, 0x28, code))
+    told = only(talk)
+    assert (told.kind, told.subject, told.result) == ("delete", "DB 1, passive, OB 2, active", result)
+    assert (told.asked_by, told.first_frame + 1, told.parts) == (CLIENT, told.last_frame, 1)
+
+
 def test_an_upload(talk: Talk) -> None:
     read_out(talk)
     told = only(talk)

@@ -17,7 +17,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import build_object
 from dissect.s7plus.tables import EXPLORE
-from dissect.s7plus.value_showing import as_json
+from dissect.s7plus.value_showing import as_json, members_said
 from dissect.s7plus.value_tables import DINT, STRUCT, UDINT, WSTRING
 from dissect.s7plus.value_tables import INT as PLUS_INT
 from dissect.s7plus.value_tables import REAL as PLUS_REAL
@@ -28,7 +28,7 @@ from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector, item_type
 from dissect.variables.model import Variable
 from dissect.variables.summary import mean_text
-from dissect.variables.writers import line_end, members_said, shown
+from dissect.variables.writers import line_end, shown
 from tests.properties.messages import Item, dt
 from tests.report.support import ROOT, begun
 from tests.s7plus import bodies
@@ -229,6 +229,8 @@ def test_members_have_their_names_and_what_their_numbers_mean() -> None:
     told = as_json(value)
     assert isinstance(told, dict)
     assert members_said(told["members"]) == '{OperatingState: 8 RUN, ComponentDiagnostics: "x", 9999: {Slot: 1}}'
+    assert members_said({"tank": {"level": 1.5, "full": True}}) == "{tank: {level: 1.5, full: true}}"
+    assert members_said({"name": "Öl", "old": [None, {"x": 1}]}) == '{name: "Öl", old: [null, {x: 1}]}'
     assert members_said({"level": 1.5, "3486": [8]}) == "{level: 1.5, OperatingState: [8]}"
 
 

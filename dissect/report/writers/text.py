@@ -14,12 +14,12 @@ from dissect.iso.tables import CC, CR, DR, DT, ED, ER
 from dissect.iso.upper import classify, is_rdp_connect
 from dissect.report import facets, words
 from dissect.report.facets import facet_of
-from dissect.report.line_octets import ERRORS, FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, LineOctets
+from dissect.report.line_octets import ERRORS, LineOctets
 from dissect.report.operations import styled_operation
 from dissect.report.plus import plus_notes, plus_summary
 from dissect.report.scd import scd_summary
 from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
-from dissect.report.words import Places
+from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
 from dissect.report.writer import Writer
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import Item, ItemResult
@@ -176,7 +176,7 @@ def tpdu_line(
     said = ""
     if tpdu.type in {CR, CC} and is_rdp_connect(tpdu.variable):
         said = identify_connect(tpdu.variable)
-        return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP, {said}"
+        return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}  RDP{f', {said}' if said else ''}"
     if tpdu.type in {CR, CC}:
         said = f"  {words.tsaps(tpdu.tsap(0xC1), tpdu.tsap(0xC2), connection.protocol)}"
         if tpdu.tpdu_size:

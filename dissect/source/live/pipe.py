@@ -10,7 +10,7 @@ from typing import Final
 
 from dissect.source.files import find_reader
 from dissect.source.live.reader import LiveError, LiveReader
-from dissect.source.packet import PacketSink, Reader
+from dissect.source.packet import READING_FAILED, PacketSink, Reader
 from dissect.source.pcap import CHUNK, PCAP_MAGICS
 from dissect.source.pcapng import PCAPNG_MAGIC
 
@@ -83,7 +83,7 @@ class PipeSource:
         except BlockingIOError:
             raise StillNothingError from None
         except OSError as error:
-            self.damage = f"reading failed after byte {self._taken}: {error.strerror or error}"
+            self.damage = f"{READING_FAILED} {self._taken}: {error.strerror or error}"
             return b""
         self._taken += len(piece)
         return piece
