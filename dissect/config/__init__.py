@@ -1,1 +1,1 @@
-"""What every file has in common that a person writes: the line of a key, and names that are close to a wrong one."""
+"""Shared by all files that users write: the settings, the lines of keys, and suggestions for misspelt names."""

@@ -1,4 +1,4 @@
-"""Where `s7dissect.toml` is: looked for at every start, so nothing is imported to read it until one is there."""
+"""Finds `s7dissect.toml`. This runs at every start, so what reads the file is only imported if there is one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 NAME: Final = "s7dissect.toml"
-#: Folders above the present one that are looked into for a project's file.
+#: At most so many folders above the present one are searched for a project's file.
 _MOST_FOLDERS: Final = 64
 
 

@@ -1,4 +1,4 @@
-"""What somebody may have meant by a name that is not there."""
+"""Suggestions for a name that does not exist."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import Final
 
-#: Names that are compared with one that is not there, characters of one that are, and names that a hint has.
+#: At most so many names are compared, so many characters of a name, and so many names suggested.
 _MOST_COMPARED: Final = 4096
 _LONGEST: Final = 200
 _MOST_SHOWN: Final = 3
-#: How much alike two names are (`difflib`): with it a name is worth a hint, or surely meant.
+#: How similar two names have to be (`difflib`): to be suggested, or to be certainly meant.
 _ALIKE: Final = 0.6
 SURELY: Final = 0.7
 
 
 def close_names(written: str, names: Iterable[str], alike: float = _ALIKE) -> list[str]:
-    """Return at most three of ``names`` that are much like ``written``, the closest first, also where only case differs."""
+    """Return at most three of ``names`` that are similar to ``written``, the closest first; case is ignored."""
     from difflib import get_close_matches  # where nothing is written wrong, it is not needed
 
     known = list(islice(names, _MOST_COMPARED))
@@ -28,6 +28,6 @@ def close_names(written: str, names: Iterable[str], alike: float = _ALIKE) -> li
 
 
 def close_to(written: str, names: Iterable[str]) -> str:
-    """Return "; close to it: 'a', 'b'" for an error, empty where no name is."""
+    """Return "; close to it: 'a', 'b'" for an error message; empty if no name is similar."""
     found = close_names(written, names)
     return f"; close to it: {', '.join(repr(name) for name in found)}" if found else ""

@@ -28,7 +28,7 @@ _ENDS: Final = frozenset((",", "]", "}", "\n", ""))
 
 
 class Lines:
-    """Finds the line of a table or key; an empty text has none."""
+    """Finds the line of a table or key in a text; an empty text has no lines."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -51,7 +51,7 @@ class Lines:
 
 
 class Place(NamedTuple):
-    """A table in a text: its lines, and where it is."""
+    """A table in a text: the lines of the text, and the place of the table."""
 
     lines: Lines
     path: Path
@@ -163,7 +163,7 @@ class _Walk:
 
 
 def _plain_key(token: str) -> str:
-    """Return a key as it is meant, without the quotes it may stand in."""
+    """Return a key without its quotes, unescaped."""
     if token[0] not in "\"'":
         return token
     try:

@@ -23,7 +23,7 @@ _COLORS: Final = ("auto", "always", "never")
 
 
 class ConfigError(Exception):
-    """Files of settings that cannot be used; ``problems`` has a line for each mistake, with file and line."""
+    """Files of settings cannot be used; ``problems`` has a message for each mistake, with file and line."""
 
     def __init__(self, problems: list[str]) -> None:
         self.problems = problems
@@ -157,7 +157,7 @@ def load_settings(paths: list[Path], formats: Iterable[str] = ()) -> Settings:
 
 
 def _read(path: Path, problems: list[str], formats: tuple[str, ...]) -> dict[str, Any]:
-    """Return the keys of one file; what is wrong is added to ``problems``."""
+    """Return the keys of one file; mistakes are added to ``problems``."""
     name = printable(os.fspath(path))
     with path.open("rb") as stream:
         octets = stream.read(MAX_FILE + 1)

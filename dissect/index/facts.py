@@ -1,4 +1,4 @@
-"""What the catalogue keeps of a capture, and the run that finds it out."""
+"""The facts on a capture that the catalogue keeps, and the run that finds them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dissect.transactions.transaction import UNANSWERED, Transaction
 
 #: The two ends of a connection: address and port of one, address and port of the other.
 Pair = tuple[bytes, int, bytes, int]
-#: Pairs that are kept of a file; of one with more, no address rules anything out.
+#: Greatest number of pairs that are kept of a file; a file with more cannot be ruled out by addresses.
 MAX_PAIRS: Final = 10_000
 
 
@@ -46,7 +46,7 @@ class FileFacts:
 
     @property
     def backwards(self) -> bool:
-        """True when packets are not in the order of their times."""
+        """Whether packets are not in the order of their times."""
         return bool(self.findings.get("capture.time_backwards"))
 
     @property
@@ -56,7 +56,7 @@ class FileFacts:
 
 
 class FactsObserver(Observer):
-    """Counts what passes, and keeps the ends."""
+    """Counts transactions, and keeps the ends of connections."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,13 +87,13 @@ class FactsObserver(Observer):
 
 
 def watched(path: str) -> tuple[Run, FactsObserver]:
-    """Return a run over one file, to be stepped to its end, and what watches it."""
+    """Return a run over one file, which the caller steps to its end, and its observer."""
     seen = FactsObserver()
     return Run([path], seen), seen
 
 
 def filled(facts: FileFacts, run: Run, seen: FactsObserver) -> FileFacts:
-    """Return the facts with what a run found that was stepped to its end."""
+    """Return the facts completed with the results of a run that was stepped to its end."""
     pipeline = run.pipeline
     return replace(
         facts,

@@ -1,4 +1,4 @@
-"""Which files of a catalogue an expression can select something from.
+"""Finds the files of a catalogue from which an expression can select something.
 
 A file is ruled out only where its ends, its times and its findings say that nothing in it can be selected; all else is left
 to who reads it. What belongs to the capture as a whole has no ends, so `not host == …` rules nothing out.
@@ -21,17 +21,17 @@ from dissect.select.things import FINDING, PACKET, Context, Found, Packet
 from dissect.select.where import Judge, Where, comparison_test, predicate_of
 from dissect.tcp.stream import Endpoint
 
-#: Fields that the ends of a connection decide, for everything on it.
+#: Fields whose values the ends of a connection decide, for everything on it.
 _ENDS: Final = frozenset(("host", "port"))
-#: Fields that are one of the ends, of which it is not known here which one.
+#: Fields that are one of the two ends; the catalogue does not know which.
 _ONE_END: Final = frozenset(("client", "server", "asked_by", "answered_by", "src", "dst"))
-#: Fields that findings alone have, and that a slug decides.
+#: Fields that only findings have, and whose values the slug decides.
 _OF_SLUG: Final = frozenset(("slug", "severity", "technique"))
 _ANY: Final = frozenset(("==", "===", IN, "contains", "matches"))
 
 
 class Possible:
-    """Judges files by an expression. Raises `SelectError` for one that cannot be."""
+    """Judges files by an expression. Raises `SelectError` for an invalid one."""
 
     def __init__(self, text: str) -> None:
         self._context = Context()
@@ -41,7 +41,7 @@ class Possible:
         self._context.start = lambda: self._facts.first_ns
 
     def __call__(self, facts: FileFacts) -> bool:
-        """Tell whether anything in a file can be selected; True when in doubt."""
+        """Return whether anything in a file can be selected; True when in doubt."""
         self._facts = facts
         pairs: list[Pair | None] = [None, *facts.pairs]
         return any([self._may(pair) for pair in pairs]) or not facts.all_pairs
@@ -70,7 +70,7 @@ class Possible:
     # ---- times ------------------------------------------------------------------------------------------------------
 
     def _overlaps(self, condition: Comparison) -> Callable[[], bool]:
-        """Return what tells whether a packet of the file at hand can have a time that fits."""
+        """Return a function that returns whether a packet of the present file can have a fitting time."""
         if condition.operator not in {"==", "===", "<", "<=", ">", ">=", IN}:
             return lambda: True
         kind = FIELDS["time"].kind
@@ -117,7 +117,7 @@ class _Candidate:
 
 
 def _example(slug: str) -> Found:
-    """Return a finding of a slug, of which only that is looked at."""
+    """Return a finding with this slug; its other attributes are not used."""
     rule = CATALOGUE.get(slug)
     return Found(Finding(rule, 0, [], 0, "") if rule is not None else _UNKNOWN, None)
 

@@ -17,13 +17,13 @@ from typing import Final, Self
 
 from dissect.index.facts import FileFacts
 
-#: Name of the catalogue in the folder it is of.
+#: The name of the catalogue in its folder.
 NAME: Final = ".s7dissect-index.sqlite"
 #: Changes with the tables below.
 FORMAT: Final = 2
 #: Marks the database as ours (PRAGMA application_id): "S7ix".
 _MARK: Final = 0x53376978
-#: Seconds to wait for another process that writes.
+#: Seconds to wait for another process that is writing.
 _PATIENCE: Final = 10.0
 
 _TABLES: Final = """
@@ -133,7 +133,7 @@ class Store:
         return StoreError(f"{self.path}: {error}")
 
     def known(self) -> dict[str, tuple[int, int]]:
-        """Return size and time of change of each file, by name, as they were when it was read."""
+        """Return the size and time of change of each file when it was read, by name."""
         try:
             rows = self._base.execute("SELECT name, size, mtime_ns FROM files").fetchall()
         except sqlite3.Error as error:
@@ -141,7 +141,7 @@ class Store:
         return {os.fsdecode(name): (size, mtime_ns) for name, size, mtime_ns in rows}
 
     def put(self, facts: FileFacts) -> None:
-        """Write what is known of a file, in the place of what was known before."""
+        """Write the facts on a file, and replace earlier ones."""
         name = os.fsencode(facts.name)
         values = [name, *[getattr(facts, column) for column in _COLUMNS[1:]]]
         try:

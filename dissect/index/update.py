@@ -1,4 +1,4 @@
-"""Bring a catalogue up to date with its folder: read what is new or was changed, forget what is gone."""
+"""Updates the catalogue of a folder: reads files that are new or have changed, and forgets files that are gone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Final
 from dissect.index.facts import FileFacts
 from dissect.index.store import Store
 
-#: What the names of captures end with, before that of a compression.
+#: Endings of the names of captures, before the ending of a compression.
 _CAPTURES: Final = (".pcap", ".pcapng", ".cap", ".ntar")
 _COMPRESSED: Final = (".gz", ".zst")
 
@@ -54,18 +54,18 @@ def captures(folder: Path, unreadable: dict[str, str] | None = None) -> Iterator
             elif is_capture(name) and entry.is_file():
                 yield name
         except FileNotFoundError:
-            continue  # it went while we looked
+            continue  # the file was removed in the meantime
         except OSError as error:
             if unreadable is not None:
                 unreadable[name] = error.strerror or str(error)
 
 
 def is_capture(name: str) -> bool:
-    """Return whether a file is named as captures are."""
+    """Return whether a file has the name of a capture."""
     stem = name.lower()
     for ending in _COMPRESSED:
         stem = stem.removesuffix(ending)
-    # A ring buffer of tcpdump numbers its files behind the name: ring.pcap12.
+    # tcpdump's ring buffer appends a number to the name: ring.pcap12.
     return stem.rstrip("0123456789").endswith(_CAPTURES)
 
 
