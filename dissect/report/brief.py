@@ -126,7 +126,8 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
     if not found:
         return
     for connection in analysis.connections:
-        silent = found.get(str(connection.server.host)) if not connection.pdus else None
+        host = within(str(connection.server.host), connection.tcp.vlan)
+        silent = found.get(host) if not connection.pdus else None
         if silent is not None:  # refused, or given up: a connection to this PLC all the same
             silent.connections += 1
     yield Line("PLCs", HEADING)

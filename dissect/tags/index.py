@@ -7,7 +7,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import DB, DB_AREAS, NUMBERED_AREAS
+from dissect.s7.tables import DB, DB_AREAS
 from dissect.tags.model import NUMBERED_BITS, Tag
 
 #: With so many addresses in it, the cache of their tags is emptied.
@@ -179,9 +179,4 @@ def _parts(tag: Tag, start: i64, bits: i64) -> list[Part]:
     return parts
 
 
-def numbered(area: i64) -> bool:
-    """Return whether addresses of an area are numbers of words: those of timers and counters."""
-    return area in NUMBERED_AREAS
-
-
-__all__ = ["MAX_CACHED", "NUMBERED_BITS", "Cover", "Part", "TagIndex", "numbered"]
+__all__ = ["MAX_CACHED", "NUMBERED_BITS", "Cover", "Part", "TagIndex"]

@@ -17,6 +17,7 @@ from dissect.report.per_file import PerFile
 from dissect.report.text import analysis_lines
 from dissect.session import Run
 from dissect.source.packet import SourceFile
+from tests.cases import each
 from tests.cli.support import run
 from tests.report.schemas import ROOT
 from tests.report.support import OWN, UNSAFE, WORD, begun, saved
@@ -123,6 +124,24 @@ def test_the_row_of_a_plc_counts_connections_without_messages(capfdbinary: Captu
     assert "Connections: 2" in out
     (row,) = [line.split() for line in out if line.startswith("  127.0.0.1 ")]
     assert row == ["127.0.0.1", "2", "4", "2", ".", "."]
+
+
+@each("vlan", [0, 7])
+def test_in_a_vlan_as_well(vlan: int) -> None:
+    analysis = Analysis()
+    talk = Talk()
+    talk.pipeline = Pipeline(analysis, Options(strict=True))
+    talk.vlan = vlan
+    talk.open()
+    silent = Talk(50001, beside=talk)
+    silent.vlan = vlan
+    silent.hello()
+    silent.connect()
+    talk.pipeline.finish()
+    analysis.take(talk.pipeline, [SourceFile("plant.pcapng", 1)])
+    lines = [line.text.split() for line in brief_lines(analysis)]
+    (row,) = [line for line in lines if line[:1] == ["10.0.0.2"]]
+    assert row[-5:] == ["2", "2", "1", ".", "."]
 
 
 def test_a_row_a_file_adds_up(capfdbinary: Capture) -> None:
