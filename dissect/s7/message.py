@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from dissect.s7.alarm_layouts import OBJECTS_HEAD, SYNTAXES
 from dissect.s7.body import Body
 from dissect.s7.items import DATA_HEAD, DataItem, parse_data_items
+from dissect.s7.layouts import ITEM_HEAD
 from dissect.s7.parameters import (
     ACK_HEADER_SIZE,
     HEADER_SIZE,
@@ -32,17 +34,13 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u16
 
 #: `dissect.s7.hiding.body_to_show` once it is imported; repeating the import statement takes as long as cutting many a body.
 _CUT: Final[list[Callable[[Pdu], Body]]] = []
 
 #: Message services that name several alarms in one request and answer with a return code for each.
 _BY_ALARM: Final = frozenset((ALARM_8_LOCK, ALARM_8_UNLOCK, ACKNOWLEDGE))
-#: Octets before the alarms or return codes: the function and the number of alarms.
-_ALARMS_HEAD: Final = 2
-#: Where the event id stands within an alarm: after specification, length, syntax and number of values.
-_EVENT_AT: Final = 4
 
 
 def userdata_payload(octets: bytes) -> bytes:
@@ -61,18 +59,23 @@ def answers_by_alarm(head: UserdataHead) -> bool:
 
 
 def alarm_codes(octets: bytes) -> bytes:
-    """Return the return codes, one for each alarm, of a PDU for which `answers_by_alarm` is True."""
+    """Return the return codes, one for each alarm, of a PDU for which `answers_by_alarm` is true."""
     payload = userdata_payload(octets)
-    return payload[_ALARMS_HEAD : _ALARMS_HEAD + payload[1]] if len(payload) >= _ALARMS_HEAD else b""
+    count = OBJECTS_HEAD.number("objects", payload, 0, len(payload))
+    return payload[OBJECTS_HEAD.size : OBJECTS_HEAD.size + max(count, 0)]
 
 
 def alarms_asked(octets: bytes) -> list[int]:
-    """Return the event ids that a request with several alarms names, in wire order, as far as they were captured."""
+    """Return the event ids that the request of such an answer names, in wire order, as far as they are there."""
     payload = userdata_payload(octets)
     found: list[int] = []
-    at = _ALARMS_HEAD
-    while at + _EVENT_AT + 4 <= len(payload) and len(found) < payload[1]:
-        found.append(u32(payload, at + _EVENT_AT))
+    at = OBJECTS_HEAD.size
+    for _ in range(OBJECTS_HEAD.number("objects", payload, 0, len(payload))):
+        layout = SYNTAXES.get(payload[at + 2]) if at + ITEM_HEAD.size <= len(payload) else None
+        event_id = layout.number("event_id", payload, at, len(payload)) if layout is not None else -1
+        if event_id < 0:
+            break
+        found.append(event_id)
         at += 2 + payload[at + 1]
     return found
 

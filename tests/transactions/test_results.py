@@ -334,6 +334,12 @@ def test_alarms_that_are_cut_short_name_no_event() -> None:
         assert [error.address for error in transaction.errors] == known, size
 
 
+def test_an_alarm_of_an_unknown_form_is_not_misread() -> None:
+    """Its event id may stand elsewhere: the refusal is told by its number alone."""
+    transaction = acknowledged("0902 0a0a", ALARM_ACK, ACKNOWLEDGE.replace(b"\x19", b"\x7f"))
+    assert [(error.where, error.address) for error in transaction.errors] == [("alarm 1", ""), ("alarm 2", "")]
+
+
 def test_an_answer_of_which_the_request_is_missing_is_refused_as_well() -> None:
     talk = Talk()
     talk.open()
