@@ -60,6 +60,9 @@ STRAY_PUSH: Final = 1024  # a push that belongs to no subscription of this conne
 ODD_DATA_CODE: Final = 256  # data of a read came with a different transport size from what CPUs answer with
 UNCONFIRMED: Final = 2048  # the positive answer to a write has fewer return codes than items
 STILL_OPEN: Final = 4096  # the capture ended before the answer was due, so that nothing is wrong
+GAPS: Final = 8192  # likely only: octets of both directions are missing between request and answer
+ALIKE: Final = 16384  # likely only: several requests with one reference were pending, and the answer fits each of them
+DOUBTS: Final = GAPS | ALIKE
 
 
 def went_wrong(transaction: Transaction) -> bool:

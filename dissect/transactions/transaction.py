@@ -49,8 +49,10 @@ from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BAD_DATA,
     COUNT_MISMATCH,
+    DOUBTS,
     EXPECTED,
     FUNCTION_MISMATCH,
+    GAPS,
     HEADER,
     ITEM,
     MESSAGE,
@@ -98,10 +100,21 @@ CONNECTION_EVICTED: Final = "connection_evicted"
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
     CAPTURE_ENDED: "the capture ends before an answer came",
-    HOLE: "bytes from the answering side are missing from the capture and may contain the answer",
+    HOLE: "answered, but the answer was not captured",
     REFERENCE_REUSED: "the requesting side reused the reference without waiting for the answer",
     TABLE_FULL: "too many requests were pending at once; this one was dropped",
     CONNECTION_EVICTED: "too many connections were open at once; this one was dropped",
+}
+#: The sentence for `HOLE` where it is only likely: other requests, or a push, may account for the missing octets.
+PERHAPS_ANSWERED: Final = "perhaps answered: bytes from the answering side are missing from the capture"
+
+#: How certain a pair of request and answer is, or that a request was answered although the answer was not captured.
+SURE: Final = "sure"
+LIKELY: Final = "likely"
+#: Why a pair is only likely: a code and a sentence for each of the flags `GAPS` and `ALIKE`.
+DOUBT_TEXTS: Final[dict[str, str]] = {
+    "gaps": "bytes of both directions are missing from the capture between request and answer",
+    "alike": "the answer fits several pending requests with the same reference",
 }
 
 
@@ -252,6 +265,32 @@ class Transaction:
     def latency_ns(self) -> int | None:
         """Time from the request's last packet to the answer's last packet, None unless both are there."""
         return self.response_ns - self.request_ns if self.outcome == ANSWERED else None
+
+    @property
+    def certainty(self) -> str:
+        """``sure`` or ``likely``: of a pair, and of an answer that was sent but not captured; else empty."""
+        if self.outcome == ANSWERED or self.reason == HOLE:
+            return LIKELY if self.flags & DOUBTS else SURE
+        return ""
+
+    @property
+    def is_likely(self) -> bool:
+        """True for a pair that is only likely: it is left out of times, values and contradictions, and counted beside."""
+        return self.outcome == ANSWERED and self.flags & DOUBTS != 0
+
+    @property
+    def doubt(self) -> str:
+        """Why a pair is only likely, as a key of `DOUBT_TEXTS`; else empty."""
+        if not self.is_likely:
+            return ""
+        return "gaps" if self.flags & GAPS else "alike"
+
+    @property
+    def reason_text(self) -> str:
+        """One sentence that says why there is no answer; empty where there is one."""
+        if self.reason == HOLE and self.flags & DOUBTS:
+            return PERHAPS_ANSWERED
+        return REASON_TEXTS.get(self.reason, "")
 
     @property
     def missed(self) -> bool:
