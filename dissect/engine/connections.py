@@ -249,10 +249,8 @@ class Connections:
         last_ns: i64 = side.tcp.last_ns
         side.protocol.finish(side, last_frame, last_ns)
         peer.protocol.finish(peer, last_frame, last_ns)
-        holes = [int(peer.hole_frame), int(side.hole_frame)]
-        if side.index == 1:
-            holes.reverse()
-        ending = Ending(side.connection, holes, frame, now_ns)
+        asked = exchange.dialogue.certainly_open(side) + exchange.dialogue.certainly_open(peer)
+        ending = Ending(side.connection, asked, frame, now_ns)
         side.connection.ending = ending
         judge_end(exchange.reporter, side)
         judge_cut(exchange.reporter, side, ending)

@@ -78,6 +78,15 @@ def look(counters: Counters, side: Side) -> None:
             counters.note_of("stream.reset_ignored", [int(doubt.frame)], doubt.time_ns, detail, side.connection.number)
 
 
+def note_unseen(side: Side) -> None:
+    """The connection is over: what the other side acknowledged of ``side`` and the capture does not have is a gap."""
+    missing: i64 = side.unseen
+    if missing > 1 and side.tcp.ended_by == side.index and side.tcp.ended == "fin":
+        missing -= 1  # its FIN
+    if missing > 1 and side.stream.next_seq >= 0:
+        side.stream.skip(missing, side.tcp.last_frame, side.tcp.last_ns)
+
+
 def finish(counters: Counters, table: ConnectionTable, side: Side, peer: Side) -> None:
     """The connection is over, and all its octets were passed on: decide about an end in doubt and unconfirmed SYNs."""
     if side.tcp.doubt is not None:

@@ -35,7 +35,7 @@ from dissect.transactions.pairing import Dialogue
 from dissect.transactions.payloads import SCD, ScdParameters
 from dissect.transactions.side import Side
 from dissect.transactions.subscriptions import follow
-from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 
 if TYPE_CHECKING:
     from dissect.findings.block_rules import BlockWatch
@@ -197,6 +197,7 @@ class Exchange:
         """Take a request that ``side`` sent; ``reference`` is what its response will repeat."""
         size: i64 = len(octets)
         done = self.dialogue.ask(side, parameters.rosctr, reference, parameters, octets, 0, size, frame, time_ns)
+        self.dialogue.shared = False  # in these protocols a number that comes twice is judged by rules of its own
         self.completed(done, frame, time_ns)
 
     def response(
@@ -220,8 +221,11 @@ class Exchange:
         """Report other transactions that a message ended; then judge and report the transaction that it completed, if any."""
         if self.dialogue.also:
             self.beside(frame, time_ns)
-        if transaction is None:
-            return
+        if transaction is not None:
+            self._complete(transaction)
+
+    def _complete(self, transaction: Transaction) -> None:
+        """Judge and report a transaction that was completed by a message."""
         function: i64 = transaction.parameters.function
         if (
             function == READ_VAR
@@ -258,11 +262,14 @@ class Exchange:
         also = self.dialogue.also
         self.dialogue.also = []
         for transaction in also:
-            if transaction.has_errors:
-                transaction.connection.note_error(
-                    transaction.parameters, transaction.response_ns, transaction.error_code
-                )
             try:
+                if transaction.outcome == ANSWERED:  # it waited until its answer was known
+                    self._complete(transaction)
+                    continue
+                if transaction.has_errors:
+                    transaction.connection.note_error(
+                        transaction.parameters, transaction.response_ns, transaction.error_code
+                    )
                 if transaction.outcome == UNANSWERED:
                     judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
                 else:

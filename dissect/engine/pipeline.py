@@ -279,6 +279,10 @@ class Pipeline(PacketSink):
                 tcp.last_frame = counters.frames
                 tcp.last_ns = counters.now_ns
                 side.last_ack = ack
+                if seq == half.next_seq and 0 <= (ack - side.acked) < stream.HALF_SPACE and side.acked >= 0:
+                    side.acked = ack  # as `note_ack` would do
+                else:
+                    side.note_ack(seq, ack)
                 if size == 0:
                     return NO_PAYLOAD
                 octets = buf[data:stop]
@@ -401,6 +405,8 @@ class Pipeline(PacketSink):
             self.timers.passing(side, peer, ack, flags & ACK != 0)
         if flags & ACK:
             side.last_ack = ack
+            if not flags & RST:
+                side.note_ack(seq, ack)
         else:
             side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
         size: i64 = len(octets)
@@ -462,6 +468,8 @@ class Pipeline(PacketSink):
             half.start(seq + 1)
             side.note_probe(self.counters.frames, self.counters.now_ns, True)
             return accounts.KEEP_ALIVE
+        if half.next_seq < 0:
+            self._begin_stream(side, peer, seq)
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
         if octets:
@@ -499,6 +507,15 @@ class Pipeline(PacketSink):
         if what == stream.NEW or what == stream.OLD:
             return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
+
+    def _begin_stream(self, side: Side, peer: Side, seq: i64) -> None:
+        """Begin the octets of ``side`` at those that ``peer`` had not acknowledged yet when it was first captured.
+
+        A segment from ``seq`` on that lies behind them has a gap before it. One before them was sent again or captured late.
+        """
+        begin: i64 = peer.first_ack
+        if begin >= 0 and 0 < (seq - begin) & stream.MASK <= stream.FAR_AHEAD:
+            side.stream.start(begin)
 
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 
@@ -562,6 +579,9 @@ class Pipeline(PacketSink):
         for end in (side, peer):
             end.stream.finish()
             end.waiting = False
+        if side.connection.followed:
+            ends.note_unseen(side)
+            ends.note_unseen(peer)
         if side.stream.ready or peer.stream.ready or side.stream.outside or peer.stream.outside:
             self.timers.both(side)
         ends.finish(self.counters, self.table, side, peer)

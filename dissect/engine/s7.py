@@ -6,7 +6,7 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.findings.security_rules import PACE
-from dissect.findings.session_rules import judge_header, judge_length, judge_port, judge_request
+from dissect.findings.session_rules import judge_header, judge_length, judge_port, judge_request, judge_shared
 from dissect.findings.transaction_rules import judge_parameters
 from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import parse_pdu
@@ -23,7 +23,6 @@ from dissect.s7.parameters import (
     read_header,
 )
 from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
-from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.results import BAD_DATA
@@ -193,15 +192,20 @@ class S7(Protocol):
         """Apply the rules about sessions to a request that `Dialogue.ask` just took."""
         exchange = self._exchange
         connection = side.connection
+        shared: bool = exchange.dialogue.shared
+        if shared:
+            exchange.dialogue.shared = False
+            judge_shared(exchange.reporter, side, parameters, frame, time_ns)
         if connection.granted is None or parameters.function == SETUP_COMMUNICATION:
             judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
-        else:
-            open_now: i64 = connection.open_requests[side.index].count
+        elif not shared:
+            requests = connection.open_requests[side.index]
+            open_now: i64 = requests.count - requests.held
             agreed: bool = connection.setup_seen and not connection.setup_open
             if open_now > 1 and not (agreed and open_now <= connection.jobs_allowed(side.index)):
                 peer = side.peer
                 if peer is not None:
-                    open_now = _surely_open(side, peer, open_now)
+                    open_now = _surely_open(peer, open_now)
                 judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
 
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
@@ -282,13 +286,12 @@ class S7(Protocol):
         return [(self.pdus, "S7 PDU")]
 
 
-def _surely_open(side: Side, answering: Side, open_now: i64) -> i64:
+def _surely_open(answering: Side, open_now: i64) -> i64:
     """Return ``open_now``, or 0 while octets of ``answering`` that may be answers are missing, out of order or unfinished.
 
     A gap that was given up may hold answers as well. `judge_request` allows for that; it looks at few requests only, because
     looking at thousands of open ones for each new one would take seconds.
     """
-    half = answering.stream
-    if answering.unfinished or half.held is not None or 0 < (side.last_ack - half.next_seq) & MASK < HALF_SPACE:
-        return 0  # `side` has acknowledged octets that the capture did not show, or not yet
+    if answering.unfinished or answering.stream.held is not None or answering.unseen:
+        return 0  # the asking side has acknowledged octets that the capture did not show, or not yet
     return open_now

@@ -23,6 +23,7 @@ from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.findings.reporter import Reporter
 from dissect.tcp.stretches import Chunk
+from dissect.transactions.gaps import perhaps_answered
 from dissect.transactions.naming import subject
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.results import wants_answer
@@ -105,7 +106,7 @@ class OverdueWatch:
                 again_ns = min(again_ns, due_ns)
                 break
             side.told_overdue = transaction.number
-            if answering.captured and answering.hole_frame < transaction.request_frame and wants_answer(transaction):
+            if answering.captured and not perhaps_answered(transaction, answering) and wants_answer(transaction):
                 self._tell(transaction, now_ns)
         return max(again_ns, now_ns + _PAUSE_NS)
 
@@ -197,7 +198,10 @@ class Timers:
             side.holes += 1
             side.missing += chunk.hole
             side.hole_frame = chunk.frame
+            side.hole_end = -1 if cut else chunk.end_seq
             side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
+            if not cut:
+                self._exchange.dialogue.lost(side, chunk.hole)
         else:
             side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
 
@@ -276,7 +280,7 @@ class Timers:
         for side in waiting:  # a loop of its own: the request of an answer may just have been passed on
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
-            side.waiting = side.stream.time_bound or asked.orphans is not None
+            side.waiting = side.stream.time_bound or asked.orphans is not None or asked.undecided is not None
 
     def look_at_ends(self) -> None:
         """Look at the connections whose end is in doubt, and on which something passed since the last look.
@@ -317,11 +321,9 @@ class Timers:
                 for stretch in held:
                     if oldest == 0 or stretch.frame < oldest:
                         oldest = stretch.frame
-            orphans = side.connection.open_requests[1 - side.index].orphans
-            if orphans is not None:
-                for orphan in orphans:
-                    if oldest == 0 or orphan.transaction.response_frame < oldest:
-                        oldest = orphan.transaction.response_frame
+            for answer in side.connection.open_requests[1 - side.index].waiting():
+                if oldest == 0 or answer.response_frame < oldest:
+                    oldest = answer.response_frame
         return oldest
 
     def finish(self) -> None:

@@ -176,6 +176,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Most devices refuse it. The client must split its reads to fit the granted PDU length.", ""),
     ("session.too_many_jobs", WARNING, NEGOTIATION, "More requests were pending at once than were granted (AmQ).",
      "The client exceeds the granted number of parallel jobs; PLCs then refuse jobs or close the connection.", ""),
+    ("session.shared_reference", WARNING, NEGOTIATION, "A client sent a request with the reference of one that is pending.",
+     "Several threads of the client share the connection and may mix up answers: give each a connection, or use one lock.", ""),
     ("session.bad_grant", ERROR, NEGOTIATION,
      "A setup answer grants more than was requested, or a PDU length that is too small.",
      "The answering side negotiates incorrectly; clients may fail on it.", ""),

@@ -26,6 +26,8 @@ _MIN_PDU_LENGTH: Final = 64
 _ONE_SIDED_PDUS: Final = 3
 #: A bit of `Connection.told` for side 0, shifted by one for side 1; the bits below belong to the transport rules.
 _REDUNDANT: Final = 64
+#: Another bit: two requests under one reference were reported.
+_SHARED: Final = 512
 #: If so many requests were open when a connection was cut, one finding sums them up.
 _SEVERAL: Final = 2
 #: Reasons of a DR that tell nothing: not specified, normal disconnect.
@@ -55,16 +57,27 @@ def judge_request(
             # hide.
             peer = side.peer
             hole_frame: i64 = 0
+            hole_end: i64 = -1
             if peer is not None:  # as an expression it would make int objects (mypyc)
                 hole_frame = peer.hole_frame
+                hole_end = peer.hole_end
             requests = connection.open_requests[side.index]
-            open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, allowed + 1)
+            open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, hole_end, allowed + 1)
         if open_now > allowed and side.told_jobs == frame:
             reporter.count("session.too_many_jobs")  # what is said of the packet holds for each of its requests
         elif open_now > allowed:
             side.told_jobs = frame
             detail = f"more requests pending than the {allowed} granted (AmQ)"
             reporter.note("session.too_many_jobs", number, [frame], time_ns, detail)
+
+
+def judge_shared(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
+    """Report a request with the reference of one that is still open; once per connection."""
+    connection = side.connection
+    if not connection.told & _SHARED:
+        connection.told |= _SHARED
+        detail = f"{parameters.subject}: {connection.tcp.ends[side.index]} still waits for an answer to the one before"
+        reporter.note("session.shared_reference", connection.number, [frame], time_ns, detail)
 
 
 def _judge_again(reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:

@@ -71,7 +71,7 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Parameters": frozenset(("good_answer", "good_heads", "good_layout")),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),
     "Direction": frozenset(("_keys", "messages")),
-    "Transaction": frozenset(("earlier", "known_body", "request_seq", "superseded")),
+    "Transaction": frozenset(("known_body", "request_seq")),
 }
 
 
@@ -249,7 +249,7 @@ _BLANK: Final[dict[type, Callable[[], Any]]] = {
     Endpoint: lambda: Endpoint(b"", 0),
     TcpConnection: lambda: TcpConnection(_NOWHERE, _NOWHERE, 0, 0, 0),
     Stretch: lambda: Stretch("", "", 0, 0),
-    Ending: lambda: Ending(_nobody(), [0, 0], 0, 0),
+    Ending: lambda: Ending(_nobody(), [], 0, 0),
     Finding: lambda: Finding(_SOME_RULE, 0, [], 0, ""),
 }
 

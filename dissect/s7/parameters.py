@@ -227,7 +227,7 @@ class Parameters:
     def like_good(self, buf: bytes, at: i64, size: i64, data_at: i64) -> bool:
         """Return whether an Ack_Data that answers a read is good, because its fixed octets equal those of the last good answer.
 
-        The interpreted code uses this, as calls are slow there, in place of `dissect.transactions.transaction.check_answer`.
+        The interpreted code uses this, as calls are slow there, in place of `dissect.transactions.checks.check_answer`.
         """
         layout = self.good_layout
         return (

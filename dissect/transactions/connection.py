@@ -388,6 +388,11 @@ class Connection:
             found = self._subscriptions = {}
         return found
 
+    @property
+    def subscribes(self) -> bool:
+        """True when cyclic or test jobs of it send values."""
+        return self._subscriptions is not None and len(self._subscriptions) > 0
+
     def let_go(self) -> None:
         """It is over, and everybody was told: keep what reports show of it, and forget what it worked with."""
         self.open_requests = _NONE_OPEN

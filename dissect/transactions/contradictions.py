@@ -7,8 +7,9 @@ from mypy_extensions import i64
 from dissect.s7.items import begin_alike
 from dissect.s7.parameters import Parameters, header_size
 from dissect.s7.tables import ACK_DATA, READ_VAR, WRITE_VAR
+from dissect.transactions.checks import check_answer
 from dissect.transactions.results import COUNT_MISMATCH, SIZE_MISMATCH, mismatch
-from dissect.transactions.transaction import Transaction, check_answer
+from dissect.transactions.transaction import Transaction
 
 
 def is_strange(request: Transaction, answer: Transaction) -> bool:

@@ -41,9 +41,8 @@ class Ending:
     for none) and ``time_ns`` its time. ``reset_side``, ``reset_frame`` and ``reset_ns`` are side, packet and time of a RST
     after an end of another kind, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
 
-    ``open_requests`` is how many requests were open, without those whose answer may be in a gap (``hole_frames`` has, for
-    each side, the packet at which the latest gap in the answers to it was given up). ``oldest`` is the first of them, with its
-    packet and time. ``connecting``: the connect request had no answer of any kind yet.
+    ``open_requests`` is how many requests were open, without those whose answer may be in a gap. ``oldest`` is the first of
+    them, with its packet and time. ``connecting``: the connect request had no answer of any kind yet.
 
     ``last_request``, ``last_answer`` and ``last_error`` (a refusal) are the parameters of the requests concerned, each with
     its time (None and 0 for none); of the server's last message in TLS only the time is known. ``last_error_code`` is the
@@ -73,7 +72,8 @@ class Ending:
         "time_ns",
     )
 
-    def __init__(self, connection: Connection, hole_frames: list[int], frame: i64, now_ns: i64) -> None:
+    def __init__(self, connection: Connection, asked: list[Transaction], frame: i64, now_ns: i64) -> None:
+        """``asked`` are the requests that were open, ``frame`` and ``now_ns`` the packet at hand and its time."""
         tcp = connection.tcp
         self.how: str = tcp.ended or OPEN
         self.side: i64 = tcp.ended_by
@@ -112,23 +112,15 @@ class Ending:
         self.last_error: Parameters | None = connection.last_error
         self.last_error_ns: i64 = connection.last_error_ns
         self.last_error_code: i64 = connection.last_error_code
-        self.open_requests: i64 = 0
+        self.open_requests: i64 = len(asked)
         self.oldest: Parameters | None = None
         self.oldest_frame: i64 = 0
         self.oldest_ns: i64 = 0
-        if connection.open_requests[0].count or connection.open_requests[1].count:
-            self._count_open(connection, hole_frames)
-
-    def _count_open(self, connection: Connection, hole_frames: list[int]) -> None:
-        first: Transaction | None = None
-        for side in range(2):
-            hole_frame: i64 = hole_frames[side]
-            for found in connection.open_requests[side].asked_after(-1):
-                if found.request_frame > hole_frame:
-                    self.open_requests += 1
-                    if first is None or found.number < first.number:
-                        first = found
-        if first is not None:
+        if asked:
+            first = asked[0]
+            for found in asked:
+                if found.number < first.number:
+                    first = found
             self.oldest = first.parameters
             self.oldest_frame = first.request_frame
             self.oldest_ns = first.request_ns

@@ -45,9 +45,8 @@ def _open(requests: OpenRequests) -> i64:
     if requests.count:
         for transaction in requests.asked_after(-1):
             held += len(transaction.request_buf)
-    if requests.orphans is not None:
-        for orphan in requests.orphans:
-            held += len(orphan.transaction.response_buf)
+    for answer in requests.waiting():
+        held += len(answer.response_buf)
     return held
 
 

@@ -1,19 +1,15 @@
-"""The open requests of one side, and the answers that came before their request (reference section 5).
+"""The open requests of one side, and the answers that wait (reference section 5).
 
 Each asking side of a connection has a table of its own, because either end may send requests and their references are
 independent. The key is ROSCTR and PDU reference, in one number (`dissect.transactions.pairing.key_of`). A reference is opaque:
 zero is valid, it wraps, and a client may use it again at once.
 
-An answered request leaves the table. A new request whose key is still open replaces the old one, which stays unanswered. Both
-stay open only if the new one came soon after the old one, and if the two are identical or the grant allows so many open ones. A
-client that asks again after a second has given the old request up: if both stayed open, each later answer of a client that
-never changes its reference would be paired with the request before its own.
+A request leaves the table when it is answered, or when no answer to it can come any more; not because its reference is used
+again. The table holds the latest request of each key. Where several are open under one key, a `Row` has all of them, and the
+answers that fit more than one (`dissect.transactions.alike`).
 
-Requests under one key are linked in two ways: `Transaction.earlier` is an identical request, `Transaction.superseded` another
-request of the same reference. The table holds the latest one.
-
-An answer that finds no request is held for a moment as an `Orphan`, because captures show packets out of order. A request that
-comes later takes it only if the answer acknowledged the request's octets (TCP ACK); so it cannot take an older answer.
+An answer that finds no request is held for a moment, because captures show packets out of order. A request that comes later
+takes it only if the answer acknowledged the request's octets (TCP ACK); so it cannot take an older answer.
 """
 
 from __future__ import annotations
@@ -31,15 +27,15 @@ ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
 #: They are held this many times longer while a message of the asking side is unfinished, because a whole request may be in it.
 UNFINISHED_HOLD: Final = 10
-#: Identical requests that may be open under one key, and how long after the one before each of them may come.
-MAX_REPEATS: Final = 8
+#: A client that repeats a request within this time got no answer in between and asks anew.
 REPEAT_NS: Final = 1_000_000_000
 #: A client that got nothing for this long and asks again gave its request up: clients that have several open send one soon
 #: after the other, or after an answer.
 BESIDE_NS: Final = 200_000_000
-#: Requests of a side that may wait behind others with their reference, as where all packets of a client were captured first.
-#: Each answer looks at all of them.
+#: Requests of a side that may wait in rows before the latest of their reference. The oldest of a row gives way.
 MAX_BEHIND: Final = 256
+#: No server answers a request so long after it, once its reference is used again: clients give up after 2 to 5 s.
+NEVER_NS: Final = 10_000_000_000
 #: Clients wait at least two seconds before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
 #: Only grants below this are checked closely; no device is known to grant more than 8.
@@ -50,16 +46,46 @@ _FEW_OLD: Final = 8
 _FRESH: Final = 1024
 
 
-class Orphan:
-    """An answer that is held for its request; ``ack`` is the TCP acknowledgement it came with, -1 for none."""
+#: What most tables have in place of a list; nobody appends to it.
+_NONE: Final[list[Transaction]] = []
 
-    __slots__ = ("ack", "key", "packet", "transaction")
+
+class HeldAnswer:
+    """An answer that waits for its request, or until it is known which request it belongs to.
+
+    ``ack`` is the TCP acknowledgement it came with, -1 for none; ``packet`` how many packets of its connection had been seen by
+    then. ``fits`` are the open requests that it may belong to, oldest first.
+    """
+
+    __slots__ = ("ack", "fits", "key", "packet", "transaction")
 
     def __init__(self, key: i64, transaction: Transaction, ack: i64, packet: i64) -> None:
         self.key: i64 = key
         self.transaction: Transaction = transaction
         self.ack: i64 = ack
-        self.packet: i64 = packet  # how many packets of its connection had been seen when it came
+        self.packet: i64 = packet
+        self.fits: list[Transaction] = []
+
+
+class Row:
+    """The open requests of one key, oldest first, where there are several, and the answers that fit more than one of them.
+
+    ``wanted`` are the numbers of the requests that these answers may belong to.
+    """
+
+    __slots__ = ("answers", "key", "requests", "wanted")
+
+    def __init__(self, key: i64, first: Transaction) -> None:
+        self.key: i64 = key
+        self.requests: list[Transaction] = [first]
+        self.answers: list[HeldAnswer] = []
+        self.wanted: set[int] = set()
+
+    def hold(self, answer: HeldAnswer) -> None:
+        """Keep an answer until it is known which of ``answer.fits`` it belongs to."""
+        self.answers.append(answer)
+        for request in answer.fits:
+            self.wanted.add(request.number)
 
 
 def acknowledged(request: Transaction, end_seq: i64) -> bool:
@@ -73,7 +99,7 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
     It cannot if it acknowledges nothing of the request's last segment, or if the request acknowledged it. An acknowledgement
     far behind the request proves nothing.
     """
-    if request.request_seq >= 0 and ack >= 0 and ((request.request_seq - ack) & MASK) < FAR_AHEAD:
+    if request.request_ack >= 0 and ack >= 0 and ((request.request_seq - ack) & MASK) < FAR_AHEAD:
         return True
     return acknowledged(request, end_seq)
 
@@ -84,7 +110,7 @@ def no_answer(request: Transaction, before: Transaction) -> bool:
 
 
 class OpenRequests:
-    """The open requests of one asking side, and the answers to it that found none of them.
+    """The open requests of one asking side, and the answers to it that wait.
 
     Most clients wait for each answer, or have two requests open. So the two that were asked last need no dictionary and no int
     object as a key, even where others are open whose answers were not captured.
@@ -94,26 +120,36 @@ class OpenRequests:
         "_before",
         "_before_key",
         "_given_up",
+        "_rows",
         "_table",
-        "anew",
         "answered",
         "count",
+        "doubtful",
         "latest",
         "latest_key",
+        "lost",
         "orphans",
+        "repeats",
+        "undecided",
     )
 
     def __init__(self) -> None:
         self.latest: Transaction | None = None  # sent after `_before`, which was sent after all those in `_table`
-        self.latest_key: i64 = 0
+        self.latest_key: i64 = -1  # of the request that was sent last, also once it was answered
         self._before: Transaction | None = None
         self._before_key: i64 = 0
         self._table: dict[int, Transaction] = {}
+        self._rows: dict[int, Row] | None = None
         self._given_up: i64 = 0
-        self.anew: i64 = 0  # number of the latest request that repeats one which the client had given up (`no_answer`)
         self.answered: i64 = 0  # number of the request that was answered last
         self.count: i64 = 0  # may be more than len(table): several requests may share a key
-        self.orphans: list[Orphan] | None = None
+        self.repeats: i64 = 0  # how often two requests in a row had the same key
+        self.doubtful: bool = False  # an answer could not be told from another one, so the later ones may be shifted
+        self.lost: list[Transaction] = (
+            _NONE  # requests that were answered in the latest gap, as the next answer will show
+        )
+        self.orphans: list[HeldAnswer] | None = None
+        self.undecided: list[Row] | None = None  # the rows that hold answers
 
     @property
     def table(self) -> dict[int, Transaction]:
@@ -127,6 +163,23 @@ class OpenRequests:
             self.latest = None
             self._table[self.latest_key] = latest
         return self._table
+
+    @property
+    def held(self) -> i64:
+        """How many answers are held that belong to open requests, but not yet to one of them."""
+        held: i64 = 0
+        if self.undecided is not None:
+            for row in self.undecided:
+                held += len(row.answers)
+        return held
+
+    def waiting(self) -> list[Transaction]:
+        """Return the answers that wait, for their request or until it is known which request they belong to."""
+        found = [answer.transaction for answer in self.orphans or []]
+        if self.undecided is not None:
+            for row in self.undecided:
+                found += [answer.transaction for answer in row.answers]
+        return found
 
     def asked_last(self) -> Transaction | None:
         """Return the latest open request, None when none is open."""
@@ -143,6 +196,11 @@ class OpenRequests:
         if before is not None and key == self._before_key:
             return before
         return self._table.get(key) if self._table else None
+
+    def row(self, key: i64) -> Row | None:
+        """Return the row of ``key``, None when at most one request is open under it."""
+        rows = self._rows
+        return rows.get(key) if rows is not None else None
 
     def add(self, key: i64, transaction: Transaction) -> Transaction | None:
         """Open a request and return None; if its key is open already, only return what `find` does."""
@@ -162,225 +220,134 @@ class OpenRequests:
         self.latest, self.latest_key = transaction, key
         return None
 
-    def add_again(self, key: i64, transaction: Transaction, old: Transaction) -> Transaction | None:
-        """Open a request whose key is that of ``old``, found by `add`; return ``old`` if the new one replaces it, else None.
-
-        ``old`` then brings the identical requests before it, linked by ``earlier``.
-        """
-        depth = self._depth(old)
-        self.count += 1
-        if (
-            depth < MAX_REPEATS
-            and transaction.request_ns - old.request_ns <= REPEAT_NS
-            and old.request_octets == transaction.request_octets
-        ):
-            if no_answer(transaction, old):
-                self.anew = transaction.number
-            transaction.earlier = old
-            transaction.superseded = old.superseded  # only the latest of identical requests has this link
-            old.superseded = None
-            self.table[key] = transaction
-            return None
-        self.count -= depth
-        del self.table[key]  # so that the new one goes to the end: the table stays in the order of sending
-        self.table[key] = transaction
-        return old
-
-    def supersede(self, key: i64, transaction: Transaction, old: Transaction) -> bool:
-        """Open a request whose key is that of ``old``, and keep ``old`` open behind it; False when too many wait so already.
-
-        This is for a request that acknowledges octets which the capture has not shown yet (they hold the answer to ``old``),
-        and for one that a client sends while it still waits for others.
-        """
+    def join(self, key: i64, transaction: Transaction, before: Transaction) -> Row:
+        """Open a request whose key is that of ``before``, found by `add`, and return their row."""
         table = self.table
-        if self.count - len(table) >= MAX_BEHIND:
-            return False
+        rows = self._rows
+        if rows is None:
+            rows = self._rows = {}
+        row = rows.get(key)
+        if row is None:
+            row = rows[key] = Row(key, before)
+        row.requests.append(transaction)
         self.count += 1
-        transaction.superseded = old
         del table[key]  # so that the new one goes to the end: the table stays in the order of sending
         table[key] = transaction
-        return True
-
-    def row(self, found: Transaction) -> list[Transaction]:
-        """Return all open requests of one key, oldest first; they stay open. ``found`` is what `find` returns for the key."""
-        row: list[Transaction] = []
-        behind: Transaction | None = found
-        while behind is not None:
-            link: Transaction | None = behind
-            while link is not None:
-                row.append(link)
-                link = link.earlier
-            behind = behind.superseded
-        row.reverse()
         return row
 
-    def first(self, found: Transaction) -> Transaction:
-        """Return the oldest of the `row` of ``found``."""
-        oldest = found
-        while oldest.superseded is not None or oldest.earlier is not None:
-            oldest = oldest.superseded or oldest.earlier or oldest
-        return oldest
+    @property
+    def full(self) -> bool:
+        """True when more requests wait in rows than may."""
+        return self.count - len(self.table) > MAX_BEHIND
 
     def close(self, key: i64, chosen: Transaction) -> None:
-        """Close ``chosen``, which is any of the open requests of ``key``; the others stay open."""
-        newer: Transaction | None = None  # the request that ``head`` waits behind
-        head: Transaction | None = self.table.get(key)
-        while head is not None:
-            link: Transaction | None = head
-            while link is not None:
-                if link.earlier is chosen:
-                    link.earlier = chosen.earlier
-                    chosen.earlier = None
-                    self.count -= 1
-                    return
-                link = link.earlier
-            if head is chosen:
-                self._close_head(key, newer, head)
-                return
-            newer = head
-            head = head.superseded
-
-    def _close_head(self, key: i64, newer: Transaction | None, head: Transaction) -> None:
+        """Close any of the open requests of ``key``; the others stay open."""
+        row = self.row(key)
         self.count -= 1
-        rest = head.superseded
-        if head.earlier is not None:
-            head.earlier.superseded = rest
-            rest = head.earlier
-        head.earlier = None
-        head.superseded = None
-        if newer is not None:
-            newer.superseded = rest
-        elif rest is not None:
-            self._table[key] = rest
-        else:
-            del self._table[key]
+        if row is None:
+            if chosen is self.latest:
+                self.latest = None
+            elif chosen is self._before:
+                self._before = None
+            else:
+                del self._table[key]
+            return
+        row.requests.remove(chosen)
+        row.wanted.discard(chosen.number)
+        if self._table[key] is chosen:
+            self._table[key] = row.requests[len(row.requests) - 1]
+            if len(self._table) > 1:  # its place is before those that were sent later
+                self._table = dict(sorted(self._table.items(), key=_sent))
+        if len(row.requests) == 1 and not row.answers:
+            self._end_row(key)
 
-    def take_superseded(self, found: Transaction, end_seq: i64, ack: i64) -> Transaction | None:
-        """Close and return the request kept behind ``found`` that an answer belongs to, None for none.
+    def _end_row(self, key: i64) -> None:
+        rows = self._rows
+        if rows is not None:
+            del rows[key]
+            if not rows:
+                self._rows = None
 
-        The answer ends at ``end_seq`` and came with the acknowledgement ``ack``.
-        """
-        newer = found
-        older = found.superseded
-        while older is not None and excludes(older, end_seq, ack):
-            newer = older
-            older = older.superseded
-        return self._take_behind(newer, older) if older is not None else None
+    def under(self, key: i64) -> list[Transaction]:
+        """Return the open requests of ``key``, oldest first; they stay open."""
+        row = self.row(key)
+        if row is not None:
+            return list(row.requests)
+        found = self.find(key)
+        return [found] if found is not None else []
 
-    def drop_superseded(self, found: Transaction) -> list[Transaction]:
-        """Close and return all requests kept behind ``found``, oldest first: no answers to them will come."""
-        dropped: list[Transaction] = []
-        link = found.superseded
-        found.superseded = None
-        while link is not None:
-            behind = link.superseded
-            link.superseded = None
-            identical: Transaction | None = link
-            while identical is not None:
-                dropped.append(identical)
-                self.count -= 1
-                before = identical.earlier
-                identical.earlier = None
-                identical = before
-            link = behind
-        dropped.reverse()
-        return dropped
+    def hold(self, row: Row, answer: HeldAnswer) -> None:
+        """Keep an answer in ``row`` until it is known which request it belongs to."""
+        if not row.answers:
+            if self.undecided is None:
+                self.undecided = []
+            self.undecided.append(row)
+        row.hold(answer)
 
-    def take(self, key: i64, found: Transaction) -> Transaction:
-        """Close and return ``found``, which is what `find` returns for ``key``, or the oldest of those identical to it."""
-        self.count -= 1
-        if found.earlier is not None:
-            return _earliest_of(found)
-        if found is self.latest:
-            self.latest = None
-        elif found is self._before:
-            self._before = None
-        else:
-            del self._table[key]
-        return found
+    def release(self, row: Row) -> list[HeldAnswer]:
+        """Remove and return the answers that ``row`` holds."""
+        answers = row.answers
+        row.answers = []
+        row.wanted = set()
+        if self.undecided is not None:
+            self.undecided = [one for one in self.undecided if one is not row] or None
+        if len(row.requests) == 1:
+            self._end_row(row.key)
+        return answers
 
-    def _take_behind(self, newer: Transaction, older: Transaction) -> Transaction:
-        """Close and return ``older``, which is kept behind ``newer``, or the oldest of the requests identical to it."""
-        self.count -= 1
-        if older.earlier is not None:
-            return _earliest_of(older)
-        newer.superseded = older.superseded
-        older.superseded = None
-        return older
-
-    def lose(self, found: Transaction, frame: i64, hole_frame: i64) -> Transaction | None:
-        """Close those of several identical requests whose answers are in a gap; return them, linked by ``earlier``.
-
-        The answer in packet ``frame`` is taken to belong to the latest request captured before it. Requests before that one
-        will not be answered if they came before packet ``hole_frame``, at which the gap was given up.
-        """
-        keep = found
-        while keep.earlier is not None and keep.request_frame > frame:
-            keep = keep.earlier
-        while keep.earlier is not None and keep.earlier.request_frame > hole_frame:
-            keep = keep.earlier
-        lost = keep.earlier
-        if lost is not None:
-            keep.earlier = None
-            self.count -= self._depth(lost)
-        return lost
-
-    def oldest(self) -> Transaction | None:
-        """Close and return the request that has been open longest (the table is full), None when none is open."""
+    def oldest(self) -> tuple[int, Transaction] | None:
+        """Return the request that has been open longest, with its key, None when none is open; it stays open."""
         self._given_up += 1
         if self._given_up % _FRESH == 0:
             # Finding the first entry of a dict takes longer the more entries were deleted before it.
             self._table = {key: found for key, found in self.table.items()}  # noqa: C416 - dict() copies the gaps too
         for key, found in self.table.items():
-            newer = found
-            behind = found.superseded
-            while behind is not None and behind.superseded is not None:
-                newer = behind
-                behind = behind.superseded
-            return self._take_behind(newer, behind) if behind is not None else self.take(key, found)
+            row = self.row(key)
+            return key, (found if row is None else row.requests[0])
         return None
 
     def asked_after(self, number: i64) -> list[Transaction]:
         """Return the open requests with a larger number than ``number``, in order of their numbers; they stay open."""
+        return self._found(number, 0)
+
+    def recent(self, number: i64, enough: i64) -> list[Transaction]:
+        """Return what `asked_after` does, but stop looking once more than ``enough`` were found."""
+        return self._found(number, enough)
+
+    def _found(self, number: i64, enough: i64) -> list[Transaction]:
         found: list[Transaction] = []
-        for entry in self.table.values():
-            row: Transaction | None = entry
-            while row is not None:
-                link: Transaction | None = row
-                while link is not None:
-                    if link.number > number:
-                        found.append(link)
-                    link = link.earlier
-                row = row.superseded
+        for key, latest in reversed(self.table.items()):
+            if latest.number <= number or 0 < enough < len(found):
+                break  # those before it were sent earlier
+            row = self.row(key)
+            if row is None:
+                found.append(latest)
+            else:
+                found += [one for one in row.requests if one.number > number]
         found.sort(key=_number)
         return found
 
     def drain(self) -> list[Transaction]:
         """Close and return every open request, oldest first."""
-        found: list[Transaction] = []
-        for entry in self.table.values():
-            found.extend(self.drop_superseded(entry))
-            link: Transaction | None = entry
-            while link is not None:
-                found.append(link)
-                link = link.earlier
-        for transaction in found:
-            transaction.earlier = None
-        found.sort(key=_number)
+        found = self._found(-1, 0)
         self._table = {}
+        self._rows = None
+        self.undecided = None
         self.count = 0
         return found
 
-    def open_since(self, time_ns: i64, frame: i64, enough: i64) -> i64:
-        """Return how many of the requests sent at ``time_ns`` or later, and after packet ``frame``, are still open.
+    def open_since(self, time_ns: i64, frame: i64, ack: i64, enough: i64) -> i64:
+        """Return how many of the requests sent at ``time_ns`` or later are certainly open.
 
-        Counting stops at ``enough``. Some identical requests may be overlooked: they stand at the place of their first one.
+        Those up to packet ``frame`` may be answered in a gap, unless they acknowledged octets up to ``ack``, where that gap
+        ends (-1: unknown). Counting stops at ``enough``. Some requests of one key may be overlooked: they stand at the place of
+        their latest.
         """
         # After a lost answer its request stays open and each new request calls this. So the oldest are looked at first: they
         # often show that fewer than ``enough`` are recent.
         spare: i64 = self.count - enough
         for transaction in self._table.values():
-            if not 0 <= spare <= _FEW_OLD or (transaction.request_ns >= time_ns and transaction.request_frame > frame):
+            if not 0 <= spare <= _FEW_OLD or _certain(transaction, time_ns, frame, ack):
                 break
             if spare == 0:
                 return enough - 1
@@ -388,53 +355,44 @@ class OpenRequests:
         count: i64 = 0
         recent = self.latest
         if recent is not None:  # alone under its key: requests that share one are in the table
-            if recent.request_ns < time_ns or recent.request_frame <= frame or enough == 0:
+            if enough == 0 or not _certain(recent, time_ns, frame, ack):
                 return 0
             count = 1
         recent = self._before
         if recent is not None:
-            if recent.request_ns < time_ns or recent.request_frame <= frame or count == enough:
+            if count == enough or not _certain(recent, time_ns, frame, ack):
                 return count
             count += 1
-        for transaction in reversed(self._table.values()):
-            behind: Transaction | None = transaction
-            link: Transaction | None = None
-            while behind is not None and link is None and count < enough:
-                link = behind
-                while link is not None and link.request_ns >= time_ns and link.request_frame > frame:
-                    count += 1
-                    link = link.earlier
-                behind = behind.superseded
-            if link is transaction or count >= enough:
+        for key, transaction in reversed(self._table.items()):
+            if count >= enough or not _certain(transaction, time_ns, frame, ack):
                 break
+            row = self.row(key)
+            if row is None:
+                count += 1
+            else:
+                for one in row.requests:
+                    if _certain(one, time_ns, frame, ack):
+                        count += 1
         return count
-
-    def _depth(self, transaction: Transaction) -> i64:
-        size: i64 = 1
-        link = transaction.earlier
-        while link is not None:
-            size += 1
-            link = link.earlier
-        return size
 
     def hold_orphan(self, key: i64, answer: Transaction, ack: i64, packet: i64) -> Transaction | None:
         """Hold an answer for its request; return the oldest held answer if there are too many, else None."""
         orphans = self.orphans
         if orphans is None:
             orphans = self.orphans = []
-        orphans.append(Orphan(key, answer, ack, packet))
+        orphans.append(HeldAnswer(key, answer, ack, packet))
         if len(orphans) > MAX_ORPHANS:
             return orphans.pop(0).transaction
         return None
 
-    def find_orphan(self, key: i64, end_seq: i64) -> Orphan | None:
+    def find_orphan(self, key: i64, end_seq: i64) -> HeldAnswer | None:
         """Return the held answer that fits a request ending at sequence number ``end_seq``, None when there is none."""
         for orphan in self.orphans or []:
             if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
                 return orphan
         return None
 
-    def release_orphan(self, orphan: Orphan) -> None:
+    def release_orphan(self, orphan: HeldAnswer) -> None:
         """Stop holding an answer: its request has come."""
         if self.orphans is not None:
             self.orphans.remove(orphan)
@@ -446,7 +404,7 @@ class OpenRequests:
         Their own requests came before that one and were not captured: every later request ends further on.
         """
         passed: list[Transaction] = []
-        kept: list[Orphan] = []
+        kept: list[HeldAnswer] = []
         for orphan in self.orphans or []:
             if orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) >= HALF_SPACE:
                 passed.append(orphan.transaction)
@@ -473,15 +431,16 @@ class OpenRequests:
         return gone
 
 
-def _earliest_of(found: Transaction) -> Transaction:
-    """Remove the oldest of several identical requests from the chain that begins with ``found``, and return it."""
-    newer = oldest = found
-    while oldest.earlier is not None:
-        newer = oldest
-        oldest = oldest.earlier
-    newer.earlier = None
-    return oldest
+def _certain(request: Transaction, time_ns: i64, frame: i64, ack: i64) -> bool:
+    """Return whether a request was sent at ``time_ns`` or later and cannot be answered in a gap (see `open_since`)."""
+    if request.request_ns < time_ns:
+        return False
+    return request.request_frame > frame or (ack >= 0 and acknowledged(request, ack))
 
 
 def _number(transaction: Transaction) -> int:
     return transaction.number
+
+
+def _sent(entry: tuple[int, Transaction]) -> int:
+    return entry[1].number

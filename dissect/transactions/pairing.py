@@ -18,19 +18,34 @@ from dissect.s7.parameters import Parameters
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.transactions.alike import (
+    REST_NS,
+    assign,
+    fitting,
+    in_turn,
+    is_complete,
+    is_due,
+    is_over,
+    is_repeat,
+    not_passed,
+    possible,
+)
+from dissect.transactions.checks import check_answer, check_data_codes
 from dissect.transactions.contradictions import contradicts, is_strange
+from dissect.transactions.gaps import answered_in, between, has_gaps, missing_since, passed_over, perhaps_answered
 from dissect.transactions.open_requests import (
-    FEW_JOBS,
     GIVEN_UP_NS,
-    REPEAT_NS,
+    NEVER_NS,
+    HeldAnswer,
     OpenRequests,
+    Row,
     acknowledged,
-    excludes,
-    no_answer,
 )
 from dissect.transactions.results import (
+    ALIKE,
     EXPECTED,
     FUNCTION_MISMATCH,
+    GAPS,
     REORDERED,
     SentAgain,
     check_notification,
@@ -50,8 +65,6 @@ from dissect.transactions.transaction import (
     TABLE_FULL,
     UNANSWERED,
     Transaction,
-    check_answer,
-    check_data_codes,
 )
 from dissect.wire.build import COMPILED
 
@@ -96,6 +109,7 @@ class Dialogue:
         self.also: list[Transaction] = []  # ended beside the PDU at hand; `Exchange.beside` reports and clears them
         self.holding: list[Side] = []  # sides whose answer is held for its request, since the pipeline last looked
         self.several: bool = False  # other requests were open when the side of the latest request sent it
+        self.shared: bool = False  # ... one of them with its reference; set back by who reports it
         self.watching: bool = False  # an `OverdueWatch` takes the sides from `asking`
         self.asking: list[Side] = []  # sides that sent requests since it last looked, except those it watches already
 
@@ -122,6 +136,7 @@ class Dialogue:
         transaction.request_frame = frame
         transaction.request_ns = time_ns
         transaction.request_ack = side.last_ack
+        transaction.request_seq = (side.end_seq - len(side.stream.last)) & MASK
         transaction.request_buf = buf
         transaction.request_offset = at
         transaction.request_size = size
@@ -132,41 +147,64 @@ class Dialogue:
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         requests = connection.open_requests[asked_by]
         self.several = requests.count > 0
-        if requests.orphans is not None:
-            orphan = requests.find_orphan(key, side.end_seq)
-            if orphan is not None and not (_holes(side) and is_strange(transaction, orphan.transaction)):
-                requests.release_orphan(orphan)
-                if orphan.transaction.response_frame < frame:
-                    transaction.flags |= REORDERED
-                self._join(transaction, orphan.transaction)
-                requests.answered = transaction.number
-                return transaction
-            if side.peer is not None:
-                for passed in requests.passed_orphans(side.end_seq):
-                    self._give_up_orphan(passed, side.peer)
+        if requests.orphans is not None and self._find_answer(side, requests, key, transaction):
+            return transaction
         self.open += 1
         if self.watching and not side.watched:
             self._watch(side)
         if requests.count == 0:  # nearly always
+            if key == requests.latest_key:
+                requests.repeats += 1
+                if requests.doubtful and time_ns - connection.last_answer_ns > REST_NS:
+                    requests.doubtful = False
             requests.count = 1
             requests.latest = transaction
             requests.latest_key = key
             return None
-        answering = side.peer
         waiting = requests.add(key, transaction)
         if waiting is not None:
-            transaction.request_seq = (side.end_seq - len(side.stream.last)) & MASK
-            expected: bool = answering is not None and _unseen(transaction, waiting, answering)
-            beside: bool = expected or _is_beside(side, transaction, waiting)
-            kept: bool = beside and requests.supersede(key, transaction, waiting)
-            replaced = None if kept else requests.add_again(key, transaction, waiting)
-            if replaced is not None:
-                self._replace(replaced, answering)
+            self._ask_again(side, requests, key, transaction, waiting)
         if requests.count > MAX_OPEN or (self.open > MAX_OPEN_ALL and requests.count > FEW_OPEN):
             oldest = requests.oldest()
             if oldest is not None:
-                self._give_up(oldest, answering, TABLE_FULL)
+                self._close(side.peer, requests, oldest[0], oldest[1], TABLE_FULL)
         return None
+
+    def _find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
+        """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
+        orphan = requests.find_orphan(key, side.end_seq)
+        if orphan is not None and not (has_gaps(side) and is_strange(transaction, orphan.transaction)):
+            requests.release_orphan(orphan)
+            if orphan.transaction.response_frame < transaction.request_frame:
+                transaction.flags |= REORDERED
+            self._join(transaction, orphan.transaction)
+            requests.answered = transaction.number
+            return True
+        if side.peer is not None:
+            for passed in requests.passed_orphans(side.end_seq):
+                self._give_up_orphan(passed, side.peer)
+        return False
+
+    def _ask_again(
+        self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction, before: Transaction
+    ) -> None:
+        """Open a request whose reference is that of ``before``, which is still open; give up those that nobody answers now."""
+        requests.repeats += 1
+        row = requests.join(key, transaction, before)
+        if row.answers and requests.full:
+            self._settle(side, requests, row, False)
+        if not row.answers:
+            for one in list(row.requests):
+                if requests.full or transaction.request_ns - one.request_ns > NEVER_NS:
+                    self._close(side.peer, requests, key, one, REFERENCE_REUSED)
+        answering = side.peer
+        if (
+            transaction.request_ns - before.request_ns <= GIVEN_UP_NS
+            and not is_repeat(transaction, before)
+            and answering is not None
+            and not (answering.unfinished or perhaps_answered(before, answering))
+        ):
+            self.shared = True
 
     def _watch(self, side: Side) -> None:
         side.watched = True
@@ -196,19 +234,13 @@ class Dialogue:
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         waiting = requests.latest
         if waiting is None or key != requests.latest_key:
+            row = requests.row(key)
+            if row is not None:
+                answer = self._hold(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+                return self._answer_one(
+                    side, requests, row, HeldAnswer(key, answer, side.last_ack, side.tcp.packets), data_at
+                )
             waiting = requests.find(key)
-            if waiting is not None and waiting.request_seq >= 0:
-                waiting = self._take_one(side, key, waiting, rosctr, parameters, buf, at, size, data_at, frame)
-                if waiting is None:
-                    self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
-                    return None
-                self.open -= 1
-                requests.answered = waiting.number
-                if mismatch(waiting.parameters, parameters):
-                    waiting.flags |= FUNCTION_MISMATCH
-                waiting.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-                self._answered(waiting, parameters, data_at)
-                return waiting
         if (
             waiting is not None
             and (waiting.request_ack - side.end_seq) & MASK < HALF_SPACE  # part of `acknowledged`: enough for most
@@ -216,23 +248,27 @@ class Dialogue:
         ):
             waiting = None  # the asking side had received this answer before it sent that request
         asking = side.peer
-        holes: bool = side.holes > 0 or (asking is not None and asking.holes > 0)  # `_holes`, inlined
+        gaps: bool = side.holes > 0 or asking is None or asking.holes > 0 or asking.is_ahead(side.last_ack)
         if waiting is None or (
-            holes
+            gaps
             and (
-                _passed_over(side, requests, waiting)
-                or contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
+                passed_over(side, requests, waiting) or contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
             )
         ):
             # A gap may contain the answer to the open request, or the request of this answer.
-            self._orphan(side, key, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+            answer = self._hold(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+            self._orphan(side, key, answer)
             return None
         if waiting is requests.latest:  # nearly always
             requests.latest = None
             requests.count -= 1
         else:
-            requests.take(key, waiting)
+            requests.close(key, waiting)
         self.open -= 1
+        if gaps:
+            self._note_gaps(side, requests, waiting)
+        if requests.doubtful:
+            waiting.flags |= ALIKE
         requests.answered = waiting.number
         if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
             if mismatch(waiting.parameters, parameters):
@@ -241,80 +277,93 @@ class Dialogue:
         self._answered(waiting, parameters, data_at)
         return waiting
 
-    def _take_one(
-        self,
-        side: Side,
-        key: i64,
-        waiting: Transaction,
-        rosctr: i64,
-        parameters: Parameters,
-        buf: bytes,
-        at: i64,
-        size: i64,
-        data_at: i64,
-        frame: i64,
+    def _note_gaps(self, side: Side, requests: OpenRequests, request: Transaction) -> None:
+        """``request`` is answered, and the capture has gaps: note what that says of it and of the requests before it."""
+        if between(side, request):
+            request.flags |= GAPS
+        lost = requests.lost
+        if lost:
+            requests.lost = []
+            for one in lost:
+                if one.number < request.number:  # servers answer in order
+                    self._close(side, requests, key_of(one.rosctr, one.pdu_ref), one, HOLE, True)
+
+    def _answer_one(
+        self, side: Side, requests: OpenRequests, row: Row, answer: HeldAnswer, data_at: i64
     ) -> Transaction | None:
-        """Close and return the request that an answer belongs to, None for none, if its reference was used again while open.
+        """Take an answer whose reference several open requests have: complete one, or hold it until it is known which."""
+        told = answer.transaction
+        gaps: bool = has_gaps(side)
+        placed = possible(row, side.end_seq, answer.ack, side.hole_end if gaps else -1, requests.lost)
+        shaped = fitting(placed, told, data_at)
+        if not shaped and placed and not gaps:
+            shaped = placed[:1]  # without gaps, the device is wrong
+        fits = not_passed(shaped, requests.answered)
+        if not fits:
+            self._orphan(side, row.key, told)
+            return None
+        if row.answers or not (len(fits) == 1 or (in_turn(fits) and not (gaps and missing_since(side, fits[0])))):
+            answer.fits = fits
+            requests.hold(row, answer)
+            if not side.waiting:
+                self.holding.append(side)
+            if is_complete(row) or is_due(row, told.response_ns):
+                self._settle(side, requests, row, False)
+            return None
+        request = fits[0]
+        if len(shaped) > len(fits):
+            request.flags |= ALIKE
+        requests.close(row.key, request)
+        self._pair(side, requests, request, told)
+        if gaps:
+            for one in requests.under(row.key):
+                if one.number < request.number and perhaps_answered(one, side):
+                    self._close(side, requests, row.key, one, HOLE)
+        return request
 
-        ``waiting`` is the latest open request of that reference.
-        """
+    def _pair(self, side: Side, requests: OpenRequests, request: Transaction, answer: Transaction) -> None:
+        """Complete ``request``, which is closed already, by an answer of ``side``."""
+        self.open -= 1
+        if has_gaps(side):
+            self._note_gaps(side, requests, request)
+        if requests.doubtful:
+            request.flags |= ALIKE
+        requests.answered = max(requests.answered, request.number)
+        self._join(request, answer)
+
+    def _settle(self, answering: Side | None, requests: OpenRequests, row: Row, over: bool) -> None:
+        """Decide which request of a row each answer that it holds belongs to; the pairs go to ``also``."""
+        if answering is None:
+            return
+        complete: bool = is_complete(row)
+        asked = row.requests[0]
+        sure: bool = complete and not (has_gaps(answering) and missing_since(answering, asked))
+        chosen = assign(row, over)
+        answers = requests.release(row)
+        last: i64 = 0
+        for index in range(len(answers)):
+            request = chosen[index]
+            told = answers[index].transaction
+            if request is None:
+                self._orphan(answering, row.key, told)
+                continue
+            if not sure:
+                request.flags |= ALIKE
+            requests.close(row.key, request)
+            self._pair(answering, requests, request, told)
+            self.also.append(request)
+            last = request.number
+        if not complete:
+            requests.doubtful = True
+            for one in requests.under(row.key):
+                if one.number < last:
+                    self._close(answering, requests, row.key, one, REFERENCE_REUSED)
+
+    def lost(self, side: Side, size: i64) -> None:
+        """``size`` octets of ``side`` were not captured: remember the requests that were answered in them."""
         requests = side.connection.open_requests[1 - side.index]
-        holes: bool = _holes(side)
-        if holes and _passed_over(side, requests, waiting):
-            return None
-        if side.connection.jobs_allowed(1 - side.index) > 1 and side.hole_frame < requests.first(waiting).request_frame:
-            return self._take_oldest(side, key, waiting, rosctr, parameters, buf, at, size, data_at)
-        if waiting.earlier is None and excludes(waiting, side.end_seq, side.last_ack):
-            # The answer cannot be that of `waiting`: it belongs to a request before that one, or to none.
-            older = requests.take_superseded(waiting, side.end_seq, side.last_ack)
-            if older is not None and holes and contradicts(older, rosctr, parameters, buf, at, size, data_at):
-                self._give_up(older, side, REFERENCE_REUSED)
-                return None
-            return older
-        if holes and contradicts(waiting, rosctr, parameters, buf, at, size, data_at):
-            return None
-        if waiting.earlier is not None and side.hole_frame:
-            lost = requests.lose(waiting, frame, side.hole_frame)
-            if lost is not None:
-                self._replace(lost, side)
-        for late in requests.drop_superseded(waiting):  # requests sent before it would have been answered before it
-            self._give_up(late, side, REFERENCE_REUSED)
-        return requests.take(key, waiting)
-
-    def _take_oldest(
-        self,
-        side: Side,
-        key: i64,
-        waiting: Transaction,
-        rosctr: i64,
-        parameters: Parameters,
-        buf: bytes,
-        at: i64,
-        size: i64,
-        data_at: i64,
-    ) -> Transaction | None:
-        """Close and return the oldest open request of a reference that an answer fits: answers come in the requests' order.
-
-        ``waiting`` is the latest of these requests.
-        """
-        requests = side.connection.open_requests[1 - side.index]
-        row = [one for one in requests.row(waiting) if not excludes(one, side.end_seq, side.last_ack)]
-        if not row:
-            return None
-        chosen: Transaction | None = None
-        latest_ns: i64 = row[len(row) - 1].request_ns
-        for one in row:
-            if latest_ns - one.request_ns > REPEAT_NS:  # the client gave it up before it sent the latest one
-                requests.close(key, one)
-                self._give_up(one, side, REFERENCE_REUSED)
-            elif not contradicts(one, rosctr, parameters, buf, at, size, data_at):
-                chosen = one
-                break
-            elif chosen is None and not _holes(side):
-                chosen = one  # taken if the answer fits none of them: without gaps, the device is wrong
-        if chosen is not None:
-            requests.close(key, chosen)
-        return chosen
+        if requests.count:
+            requests.lost = answered_in(side, size, requests)
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """The transaction has its answer, with ``parameters``: check the answer and count it."""
@@ -393,22 +442,44 @@ class Dialogue:
         return transaction
 
     def expire(self, side: Side, time_ns: i64) -> None:
-        """Give up answers of ``side`` that were held for their request too long; they go to ``also``."""
+        """Give up answers of ``side`` that were held for their request too long, or decide whose they are; see ``also``."""
         asking = side.peer
         requests = side.connection.open_requests[1 - side.index]
+        if requests.undecided is not None:
+            for row in requests.undecided:
+                over: bool = is_over(row, time_ns, side.tcp.last_ns)
+                if over or is_due(row, time_ns):
+                    self._settle(side, requests, row, over)
         if requests.orphans is None:
             return
         begun: bool = asking is not None and asking.unfinished
         for transaction in requests.expired_orphans(time_ns, side.tcp.packets, begun):
             self._give_up_orphan(transaction, side)
 
+    def certainly_open(self, side: Side) -> list[Transaction]:
+        """The connection of ``side`` ends: return its open requests, without those whose answer may be in a gap.
+
+        Answers that are held go to the requests they belong to before, as `also`.
+        """
+        requests = side.connection.open_requests[side.index]
+        answering = side.peer
+        if requests.undecided is not None:
+            for row in requests.undecided:
+                self._settle(answering, requests, row, True)
+        if answering is None or requests.count == 0:
+            return []
+        return [
+            one for one in requests.asked_after(-1) if one not in requests.lost and not perhaps_answered(one, answering)
+        ]
+
     def end(self, side: Side, reason: str) -> None:
         """The connection of ``side`` ends: close all open requests of ``side``, and the answers held for its requests."""
         connection = side.connection
         requests = connection.open_requests[side.index]
         answering = side.peer
+        lost = requests.lost
         for transaction in requests.drain() if requests.count else []:
-            self._give_up(transaction, answering, reason)
+            self._give_up(transaction, answering, reason, transaction in lost)
             if reason != CAPTURE_ENDED and transaction.outcome == UNANSWERED:
                 connection.open_at_end += 1
         if requests.orphans is not None and answering is not None:
@@ -416,22 +487,21 @@ class Dialogue:
                 self._give_up_orphan(orphan.transaction, answering)
             requests.orphans = None
 
-    def _replace(self, replaced: Transaction, answering: Side | None) -> None:
-        """The reference of an open request is used again: that request, and those that wait before it, stay unanswered."""
-        requests = replaced.connection.open_requests[replaced.asked_by]
-        for transaction in requests.drop_superseded(replaced):
-            self._give_up(transaction, answering, REFERENCE_REUSED)
-        chain: list[Transaction] = []
-        link: Transaction | None = replaced
-        while link is not None:
-            chain.append(link)
-            link = link.earlier
-        for transaction in reversed(chain):
-            transaction.earlier = None
-            self._give_up(transaction, answering, REFERENCE_REUSED)
+    def _close(
+        self,
+        answering: Side | None,
+        requests: OpenRequests,
+        key: i64,
+        transaction: Transaction,
+        reason: str,
+        answered: bool = False,
+    ) -> None:
+        """Close one of the open requests of ``key`` without an answer; the rest is as in `_give_up`."""
+        requests.close(key, transaction)
+        self._give_up(transaction, answering, reason, answered)
 
-    def _give_up(self, transaction: Transaction, answering: Side | None, reason: str) -> None:
-        """Close a request without an answer; where the answering side has a gap since the request, that is the reason."""
+    def _give_up(self, transaction: Transaction, answering: Side | None, reason: str, answered: bool) -> None:
+        """End a request without an answer; where one was sent and not captured (``answered``), or perhaps so, say that."""
         self.open -= 1
         if not wants_answer(transaction):
             transaction.outcome = PUSH
@@ -440,18 +510,20 @@ class Dialogue:
             return
         transaction.outcome = UNANSWERED
         transaction.reason = reason
-        if answering is not None:
-            if answering.hole_frame >= transaction.request_frame:
+        if answered:
+            transaction.reason = HOLE
+        elif answering is not None:
+            if perhaps_answered(transaction, answering):
                 transaction.reason = HOLE
+                transaction.flags |= GAPS
             elif not answering.captured:
                 transaction.flags |= EXPECTED
         transaction.connection.unanswered += 1
         self.also.append(transaction)
 
-    def _orphan(
+    def _hold(
         self,
         side: Side,
-        key: i64,
         rosctr: i64,
         pdu_ref: i64,
         parameters: Parameters,
@@ -460,10 +532,15 @@ class Dialogue:
         size: i64,
         frame: i64,
         time_ns: i64,
-    ) -> None:
+    ) -> Transaction:
+        """Return an answer as a transaction without a request, until its request is known."""
         transaction = Transaction(0, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
         transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
         transaction.outcome = ORPHAN
+        return transaction
+
+    def _orphan(self, side: Side, key: i64, transaction: Transaction) -> None:
+        """Hold an answer of ``side`` for its request."""
         asking = side.peer
         if asking is not None and asking.requests == 0 and (side.connection.mid_stream or not asking.captured):
             transaction.flags |= EXPECTED
@@ -505,62 +582,3 @@ class Dialogue:
         )
         head: i64 = 12 if rosctr == ACK or rosctr == ACK_DATA else 10
         self._answered(transaction, parameters, at + head + len(parameters.octets))
-
-
-def _passed_over(side: Side, requests: OpenRequests, waiting: Transaction) -> bool:
-    """Return whether an answer of ``side`` probably belongs to a later request than ``waiting``, of the same reference.
-
-    That is so where octets of both sides are missing after ``waiting``: they may include its answer, and another request that
-    uses the reference again. Servers answer in order, so they do include them if a request sent later is answered already.
-    """
-    asking = side.peer
-    asked: i64 = waiting.request_frame
-    if asking is None or side.hole_frame <= asked or requests.answered <= waiting.number:
-        return False
-    # The asking side has a gap, or one that is not given up yet: the answer acknowledges octets that were not captured.
-    return asking.hole_frame > asked or 0 < (side.last_ack - asking.stream.next_seq) & MASK < HALF_SPACE
-
-
-def _unseen(request: Transaction, before: Transaction, answering: Side) -> bool:
-    """Return whether a request acknowledges octets of the answering side that were not passed on yet as whole messages.
-
-    Where the capture has shown no octet of that side: octets that ``before``, the request before, did not acknowledge.
-    """
-    if answering.unfinished:
-        return True
-    shown: i64 = answering.stream.next_seq
-    if shown < 0:
-        shown = before.request_ack
-    ahead: i64 = (request.request_ack - shown) & MASK
-    return request.request_ack >= 0 and shown >= 0 and 0 < ahead < HALF_SPACE
-
-
-def _is_beside(side: Side, request: Transaction, before: Transaction) -> bool:
-    """Return whether the client sent ``request`` while it still waits for the answer to ``before``, of the same reference.
-
-    That needs room for another parallel job, and no gap that may hold the answer to ``before``. A request that is identical
-    to ``before``, or comes after the client gave ``before`` up, does not count. If both stayed open then, each later answer
-    would be paired with the request before its own.
-    """
-    connection = side.connection
-    allowed: i64 = connection.jobs_allowed(side.index)
-    if allowed < 2 or request.request_ns - before.request_ns > REPEAT_NS or no_answer(request, before):
-        return False
-    peer = side.peer
-    if peer is None or peer.hole_frame >= before.request_frame or side.hole_frame >= before.request_frame:
-        return False
-    requests = connection.open_requests[side.index]
-    if before.number == requests.anew:
-        return False
-    if requests.count >= allowed:
-        # A request that has had no answer for long was given up by its client.
-        since_ns: i64 = request.request_ns - GIVEN_UP_NS
-        if allowed >= FEW_JOBS or requests.open_since(since_ns, peer.hole_frame, allowed) >= allowed:
-            return False
-    return before.request_octets != request.request_octets
-
-
-def _holes(side: Side) -> bool:
-    """Return whether octets of either side of a connection are missing from the capture."""
-    peer = side.peer
-    return side.holes > 0 or (peer is not None and peer.holes > 0)

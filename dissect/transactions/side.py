@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mypy_extensions import i64
 
 from dissect.ibh.framer import PacketFramer
@@ -10,11 +12,14 @@ from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
 from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import HalfStream
+from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, HalfStream
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
 from dissect.transactions.stray import Stray
+
+#: More octets than this are not missing, as they exceed the largest window (RFC 7323, 2.3): the acknowledgement is not of them.
+_MOST_UNSEEN: Final = 1 << 30
 
 
 class Place:
@@ -33,6 +38,7 @@ class Side:
     """One direction of a connection: what side ``index`` sends, and the state of everything that reads it."""
 
     __slots__ = (
+        "acked",
         "addresses",
         "also",
         "assembler",
@@ -40,7 +46,9 @@ class Side:
         "begun_tsdu",
         "connection",
         "end_seq",
+        "first_ack",
         "framer",
+        "hole_end",
         "hole_frame",
         "holes",
         "ibh",
@@ -87,6 +95,8 @@ class Side:
         self.addresses: i64 = 0
         self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
+        self.acked: i64 = -1  # the highest sequence number of the other side that it acknowledged so far, -1 for none
+        self.first_ack: i64 = -1  # the first one
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
         self.begun_tsdu: Place | None = None  # the latest one with a DT that left a TSDU unfinished
@@ -97,6 +107,9 @@ class Side:
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
+        self.hole_end: i64 = (
+            -1
+        )  # sequence number after it, -1 for none, or where it is the rest of a packet that was cut
         self.waiting: bool = False  # `Timers` has it in its list of sides to look at when time passes
         self.watched: bool = False  # `OverdueWatch` looks at its requests
         self.told_jobs: i64 = 0  # packet of its latest request that was one more than was granted
@@ -126,6 +139,32 @@ class Side:
         place.end_seq = self.end_seq
         place.ack = self.last_ack
         return place
+
+    def note_ack(self, seq: i64, ack: i64) -> None:
+        """Take the acknowledgement of a packet of this side; one with a far sequence number ``seq`` may be of another one."""
+        if self.stream.next_seq >= 0 and not -FAR_AHEAD <= self.stream.distance(seq) <= FAR_AHEAD:
+            return
+        if self.acked < 0:
+            self.acked = ack
+            self.first_ack = ack
+        elif (ack - self.acked) & MASK < HALF_SPACE:
+            self.acked = ack
+
+    def is_ahead(self, ack: i64) -> bool:
+        """Return whether ``ack``, of the other side, acknowledges octets of this side that were not passed on yet."""
+        return ack >= 0 and 0 < (ack - self.stream.next_seq) & MASK < HALF_SPACE
+
+    @property
+    def unseen(self) -> i64:
+        """How many octets of this side the other side acknowledged that were not passed on; 0 for one, which may be a FIN."""
+        peer = self.peer
+        if peer is None or peer.acked < 0:
+            return 0
+        known: i64 = self.stream.next_seq
+        if known < 0:
+            known = peer.first_ack
+        ahead: i64 = (peer.acked - known) & MASK
+        return ahead if 1 < ahead < _MOST_UNSEEN else 0
 
     @property
     def at_rest(self) -> bool:

@@ -1,8 +1,4 @@
-"""`Transaction`: a request and its answer, either of which may be missing, and the first check of the answer.
-
-`check_answer` checks every answer (reference 5.1 and 7.3). It steps over the items without making objects of them; those are
-made only when `Transaction.results` is called.
-"""
+"""`Transaction`: a request and its answer, either of which may be missing, and what became of them."""
 
 from __future__ import annotations
 
@@ -14,15 +10,9 @@ from dissect.s7.body import Body
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import (
     DataItem,
-    Item,
     ItemResult,
-    begin_alike,
-    data_size_within,
-    item_heads,
-    odd_data_code,
     parse_data_items,
     read_results,
-    walk_areas,
     write_results,
 )
 from dissect.s7.message import Pdu, parse_pdu
@@ -32,8 +22,6 @@ from dissect.s7.tables import (
     JOB,
     READ_VAR,
     RETURN_CODES,
-    SETUP_COMMUNICATION,
-    SUCCESS,
     USERDATA,
     WRITE_VAR,
 )
@@ -47,33 +35,25 @@ from dissect.s7plus.tables import NOTIFIED, PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
-    BAD_DATA,
-    COUNT_MISMATCH,
     DOUBTS,
     EXPECTED,
-    FUNCTION_MISMATCH,
     GAPS,
     HEADER,
     ITEM,
     MESSAGE,
     NO_CODE,
     NO_CODE_TEXTS,
-    ODD_DATA_CODE,
     PARAMETER,
     RETURN_VALUE,
-    SIZE_MISMATCH,
     STILL_OPEN,
     UNCONFIRMED,
     SentAgain,
     Subscription,
     TransactionError,
     alarm_errors,
-    check_other_answer,
     has_items,
     userdata_results,
 )
-from dissect.wire.build import COMPILED
-from dissect.wire.octets import u16, u32
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -136,7 +116,6 @@ class Transaction:
         "asked_by",
         "carried",
         "connection",
-        "earlier",
         "error_code",
         "flags",
         "has_errors",
@@ -163,7 +142,6 @@ class Transaction:
         "rosctr",
         "skimmed",
         "subscribed",
-        "superseded",
     )
 
     def __init__(
@@ -176,7 +154,7 @@ class Transaction:
         self.pdu_ref: i64 = pdu_ref
         self.parameters: Parameters = parameters  # of the request; of the answer when there is no request
         self.request_ack: i64 = -1  # TCP acknowledgement that the request came with, -1 for none
-        self.request_seq: i64 = -1  # where its last segment begins, if its reference was still open then; else -1
+        self.request_seq: i64 = -1  # TCP sequence number where its last segment begins
         self.request_frame: i64 = 0
         self.request_ns: i64 = 0
         self.request_buf: bytes = b""
@@ -195,8 +173,6 @@ class Transaction:
         self.has_errors: bool = False
         self.flags: i64 = 0
         self.skimmed: i64 = -1  # what `dissect.s7plus.refusals.glimpse` returned for the answer, -1 for none
-        self.superseded: Transaction | None = None  # an older open request of the same reference (see `OpenRequests`)
-        self.earlier: Transaction | None = None  # an older open request of the same reference that is identical
         self.subscribed: Subscription | None = None  # of a push: the subscription it belongs to, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
         self.again: SentAgain | None = None  # of a request that TCP retransmitted
@@ -299,13 +275,13 @@ class Transaction:
 
     @property
     def unseen(self) -> bool:
-        """True when there is no answer because nothing of the answering side was captured: it may have answered."""
-        return self.outcome == UNANSWERED and self.flags & EXPECTED != 0
+        """True when an answer was or may have been sent, but not captured: it is in a gap, or only one direction was captured."""
+        return self.outcome == UNANSWERED and (self.reason == HOLE or self.flags & EXPECTED != 0)
 
     @property
     def failed(self) -> bool:
-        """True when the answer refuses anything, or was `missed`."""
-        return self.has_errors or self.missed
+        """True when the answer refuses anything, or was `missed` and is not in a gap of the capture."""
+        return self.has_errors or (self.missed and self.reason != HOLE)
 
     @property
     def request_octets(self) -> bytes:
@@ -508,131 +484,3 @@ class Transaction:
             return []
         name = "abort" if told.scd.message.phase == "abort" else "error"
         return [TransactionError(MESSAGE, int(told.err), name, told.scd.dictionary.error_text(int(told.err)))]
-
-
-def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
-    """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins in `response_buf`."""
-    buf = transaction.response_buf
-    at: i64 = transaction.response_offset
-    end: i64 = at + transaction.response_size
-    if transaction.response_rosctr >= USERDATA:
-        head = parameters.userdata
-        if head is not None and head.error_code:
-            transaction.error_code = head.error_code
-            transaction.has_errors = True
-        else:
-            check_other_answer(transaction)
-        return
-    code: i64 = 0
-    if buf[at + 10] or buf[at + 11]:
-        transaction.error_code = code = u16(buf, at + 10)
-        transaction.has_errors = True
-    function: i64 = transaction.parameters.function
-    if parameters.function != function or transaction.response_rosctr != ACK_DATA:
-        return  # an Ack, or an answer to something else
-    if function == READ_VAR:
-        if parameters.item_count >= 0 and not (code and data_at == end):
-            _check_read(transaction, parameters.item_count, buf, data_at, end)
-    elif function == WRITE_VAR:
-        if parameters.item_count >= 0 and not (code and data_at == end):
-            _check_write(transaction, parameters.item_count, buf, data_at, end)
-    elif function == SETUP_COMMUNICATION:
-        setup = parameters.setup
-        if setup is not None and code == 0:
-            transaction.connection.grant(setup, transaction.asked_by)
-
-
-def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
-    """Step through the data items of a read answer: check return codes, sizes against the request, and the block's length."""
-    parameters = transaction.parameters
-    expected = count == parameters.item_count
-    if expected and begin_alike(parameters.good_answer, buf, at, end):
-        return
-    if not expected and not parameters.malformed:
-        transaction.flags |= COUNT_MISMATCH  # not for a malformed request, whose item count proves nothing
-    items = parameters.items
-    known: i64 = len(items)
-    good = expected and known == count
-    begin: i64 = at
-    index: i64 = 0
-    size: i64 = 0
-    while index < count:
-        room: i64 = end - at - 4
-        if room < 0:
-            transaction.flags |= BAD_DATA
-            return
-        head = u32(buf, at)
-        at += 4
-        if head >> 24 == SUCCESS:
-            size = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, room)
-            if index < known and not _check_size(transaction, items[index], buf, at, size, end):
-                good = False
-        else:
-            size = 0
-            transaction.has_errors = True
-            good = False
-        index += 1
-        at += size
-        if size & 1 and index < count:
-            at += 1
-    if at != end and not (at + 1 == end and size & 1):
-        transaction.flags |= BAD_DATA
-    elif good:
-        parameters.good_answer = item_heads(count, buf, begin, end)
-        if not COMPILED:
-            parameters.keep_layout(buf, transaction.response_offset, begin)
-
-
-def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size: i64, end: i64) -> bool:
-    """Compare ``size``, the octets of a data item, with those requested; return whether they agree and nothing else varies."""
-    if item.size < 0:
-        _check_areas(transaction, item, buf, at, min(at + size, end))
-        return False
-    if item.size != size:
-        transaction.flags |= SIZE_MISMATCH
-        return False
-    return True
-
-
-def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end: i64) -> None:
-    """Check the return codes of the areas in the answer to a DBREAD item."""
-    areas = item.areas
-    if areas is None or not areas:
-        return
-    told = walk_areas(areas, buf[at:end])
-    if not told:
-        transaction.flags |= SIZE_MISMATCH
-    for area in told:
-        if area.return_code != SUCCESS:
-            transaction.has_errors = True
-
-
-def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
-    """Check the return codes of a write answer, one octet for each item."""
-    if end - at < transaction.parameters.item_count and transaction.error_code == 0:
-        transaction.flags |= UNCONFIRMED
-        transaction.has_errors = True
-    if count != transaction.parameters.item_count and not transaction.parameters.malformed:
-        transaction.flags |= COUNT_MISMATCH
-    if end - at != count:
-        transaction.flags |= BAD_DATA
-    while at < end:
-        if buf[at] != SUCCESS:
-            transaction.has_errors = True
-        at += 1
-
-
-def check_data_codes(transaction: Transaction) -> None:
-    """Compare the transport sizes of a read answer with those that CPUs use; done once for each distinct request.
-
-    A request whose items were all refused is checked again with its next answer.
-    """
-    if transaction.response_rosctr != ACK_DATA or transaction.flags & (COUNT_MISMATCH | BAD_DATA | FUNCTION_MISMATCH):
-        return
-    for result in transaction.results():
-        item = result.item
-        answer = result.answer
-        if item is not None and answer is not None and answer.return_code == SUCCESS:
-            transaction.parameters.answer_unjudged = False
-            if odd_data_code(item, answer):
-                transaction.flags |= ODD_DATA_CODE

@@ -352,7 +352,7 @@ def _goes_on(transaction: Transaction) -> bool:
 
 def _begins_late(transaction: Transaction) -> bool:
     """Return whether a step may begin a transfer whose earlier steps are missing from the capture."""
-    if transaction.outcome == UNANSWERED and not transaction.unseen:
+    if transaction.outcome == UNANSWERED and not half_captured(transaction):
         return False  # an unanswered request comes here late: its transfer may be over
     connection = transaction.connection
     return connection.mid_stream or connection.tcp.has_holes or half_captured(transaction)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.transactions.open_requests import MAX_ORPHANS, MAX_REPEATS
+from dissect.transactions.open_requests import MAX_ORPHANS
 from dissect.transactions.pairing import FEW_OPEN, MAX_OPEN, MAX_OPEN_ALL
 from dissect.transactions.results import (
     EXPECTED,
@@ -242,10 +242,10 @@ def test_identical_requests_are_answered_in_turn(talk: Talk) -> None:
 
 
 def test_more_identical_requests_than_may_wait(talk: Talk) -> None:
-    asked = [talk.ask(read(5, dbw(1, 0))) for _ in range(MAX_REPEATS + 1)]
+    asked = [talk.ask(read(5, dbw(1, 0))) for _ in range(8 + 1)]
     assert talk.pairs() == [(frame, 0) for frame in asked[:-1]]
     talk.tell(words(5, 1))
-    assert talk.outcomes() == ["unanswered"] * MAX_REPEATS + ["answered"]
+    assert talk.outcomes() == ["unanswered"] * 8 + ["answered"]
 
 
 def test_a_lost_answer_shifts_nothing(talk: Talk) -> None:

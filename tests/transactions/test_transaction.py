@@ -10,7 +10,7 @@ from dissect.s7.values import Value
 from dissect.transactions import results as checks
 from dissect.transactions import transaction as module
 from dissect.transactions.results import HEADER, ITEM, MESSAGE, PARAMETER, STILL_OPEN, UNCONFIRMED
-from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS, Transaction
+from dissect.transactions.transaction import LIKELY, OUTCOMES, REASON_TEXTS, SURE, Transaction
 from tests.layers.examples import BY_NUMBER
 from tests.transactions.talk import (
     Talk,
@@ -436,7 +436,7 @@ def test_every_reason_has_its_sentence() -> None:
         for name, value in vars(module).items()
         if name.isupper() and isinstance(value, str) and name.lower() == value
     }
-    reasons -= {HEADER, PARAMETER, ITEM, MESSAGE}  # parts of an answer, not reasons
+    reasons -= {HEADER, PARAMETER, ITEM, MESSAGE, SURE, LIKELY}  # parts of an answer and certainties, not reasons
     assert set(REASON_TEXTS) == reasons
     assert len(reasons) == 6
     assert all(text[0].islower() and not text.endswith(".") for text in REASON_TEXTS.values())
