@@ -288,6 +288,7 @@ class Pipeline(PacketSink):
                 octets = buf[data:stop]
                 half.passed(octets, size)
                 side.end_seq = half.next_seq
+                side.size = size
                 if size < _LEAST or self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
                     self._feed(side, octets, size)
                 return PAYLOAD
@@ -355,7 +356,7 @@ class Pipeline(PacketSink):
         if flags & SYN:
             seq = (seq + 1) & stream.MASK
             if side.stream.next_seq < 0:
-                side.stream.start(seq)
+                side.begin(seq)
         category = self._segment(side, seq, ack, flags, octets, missing)
         was_closed = side.tcp.closed
         if flags & (RST | FIN):
@@ -418,6 +419,7 @@ class Pipeline(PacketSink):
         if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
             half.passed(octets, size)
             side.end_seq = half.next_seq
+            side.size = size
             self._feed(side, octets, size)
             return PAYLOAD
         return self._irregular(side, seq, octets, missing)
@@ -465,7 +467,7 @@ class Pipeline(PacketSink):
             return PAYLOAD
         if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
             # The keep-alive probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6).
-            half.start(seq + 1)
+            side.begin(seq + 1)
             side.note_probe(self.counters.frames, self.counters.now_ns, True)
             return accounts.KEEP_ALIVE
         if half.next_seq < 0:
@@ -478,11 +480,10 @@ class Pipeline(PacketSink):
             if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
                 half.passed(octets, len(octets))  # what `accept` and `chunks` would do, without a `Chunk`
                 side.end_seq = half.next_seq
+                side.size = len(octets)
                 side.protocol.feed(side, octets, 0, len(octets), self.counters.frames, self.counters.now_ns)
             else:
                 what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
-        elif half.next_seq < 0:
-            half.start(seq)
         if half.conflicts > conflicts and connection.followed:
             self.counters.note(
                 "stream.conflict", f"{len(octets)} bytes at TCP sequence number {seq}", connection.number
@@ -514,8 +515,9 @@ class Pipeline(PacketSink):
         A segment from ``seq`` on that lies behind them has a gap before it. One before them was sent again or captured late.
         """
         begin: i64 = peer.first_ack
-        if begin >= 0 and 0 < (seq - begin) & stream.MASK <= stream.FAR_AHEAD:
-            side.stream.start(begin)
+        if begin < 0 or (seq - begin) & stream.MASK > stream.FAR_AHEAD:
+            begin = seq
+        side.begin(begin)
 
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 
@@ -579,10 +581,11 @@ class Pipeline(PacketSink):
         for end in (side, peer):
             end.stream.finish()
             end.waiting = False
-        if side.connection.followed:
+        if side.stream.ready or peer.stream.ready or side.stream.outside or peer.stream.outside:
+            self.timers.both(side)
+        if side.connection.followed and (side.unseen or peer.unseen):
             ends.note_unseen(side)
             ends.note_unseen(peer)
-        if side.stream.ready or peer.stream.ready or side.stream.outside or peer.stream.outside:
             self.timers.both(side)
         ends.finish(self.counters, self.table, side, peer)
         connection = side.connection

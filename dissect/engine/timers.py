@@ -126,6 +126,8 @@ class OverdueWatch:
 TICK_NS: Final = 50_000_000
 #: When the list of sides that wait has grown to this, those whose connection is over are dropped.
 _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
+#: Octets of one or two DTs without data between two messages: nothing else is as short, so no request and no answer is missing.
+_EMPTY_DTS: Final = (7, 14)
 #: The deadline while nothing waits.
 FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
@@ -190,6 +192,7 @@ class Timers:
             chunk.frame = chunk.own_frame
             chunk.time_ns = chunk.own_ns
         side.end_seq = chunk.end_seq
+        side.size = len(chunk.octets)
         side.last_ack = chunk.ack
         if chunk.hole:
             if side.connection.followed:
@@ -197,8 +200,9 @@ class Timers:
                 self._counters.octets.missing += chunk.hole
             side.holes += 1
             side.missing += chunk.hole
-            side.hole_frame = chunk.frame
-            side.hole_end = -1 if cut else chunk.end_seq
+            if not (side.at_rest and chunk.hole in _EMPTY_DTS):
+                side.hole_frame = chunk.frame
+                side.hole_end = -1 if cut else chunk.end_seq
             side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
             if not cut:
                 self._exchange.dialogue.lost(side, chunk.hole)

@@ -136,7 +136,7 @@ class Dialogue:
         transaction.request_frame = frame
         transaction.request_ns = time_ns
         transaction.request_ack = side.last_ack
-        transaction.request_seq = (side.end_seq - len(side.stream.last)) & MASK
+        transaction.request_seq = (side.end_seq - side.size) & MASK
         transaction.request_buf = buf
         transaction.request_offset = at
         transaction.request_size = size
@@ -202,7 +202,7 @@ class Dialogue:
             transaction.request_ns - before.request_ns <= GIVEN_UP_NS
             and not is_repeat(transaction, before)
             and answering is not None
-            and not (answering.unfinished or perhaps_answered(before, answering))
+            and not (answering.unfinished or answering.unseen or perhaps_answered(before, answering))
         ):
             self.shared = True
 

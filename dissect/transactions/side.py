@@ -67,6 +67,7 @@ class Side:
         "protocol",
         "requests",
         "rival",
+        "size",
         "stray",
         "stream",
         "tcp",
@@ -98,6 +99,7 @@ class Side:
         self.acked: i64 = -1  # the highest sequence number of the other side that it acknowledged so far, -1 for none
         self.first_ack: i64 = -1  # the first one
         self.end_seq: i64 = 0  # sequence number after the octets at hand
+        self.size: i64 = 0  # how many octets came with them, in one segment
         self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
         self.begun_tsdu: Place | None = None  # the latest one with a DT that left a TSDU unfinished
         #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 where more has to be looked at.
@@ -140,6 +142,11 @@ class Side:
         place.ack = self.last_ack
         return place
 
+    def begin(self, seq: i64) -> None:
+        """Its octets begin at sequence number ``seq``."""
+        self.stream.start(seq)
+        self.end_seq = self.stream.next_seq
+
     def note_ack(self, seq: i64, ack: i64) -> None:
         """Take the acknowledgement of a packet of this side; one with a far sequence number ``seq`` may be of another one."""
         if self.stream.next_seq >= 0 and not -FAR_AHEAD <= self.stream.distance(seq) <= FAR_AHEAD:
@@ -152,7 +159,7 @@ class Side:
 
     def is_ahead(self, ack: i64) -> bool:
         """Return whether ``ack``, of the other side, acknowledges octets of this side that were not passed on yet."""
-        return ack >= 0 and 0 < (ack - self.stream.next_seq) & MASK < HALF_SPACE
+        return ack >= 0 and 0 < (ack - self.end_seq) & MASK < HALF_SPACE
 
     @property
     def unseen(self) -> i64:
@@ -160,8 +167,8 @@ class Side:
         peer = self.peer
         if peer is None or peer.acked < 0:
             return 0
-        known: i64 = self.stream.next_seq
-        if known < 0:
+        known: i64 = self.end_seq
+        if self.stream.next_seq < 0:
             known = peer.first_ack
         ahead: i64 = (peer.acked - known) & MASK
         return ahead if 1 < ahead < _MOST_UNSEEN else 0

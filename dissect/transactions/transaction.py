@@ -275,7 +275,7 @@ class Transaction:
 
     @property
     def unseen(self) -> bool:
-        """True when an answer was or may have been sent, but not captured: it is in a gap, or only one direction was captured."""
+        """True when an answer was or may have been sent, and not captured: a gap, or only one direction was captured."""
         return self.outcome == UNANSWERED and (self.reason == HOLE or self.flags & EXPECTED != 0)
 
     @property
