@@ -23,7 +23,7 @@ from dissect.transactions.transaction import Transaction
 
 #: Answers that wait in one row, and how long the first of them may wait.
 MAX_HELD: Final = 64
-HELD_NS: Final = 5_000_000_000
+HELD_NS: Final = 2_000_000_000
 #: A connection rests when nothing passed for this long, and for as long as the oldest request would have waited for its answer.
 REST_NS: Final = 500_000_000
 
@@ -50,11 +50,6 @@ def fitting(requests: list[Transaction], answer: Transaction, data_at: i64) -> l
     rosctr, parameters = answer.response_rosctr, answer.parameters
     buf, at, size = answer.response_buf, answer.response_offset, answer.response_size
     return [one for one in requests if not contradicts(one, rosctr, parameters, buf, at, size, data_at)]
-
-
-def not_passed(requests: list[Transaction], answered: i64) -> list[Transaction]:
-    """Return those of ``requests`` that were sent after number ``answered``, which was answered; all of them if none was."""
-    return [one for one in requests if one.number > answered] or requests
 
 
 def is_repeat(request: Transaction, before: Transaction) -> bool:
@@ -91,34 +86,36 @@ def is_due(row: Row, now_ns: i64) -> bool:
 
 
 def assign(row: Row, over: bool) -> list[Transaction | None]:
-    """Return the request of each answer that ``row`` holds, None for none; ``over``: no more answers come."""
+    """Return the request of each answer that ``row`` holds, None for none; ``over``: no more answers come.
+
+    Servers answer in order, so the first answer belongs to the first request if there is one for each, or if a client repeats
+    its request. Where answers are missing, the client waited in vain for the oldest before it went on. As long as more may
+    come, that counts only for those after which it got nothing for a while.
+    """
     wanted = [one for one in row.requests if one.number in row.wanted]
-    answers = row.answers
-    if len(wanted) > len(answers):
-        wanted = _answered(wanted, len(answers), over)
+    spare: i64 = len(wanted) - len(row.answers)
+    if spare <= 0 or (len(wanted) == 2 and is_repeat(wanted[1], wanted[0])):
+        return _in_order(row.answers, wanted)
+    if over:
+        found = _in_order(row.answers[::-1], wanted[::-1])
+        found.reverse()
+        return found
+    for index in range(spare, 0, -1):
+        if no_answer(wanted[index], wanted[index - 1]):
+            return _in_order(row.answers, wanted[index:])
+    return _in_order(row.answers, wanted)
+
+
+def _in_order(answers: list[HeldAnswer], requests: list[Transaction]) -> list[Transaction | None]:
+    """Give each of ``answers`` the next of ``requests`` that it fits, None where there is none."""
     found: list[Transaction | None] = []
-    at: i64 = 0  # the first of `wanted` that is left: servers answer in order
+    at: i64 = 0
     for answer in answers:
         chosen: Transaction | None = None
-        for index in range(at, len(wanted)):
-            if wanted[index] in answer.fits:
-                chosen = wanted[index]
+        for index in range(at, len(requests)):
+            if requests[index] in answer.fits:
+                chosen = requests[index]
                 at = index + 1
                 break
         found.append(chosen)
     return found
-
-
-def _answered(requests: list[Transaction], answers: i64, over: bool) -> list[Transaction]:
-    """Return those of ``requests`` that ``answers`` of them may belong to, where there are fewer answers than requests.
-
-    A client that repeats one request gets the answer to the first. Else those that it waited for in vain before it asked again
-    come first among those that are left out; then, if no more answers come, the oldest.
-    """
-    if len(requests) == 2 and is_repeat(requests[1], requests[0]):
-        return requests
-    for index in range(len(requests) - answers, 0, -1):
-        if no_answer(requests[index], requests[index - 1]):
-            requests = requests[index:]
-            break
-    return requests[len(requests) - answers :] if over else requests

@@ -27,7 +27,6 @@ from dissect.transactions.alike import (
     is_due,
     is_over,
     is_repeat,
-    not_passed,
     possible,
 )
 from dissect.transactions.checks import check_answer, check_data_codes
@@ -295,10 +294,9 @@ class Dialogue:
         told = answer.transaction
         gaps: bool = has_gaps(side)
         placed = possible(row, side.end_seq, answer.ack, side.hole_end if gaps else -1, requests.lost)
-        shaped = fitting(placed, told, data_at)
-        if not shaped and placed and not gaps:
-            shaped = placed[:1]  # without gaps, the device is wrong
-        fits = not_passed(shaped, requests.answered)
+        fits = fitting(placed, told, data_at)
+        if not fits and placed and not gaps:
+            fits = placed[:1]  # without gaps, the device is wrong
         if not fits:
             self._orphan(side, row.key, told)
             return None
@@ -311,8 +309,6 @@ class Dialogue:
                 self._settle(side, requests, row, False)
             return None
         request = fits[0]
-        if len(shaped) > len(fits):
-            request.flags |= ALIKE
         requests.close(row.key, request)
         self._pair(side, requests, request, told)
         if gaps:
@@ -337,8 +333,8 @@ class Dialogue:
             return
         complete: bool = is_complete(row)
         asked = row.requests[0]
-        sure: bool = complete and not (has_gaps(answering) and missing_since(answering, asked))
         chosen = assign(row, over)
+        sure: bool = complete and None not in chosen and not (has_gaps(answering) and missing_since(answering, asked))
         answers = requests.release(row)
         last: i64 = 0
         for index in range(len(answers)):
