@@ -18,7 +18,7 @@ from mypy_extensions import i64
 
 from dissect.transactions.contradictions import contradicts
 from dissect.transactions.gaps import follows
-from dissect.transactions.open_requests import REPEAT_NS, Row, excludes, no_answer
+from dissect.transactions.open_requests import REPEAT_NS, HeldAnswer, Row, excludes, no_answer
 from dissect.transactions.transaction import Transaction
 
 #: Answers that wait in one row, and how long the first of them may wait.
