@@ -283,6 +283,8 @@ class Pipeline(PacketSink):
                     side.acked = ack  # as `note_ack` would do
                 else:
                     side.note_ack(seq, ack)
+                    if size == 0:
+                        side.note_end(seq)
                 if size == 0:
                     return NO_PAYLOAD
                 octets = buf[data:stop]
@@ -406,12 +408,13 @@ class Pipeline(PacketSink):
             self.timers.passing(side, peer, ack, flags & ACK != 0)
         if flags & ACK:
             side.last_ack = ack
-            if not flags & RST:
+            if not flags & RST or (ack - peer.end_seq) & stream.MASK <= stream.WINDOW:
                 side.note_ack(seq, ack)
         else:
             side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
         size: i64 = len(octets)
         if size == 0 and missing == 0:
+            side.note_end(seq)
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
                 side.note_probe(counters.frames, counters.now_ns, False)
             return NO_PAYLOAD

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.tcp.stream import HALF_SPACE, MASK
-from dissect.transactions.open_requests import OpenRequests
+from dissect.transactions.open_requests import OpenRequests, excludes
 from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
@@ -63,8 +63,18 @@ def between(side: Side, request: Transaction) -> bool:
 
 def missing_since(side: Side, request: Transaction) -> bool:
     """Return whether octets of either side are missing since ``request``; ``side`` is the one that answers."""
+    return perhaps_answered(request, side) or _asks_missing(side, request)
+
+
+def perhaps_unasked(side: Side, request: Transaction) -> bool:
+    """Return whether what ``side`` sends now may answer a request that was not captured, instead of ``request``."""
+    return _asks_missing(side, request) or excludes(request, side.end_seq, side.last_ack)
+
+
+def _asks_missing(side: Side, request: Transaction) -> bool:
+    """Return whether octets that the asking side sent since ``request`` are missing; ``side`` is the one that answers."""
     asking = side.peer
-    if perhaps_answered(request, side) or asking is None or asking.is_ahead(side.last_ack):
+    if asking is None or asking.is_ahead(side.last_ack):
         return True
     return asking.hole_frame >= request.request_frame and (
         asking.hole_end < 0 or follows(asking.hole_end, request.request_seq)

@@ -31,7 +31,15 @@ from dissect.transactions.alike import (
 )
 from dissect.transactions.checks import check_answer, check_data_codes
 from dissect.transactions.contradictions import contradicts, is_strange
-from dissect.transactions.gaps import answered_in, between, has_gaps, missing_since, passed_over, perhaps_answered
+from dissect.transactions.gaps import (
+    answered_in,
+    between,
+    has_gaps,
+    missing_since,
+    passed_over,
+    perhaps_answered,
+    perhaps_unasked,
+)
 from dissect.transactions.open_requests import (
     GIVEN_UP_NS,
     NEVER_NS,
@@ -251,7 +259,8 @@ class Dialogue:
         if waiting is None or (
             gaps
             and (
-                passed_over(side, requests, waiting) or contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
+                passed_over(side, requests, waiting)
+                or (perhaps_unasked(side, waiting) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at))
             )
         ):
             # A gap may contain the answer to the open request, or the request of this answer.
@@ -294,6 +303,8 @@ class Dialogue:
         told = answer.transaction
         gaps: bool = has_gaps(side)
         placed = possible(row, side.end_seq, answer.ack, side.hole_end if gaps else -1, requests.lost)
+        if gaps:
+            placed = [one for one in placed if not passed_over(side, requests, one)]
         fits = fitting(placed, told, data_at)
         if not fits and placed and not gaps:
             fits = placed[:1]  # without gaps, the device is wrong

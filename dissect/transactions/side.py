@@ -12,7 +12,7 @@ from dissect.iso.tpkt import Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
 from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, HalfStream
+from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, HalfStream
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
@@ -96,8 +96,10 @@ class Side:
         self.addresses: i64 = 0
         self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
-        self.acked: i64 = -1  # the highest sequence number of the other side that it acknowledged so far, -1 for none
-        self.first_ack: i64 = -1  # the first one
+        #: The highest sequence number of the other side that is known to have been sent: this side acknowledged it, or the other
+        #: side went on behind it. -1 for none.
+        self.acked: i64 = -1
+        self.first_ack: i64 = -1  # the first one that this side acknowledged
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.size: i64 = 0  # how many octets came with them, in one segment
         self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
@@ -156,6 +158,13 @@ class Side:
             self.first_ack = ack
         elif (ack - self.acked) & MASK < HALF_SPACE:
             self.acked = ack
+
+    def note_end(self, seq: i64) -> None:
+        """Take the sequence number of a packet without octets: those before it were sent, also where they are not captured."""
+        peer = self.peer
+        if peer is not None and peer.acked >= 0 and self.is_ahead(seq) and (seq - self.end_seq) & MASK <= WINDOW:
+            if (seq - peer.acked) & MASK < HALF_SPACE:
+                peer.acked = seq
 
     def is_ahead(self, ack: i64) -> bool:
         """Return whether ``ack``, of the other side, acknowledges octets of this side that were not passed on yet."""
