@@ -1,0 +1,80 @@
+"""Which statements blame a device or a client, and whether a statement says itself that something was not captured.
+
+A capture that lost packets may say less than a complete one, but it must not hold a device or a client responsible for what
+only the capture lost. `BLAMES` and `BLAMELESS` together name every finding of the kinds transaction, session, s7, s7plus and
+security; `REASONS` and `BLAMELESS_REASONS` every reason why a request stayed without answer.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from dissect.transactions.transaction import (
+    CAPTURE_ENDED,
+    CONNECTION_CLOSED,
+    CONNECTION_EVICTED,
+    HOLE,
+    REFERENCE_REUSED,
+    TABLE_FULL,
+)
+
+#: How the slugs of the findings begin that may blame.
+PREFIXES: Final = ("transaction.", "session.", "s7.", "s7plus.", "security.")
+
+#: Of one request and its answer: compared with what the complete capture says of that request.
+OF_A_REQUEST: Final = frozenset((
+    "transaction.refused", "transaction.item_error", "transaction.alarm_refused", "transaction.overdue",
+    "transaction.slow", "transaction.function_mismatch", "transaction.count_mismatch", "transaction.size_mismatch",
+    "transaction.write_size", "transaction.table_full",
+))  # fmt: skip
+#: Reported once, for the first request of its kind in the whole capture: true when the complete capture says the same anywhere.
+OF_A_CAPTURE: Final = frozenset(("s7.unknown_code", "s7.odd_address"))
+#: About two hosts, on whichever of their connections it shows: true when the complete capture says it of them anywhere.
+OF_HOSTS: Final = frozenset(("security.new_writer", "security.password_guessing", "security.tsap_scan"))
+#: Of a connection, mostly reported once: true when the complete capture says it of that connection.
+OF_A_CONNECTION: Final = frozenset((
+    "transaction.odd_data_code",
+    "s7.malformed", "s7.plus_too_long", "s7.unknown_rosctr", "s7.redundancy_id", "s7.client_push", "s7.ack_content",
+    "s7plus.malformed",
+    "session.data_before_setup", "session.pdu_too_long", "session.repeated_setup", "session.read_too_long",
+    "session.too_many_jobs", "session.bad_grant", "session.unusual_port", "session.foreign_on_102", "session.cut",
+    "security.tls_weak", "security.certificate_expired", "security.certificate_weak",
+    "security.plc_stop", "security.plc_start", "security.stopped", "security.mode_changed", "security.program_change",
+    "security.program_read", "security.memory", "security.force", "security.debug", "security.write",
+    "security.write_outputs", "security.write_refused", "security.password", "security.password_failed",
+    "security.protected", "security.unauthenticated", "security.clear_text", "security.session_reused",
+    "security.replay", "security.clock_set", "security.reconnaissance", "security.flash_led", "security.alarm_change",
+    "security.nc_command", "security.unknown_service", "security.flood",
+))  # fmt: skip
+#: The findings that blame.
+BLAMES: Final = OF_A_REQUEST | OF_A_CAPTURE | OF_HOSTS | OF_A_CONNECTION
+
+#: Findings of the same kinds that do not blame, each with the reason.
+BLAMELESS: Final[dict[str, str]] = {
+    "transaction.unanswered": "counted once, as the reason of its request",
+    "transaction.orphan": "its sentence says that the request was not captured",
+    "transaction.reordered": "its sentence says that the capture changed the order",
+    "s7plus.notifications_lost": "its advice names the capture first; numbers that skip are a gap of their own",
+    "session.idle": "its advice says that what the connection was used for was not captured",
+    "session.encrypted": "states what the connection is, and is nobody's fault",
+    "session.tls_closed": "is about keys and the capture: its kind is capture",
+}
+
+#: The reasons of unanswered requests that blame a side: it did not answer, or did not wait, or sent too much.
+REASONS: Final = frozenset((CONNECTION_CLOSED, CAPTURE_ENDED, REFERENCE_REUSED, TABLE_FULL))
+#: Reasons that do not blame, each with the reason.
+BLAMELESS_REASONS: Final[dict[str, str]] = {
+    HOLE: "says that the answer was not captured",
+    CONNECTION_EVICTED: "is about the memory of the analysis",
+}
+
+#: How the detail of a security finding ends whose request got no answer: this is true or not, whatever the finding says else.
+NOT_ANSWERED: Final = ", not answered"
+
+_LOSS: Final = re.compile(r"\bgaps?\b|not captured|missing from the capture|packets were lost|perhaps answered")
+
+
+def names_loss(detail: str) -> bool:
+    """Tell whether a sentence says itself that something was not captured."""
+    return _LOSS.search(detail) is not None
