@@ -269,7 +269,7 @@ class Connections:
 
     def _end_side(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
         side.protocol.end(side, frame, now_ns)
-        self._exchange.dialogue.end(side, reason)
+        self._exchange.dialogue.end(side, reason, now_ns)
 
 
 class Recognition(Protocol):

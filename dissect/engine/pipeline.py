@@ -408,13 +408,14 @@ class Pipeline(PacketSink):
             self.timers.passing(side, peer, ack, flags & ACK != 0)
         if flags & ACK:
             side.last_ack = ack
-            if not flags & RST or (ack - peer.end_seq) & stream.MASK <= stream.WINDOW:
+            if not flags & RST or seq == side.end_seq:  # any other reset may be of somebody else
                 side.note_ack(seq, ack)
         else:
             side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
         size: i64 = len(octets)
         if size == 0 and missing == 0:
-            side.note_end(seq)
+            if not flags & _NO_PROBE:
+                side.note_end(seq)
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
                 side.note_probe(counters.frames, counters.now_ns, False)
             return NO_PAYLOAD

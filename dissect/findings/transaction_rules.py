@@ -90,6 +90,8 @@ _COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, EN
 _OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 #: Two capture queues may swap packets that are so close in time; beyond that the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
+#: A request captured so long after its answer is not out of order: TCP sent it again (in practice after 20 ms or more).
+_SENT_AGAIN_NS: Final = 10_000_000
 #: Userdata groups whose payloads have the same length on every CPU, or state their length.
 _SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
 #: How many faults of a block a finding names.
@@ -172,7 +174,9 @@ _DATA_CODES: Final = 256
 
 def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64) -> None:
     """Report what is odd about a transaction that is over. This is slow; call it only for transactions with something odd."""
-    if transaction.outcome == ANSWERED:
+    if transaction.is_likely:
+        pass  # its time, and whether the two fit, say nothing if the answer belongs to a different request
+    elif transaction.outcome == ANSWERED:
         _judge_flags(reporter, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
         if latency > slow_ns:
@@ -333,9 +337,10 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
         )
     if flags & REORDERED:
         ahead: int = transaction.request_ns - transaction.response_ns
-        _note(
-            reporter, "transaction.reordered", transaction, f"the answer precedes the request by {duration_text(ahead)}"
-        )
+        what = f"the answer precedes the request by {duration_text(ahead)}"
+        if ahead > _SENT_AGAIN_NS:
+            what += ": the request was sent again, and its first copy was not captured"
+        _note(reporter, "transaction.reordered", transaction, what)
 
 
 def _judge_request(reporter: Reporter, transaction: Transaction) -> None:

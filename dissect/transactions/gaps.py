@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: The shortest answer, in octets: TPKT, DT and the header of an Ack. Fewer missing octets are an empty DT or a FIN.
 LEAST_ANSWER: Final = 19
+#: TCP has acknowledged a segment after this time, or sent it again.
+_ACK_DUE_NS: Final = 1_000_000_000
 #: Requests looked at for one gap.
 _MOST: Final = 16
 
@@ -42,6 +44,20 @@ def perhaps_answered(request: Transaction, answering: Side) -> bool:
         and answering.unseen > 0
         and asking is not None
         and 0 < (asking.acked - ack) & MASK < HALF_SPACE
+    )
+
+
+def unheard(request: Transaction, answering: Side, now_ns: i64) -> bool:
+    """Return whether the capture lacks all that came after a request: its connection is silent, and it was not acknowledged.
+
+    TCP acknowledges within half a second (RFC 1122, 4.2.3.2) or sends again soon after (RFC 6298), also where nobody answers.
+    """
+    return (
+        answering.captured
+        and request.again is None
+        and request.request_ack >= 0
+        and now_ns - answering.tcp.last_ns > _ACK_DUE_NS
+        and not follows(answering.acked, request.request_seq)
     )
 
 

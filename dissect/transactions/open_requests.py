@@ -375,14 +375,14 @@ class OpenRequests:
                         count += 1
         return count
 
-    def hold_orphan(self, key: i64, answer: Transaction, ack: i64, packet: i64) -> Transaction | None:
+    def hold_orphan(self, key: i64, answer: Transaction, ack: i64, packet: i64) -> HeldAnswer | None:
         """Hold an answer for its request; return the oldest held answer if there are too many, else None."""
         orphans = self.orphans
         if orphans is None:
             orphans = self.orphans = []
         orphans.append(HeldAnswer(key, answer, ack, packet))
         if len(orphans) > MAX_ORPHANS:
-            return orphans.pop(0).transaction
+            return orphans.pop(0)
         return None
 
     def find_orphan(self, key: i64, end_seq: i64) -> HeldAnswer | None:
@@ -398,35 +398,35 @@ class OpenRequests:
             self.orphans.remove(orphan)
             self.orphans = self.orphans or None
 
-    def passed_orphans(self, end_seq: i64) -> list[Transaction]:
+    def passed_orphans(self, end_seq: i64) -> list[HeldAnswer]:
         """Remove and return the held answers that acknowledge less than a request that ends at sequence number ``end_seq``.
 
         Their own requests came before that one and were not captured: every later request ends further on.
         """
-        passed: list[Transaction] = []
+        passed: list[HeldAnswer] = []
         kept: list[HeldAnswer] = []
         for orphan in self.orphans or []:
             if orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) >= HALF_SPACE:
-                passed.append(orphan.transaction)
+                passed.append(orphan)
             else:
                 kept.append(orphan)
         if passed:
             self.orphans = kept or None
         return passed
 
-    def expired_orphans(self, time_ns: i64, packet: i64, unfinished: bool = False) -> list[Transaction]:
+    def expired_orphans(self, time_ns: i64, packet: i64, unfinished: bool = False) -> list[HeldAnswer]:
         """Remove and return the held answers whose time is over.
 
         ``packet`` is how many packets of the connection were seen. ``unfinished``: a message of the asking side is unfinished.
         """
         orphans = self.orphans
         times: i64 = UNFINISHED_HOLD if unfinished else 1
-        gone: list[Transaction] = []
+        gone: list[HeldAnswer] = []
         while orphans and (
             time_ns - orphans[0].transaction.response_ns > ORPHAN_HOLD_NS * times
             or packet - orphans[0].packet > ORPHAN_HOLD_FRAMES * times
         ):
-            gone.append(orphans.pop(0).transaction)
+            gone.append(orphans.pop(0))
         self.orphans = orphans or None
         return gone
 

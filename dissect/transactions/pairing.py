@@ -39,6 +39,7 @@ from dissect.transactions.gaps import (
     passed_over,
     perhaps_answered,
     perhaps_unasked,
+    unheard,
 )
 from dissect.transactions.open_requests import (
     GIVEN_UP_NS,
@@ -346,25 +347,25 @@ class Dialogue:
         asked = row.requests[0]
         chosen = assign(row, over)
         sure: bool = complete and None not in chosen and not (has_gaps(answering) and missing_since(answering, asked))
-        answers = requests.release(row)
         last: i64 = 0
+        for request in chosen:
+            if request is not None:
+                last = request.number
+        passed = [one for one in row.requests if one.number in row.wanted and one.number < last and one not in chosen]
+        answers = requests.release(row)
+        for one in passed:  # servers answer in order
+            self._close(answering, requests, row.key, one, REFERENCE_REUSED)
         for index in range(len(answers)):
             request = chosen[index]
-            told = answers[index].transaction
             if request is None:
-                self._orphan(answering, row.key, told)
+                self._orphan(answering, row.key, answers[index].transaction)
                 continue
             if not sure:
                 request.flags |= ALIKE
             requests.close(row.key, request)
-            self._pair(answering, requests, request, told)
+            self._pair(answering, requests, request, answers[index].transaction)
             self.also.append(request)
-            last = request.number
-        if not complete:
-            requests.doubtful = True
-            for one in requests.under(row.key):
-                if one.number < last:
-                    self._close(answering, requests, row.key, one, REFERENCE_REUSED)
+        requests.doubtful = requests.doubtful or not complete
 
     def lost(self, side: Side, size: i64) -> None:
         """``size`` octets of ``side`` were not captured: remember the requests that were answered in them."""
@@ -460,8 +461,8 @@ class Dialogue:
         if requests.orphans is None:
             return
         begun: bool = asking is not None and asking.unfinished
-        for transaction in requests.expired_orphans(time_ns, side.tcp.packets, begun):
-            self._give_up_orphan(transaction, side)
+        for orphan in requests.expired_orphans(time_ns, side.tcp.packets, begun):
+            self._give_up_orphan(orphan, side)
 
     def certainly_open(self, side: Side) -> list[Transaction]:
         """The connection of ``side`` ends: return its open requests, without those whose answer may be in a gap.
@@ -479,19 +480,21 @@ class Dialogue:
             one for one in requests.asked_after(-1) if one not in requests.lost and not perhaps_answered(one, answering)
         ]
 
-    def end(self, side: Side, reason: str) -> None:
+    def end(self, side: Side, reason: str, now_ns: i64) -> None:
         """The connection of ``side`` ends: close all open requests of ``side``, and the answers held for its requests."""
         connection = side.connection
         requests = connection.open_requests[side.index]
         answering = side.peer
         lost = requests.lost
+        if reason != CAPTURE_ENDED:
+            now_ns = 0
         for transaction in requests.drain() if requests.count else []:
-            self._give_up(transaction, answering, reason, transaction in lost)
+            self._give_up(transaction, answering, reason, transaction in lost, now_ns)
             if reason != CAPTURE_ENDED and transaction.outcome == UNANSWERED:
                 connection.open_at_end += 1
         if requests.orphans is not None and answering is not None:
             for orphan in requests.orphans:
-                self._give_up_orphan(orphan.transaction, answering)
+                self._give_up_orphan(orphan, answering)
             requests.orphans = None
 
     def _close(
@@ -507,8 +510,13 @@ class Dialogue:
         requests.close(key, transaction)
         self._give_up(transaction, answering, reason, answered)
 
-    def _give_up(self, transaction: Transaction, answering: Side | None, reason: str, answered: bool) -> None:
-        """End a request without an answer; where one was sent and not captured (``answered``), or perhaps so, say that."""
+    def _give_up(
+        self, transaction: Transaction, answering: Side | None, reason: str, answered: bool, now_ns: i64 = 0
+    ) -> None:
+        """End a request without an answer; where one was sent and not captured (``answered``), or perhaps so, say that.
+
+        ``now_ns`` is when the capture ended, 0 if that is not why.
+        """
         self.open -= 1
         if not wants_answer(transaction):
             transaction.outcome = PUSH
@@ -520,7 +528,7 @@ class Dialogue:
         if answered:
             transaction.reason = HOLE
         elif answering is not None:
-            if perhaps_answered(transaction, answering):
+            if perhaps_answered(transaction, answering) or unheard(transaction, answering, now_ns):
                 transaction.reason = HOLE
                 transaction.flags |= GAPS
             elif not answering.captured:
@@ -558,8 +566,9 @@ class Dialogue:
         if pushed_out is not None:
             self._give_up_orphan(pushed_out, side)
 
-    def _give_up_orphan(self, transaction: Transaction, side: Side) -> None:
+    def _give_up_orphan(self, orphan: HeldAnswer, side: Side) -> None:
         """No request of a held answer came: the answer becomes a transaction by itself."""
+        transaction = orphan.transaction
         self.count += 1
         transaction.number = self.count
         if transaction.rosctr > USERDATA:
@@ -571,7 +580,7 @@ class Dialogue:
             transaction.error_code = error_code(transaction.response_rosctr, octets, transaction.parameters)
             transaction.has_errors = parse_pdu(octets).refused
         asking = side.peer
-        if asking is not None and asking.holes:
+        if asking is not None and (asking.holes or asking.is_ahead(orphan.ack)):
             transaction.flags |= EXPECTED
             transaction.reason = HOLE
         side.connection.orphans += 1

@@ -96,8 +96,8 @@ class Side:
         self.addresses: i64 = 0
         self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
-        #: The highest sequence number of the other side that is known to have been sent: this side acknowledged it, or the other
-        #: side went on behind it. -1 for none.
+        #: The highest sequence number that the other side is known to have sent: this side acknowledged it, or the other side
+        #: went on behind it. -1 for none.
         self.acked: i64 = -1
         self.first_ack: i64 = -1  # the first one that this side acknowledged
         self.end_seq: i64 = 0  # sequence number after the octets at hand

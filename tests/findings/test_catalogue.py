@@ -870,6 +870,23 @@ def as_many_jobs_as_granted(talk: Talk) -> None:
     talk.ask(*(read(number, dbw(1, 0)) for number in range(2)))
 
 
+@speaks("session.shared_reference")
+def shared_reference(talk: Talk) -> None:
+    talk.open(3, 3)
+    talk.ask(read(0, dbw(1, 0)), read(0, dbw(1, 2)))
+
+
+@silent("session.shared_reference")
+def one_reference_after_the_other(talk: Talk) -> None:
+    """Always the same reference, but each answer is waited for; then one request that is only repeated."""
+    talk.open(3, 3)
+    for number in range(3):
+        talk.ask(read(0, dbw(1, 2 * number)))
+        talk.tell(words(0, number))
+    talk.ask(read(0, dbw(1, 0)))
+    talk.ask(read(0, dbw(1, 0)))
+
+
 @speaks("session.bad_grant")
 def bad_grant(talk: Talk) -> None:
     talk.connect()

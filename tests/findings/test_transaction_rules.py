@@ -211,6 +211,8 @@ def test_a_reference_used_again() -> None:
     talk.open()
     talk.ask(read(1, dbw(1, 0)))
     talk.ask(read(1, dbw(1, 2)))
+    talk.tell(words(1, 1))
+    talk.close()
     assert only(talk, "transaction.unanswered").detail.startswith(
         "Read Var DB1.DBW0: the requesting side reused the reference"
     )

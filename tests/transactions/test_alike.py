@@ -37,12 +37,12 @@ def begun(jobs: int) -> Talk:
 
 def truth(talk: Talk) -> list[tuple[int, object, str]]:
     """The number of the request (its address) and of the answer (its value), and how sure the pair is."""
-    found = []
-    for one in talk.transactions:
-        for result in one.results():
-            if one.request_frame and one.response_frame and result.item is not None:
-                found.append((int(result.item.start_bit) // 16, result.value, one.certainty))
-    return sorted(found)
+    return sorted(
+        (int(result.item.start_bit) // 16, result.value, one.certainty)
+        for one in talk.transactions
+        for result in one.results()
+        if one.request_frame and one.response_frame and result.item is not None
+    )
 
 
 def right(numbers: range, certainty: str) -> list[tuple[int, object, str]]:
@@ -158,7 +158,7 @@ def test_pairs_are_told_when_the_connection_rests() -> None:
     talk.silence(REST_NS - 100 * MS)
     assert talk.pairs() == []
     talk.silence(200 * MS)
-    assert talk.pairs() == [(asked[1], answered), (asked[0], 0)]
+    assert talk.pairs() == [(asked[0], 0), (asked[1], answered)]
 
 
 def test_an_answer_that_took_long_is_waited_for_as_long_again() -> None:

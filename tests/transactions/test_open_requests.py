@@ -315,7 +315,7 @@ def test_held_answers_are_bounded() -> None:
     requests = OpenRequests()
     gone = [requests.hold_orphan(number, answer(number), 0, 1) for number in range(MAX_ORPHANS + 3)]
     assert gone[:MAX_ORPHANS] == [None] * MAX_ORPHANS
-    assert [one.number for one in gone[MAX_ORPHANS:] if one is not None] == [0, 1, 2]
+    assert [one.transaction.number for one in gone[MAX_ORPHANS:] if one is not None] == [0, 1, 2]
     assert requests.orphans is not None
     assert len(requests.orphans) == MAX_ORPHANS
 
@@ -334,6 +334,6 @@ def test_held_answers_are_given_up_after_a_second_or_fifty_packets(time_ns: int,
     requests = OpenRequests()
     requests.hold_orphan(1, answer(1, 0), 0, 0)
     requests.hold_orphan(2, answer(2, 5), 0, 2)
-    assert [one.number for one in requests.expired_orphans(time_ns, packet)] == gone
+    assert [one.transaction.number for one in requests.expired_orphans(time_ns, packet)] == gone
     assert (requests.orphans is None) is (len(gone) == 2)
     assert OpenRequests().expired_orphans(time_ns, packet) == []
