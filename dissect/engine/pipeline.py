@@ -587,7 +587,8 @@ class Pipeline(PacketSink):
             end.waiting = False
         if side.stream.ready or peer.stream.ready or side.stream.outside or peer.stream.outside:
             self.timers.both(side)
-        if side.connection.followed and (side.unseen or peer.unseen):
+        if side.connection.followed and (side.unseen or peer.unseen or side.tcp.doubt is not None):
+            ends.look(self.counters, side)
             ends.note_unseen(side)
             ends.note_unseen(peer)
             self.timers.both(side)

@@ -156,7 +156,9 @@ class S7Plus(Protocol):
         if pdu is not None and pdu.malformed and not (cut or holed):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
+        exchange.dialogue.cut = cut
         self._pair(side, octets, frame, time_ns)
+        exchange.dialogue.cut = False
         if holed and assembler is not None and head.version != SYSTEM_EVENT and head.version != KEEP_ALIVE:
             # It may be the rest of a PDU, with arbitrary numbers. The two exceptions can come between frames, before such a
             # rest.

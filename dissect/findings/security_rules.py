@@ -165,7 +165,10 @@ class SecurityWatch:
             self._pairs.add((client, server))
         elif first != client and (client, server) not in self._pairs:
             self._pairs.add((client, server))
-            self.tell("security.new_writer", transaction, f"until now only {first} wrote to {server}")
+            what = f"until now only {first} wrote to {server}"
+            if transaction.connection.tcp.has_holes:
+                what += ", as far as was captured: its connection has gaps"
+            self.tell("security.new_writer", transaction, what)
 
     def sample(self, transaction: Transaction) -> None:
         """Take one write in `SAMPLED`; after each `_WRITES` of a connection, judge how fast they came."""

@@ -15,6 +15,7 @@ from dissect.s7.tables import ACK, SETUP_COMMUNICATION
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
+from dissect.transactions.gaps import has_gaps
 from dissect.transactions.open_requests import FEW_JOBS, GIVEN_UP_NS
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
@@ -46,7 +47,7 @@ def judge_request(
         connection.setup_open = True
         if parameters.setup is not None:
             connection.setup_asked = parameters.setup
-    elif not connection.mid_stream and not side.holes and _too_early(side):
+    elif not connection.mid_stream and not has_gaps(side) and _too_early(side):
         connection.setup_seen = True  # reported once
         connection.setup_open = False
         reporter.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)

@@ -47,18 +47,15 @@ def perhaps_answered(request: Transaction, answering: Side) -> bool:
     )
 
 
-def unheard(request: Transaction, answering: Side, now_ns: i64) -> bool:
-    """Return whether the capture lacks all that came after a request: its connection is silent, and it was not acknowledged.
+def unheard(request: Transaction, answering: Side, now_ns: i64, lossy: bool) -> bool:
+    """Return whether the capture probably lacks all that came after a request: its connection is silent until the end.
 
     TCP acknowledges within half a second (RFC 1122, 4.2.3.2) or sends again soon after (RFC 6298), also where nobody answers.
+    Where it did, the silence is that of the capture only if this has gaps elsewhere (``lossy``).
     """
-    return (
-        answering.captured
-        and request.again is None
-        and request.request_ack >= 0
-        and now_ns - answering.tcp.last_ns > _ACK_DUE_NS
-        and not follows(answering.acked, request.request_seq)
-    )
+    if not answering.captured or request.request_ack < 0 or now_ns - answering.tcp.last_ns <= _ACK_DUE_NS:
+        return False
+    return lossy or (request.again is None and not follows(answering.acked, request.request_seq))
 
 
 def between(side: Side, request: Transaction) -> bool:

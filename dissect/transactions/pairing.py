@@ -118,6 +118,8 @@ class Dialogue:
         self.holding: list[Side] = []  # sides whose answer is held for its request, since the pipeline last looked
         self.several: bool = False  # other requests were open when the side of the latest request sent it
         self.shared: bool = False  # ... one of them with its reference; set back by who reports it
+        self.cut: bool = False  # the message at hand ends in a gap, so that its time is not that of its last packet
+        self.lossy: bool = False  # the capture has a gap
         self.watching: bool = False  # an `OverdueWatch` takes the sides from `asking`
         self.asking: list[Side] = []  # sides that sent requests since it last looked, except those it watches already
 
@@ -148,6 +150,8 @@ class Dialogue:
         transaction.request_buf = buf
         transaction.request_offset = at
         transaction.request_size = size
+        if side.holes:
+            self._ask_after_gap(side, transaction)
         if not connection.client_known:
             connection.note_request(side.index, parameters)
         if parameters.function == WRITE_VAR:
@@ -177,6 +181,17 @@ class Dialogue:
             if oldest is not None:
                 self._close(side.peer, requests, oldest[0], oldest[1], TABLE_FULL)
         return None
+
+    def _ask_after_gap(self, side: Side, transaction: Transaction) -> None:
+        """Note whether a request that was not captured may be answered in place of this one, or this one is incomplete.
+
+        A client that always uses one reference had another request open if it had received nothing since the gap.
+        """
+        requests = side.connection.open_requests[side.index]
+        if self.cut:
+            transaction.flags |= GAPS
+        elif requests.repeats > 1 and side.hole_end >= 0 and side.hole_ack == transaction.request_ack:
+            transaction.flags |= ALIKE
 
     def _find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
         """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
@@ -288,7 +303,7 @@ class Dialogue:
 
     def _note_gaps(self, side: Side, requests: OpenRequests, request: Transaction) -> None:
         """``request`` is answered, and the capture has gaps: note what that says of it and of the requests before it."""
-        if between(side, request):
+        if self.cut or between(side, request):
             request.flags |= GAPS
         lost = requests.lost
         if lost:
@@ -369,6 +384,7 @@ class Dialogue:
 
     def lost(self, side: Side, size: i64) -> None:
         """``size`` octets of ``side`` were not captured: remember the requests that were answered in them."""
+        self.lossy = True
         requests = side.connection.open_requests[1 - side.index]
         if requests.count:
             requests.lost = answered_in(side, size, requests)
@@ -528,7 +544,7 @@ class Dialogue:
         if answered:
             transaction.reason = HOLE
         elif answering is not None:
-            if perhaps_answered(transaction, answering) or unheard(transaction, answering, now_ns):
+            if perhaps_answered(transaction, answering) or unheard(transaction, answering, now_ns, self.lossy):
                 transaction.reason = HOLE
                 transaction.flags |= GAPS
             elif not answering.captured:

@@ -48,6 +48,7 @@ class Side:
         "end_seq",
         "first_ack",
         "framer",
+        "hole_ack",
         "hole_end",
         "hole_frame",
         "holes",
@@ -111,6 +112,7 @@ class Side:
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
+        self.hole_ack: i64 = -1  # what this side had acknowledged before it
         self.hole_end: i64 = (
             -1
         )  # sequence number after it, -1 for none, or where it is the rest of a packet that was cut
