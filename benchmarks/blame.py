@@ -28,13 +28,14 @@ OF_A_REQUEST: Final = frozenset((
     "transaction.slow", "transaction.function_mismatch", "transaction.count_mismatch", "transaction.size_mismatch",
     "transaction.write_size", "transaction.table_full",
 ))  # fmt: skip
+#: Judged for the first answer to each distinct request only: true when its packets are a pair of the complete capture.
+OF_A_PAIR: Final = frozenset(("transaction.odd_data_code",))
 #: Reported once, for the first request of its kind in the whole capture: true when the complete capture says the same anywhere.
 OF_A_CAPTURE: Final = frozenset(("s7.unknown_code", "s7.odd_address"))
 #: About two hosts, on whichever of their connections it shows: true when the complete capture says it of them anywhere.
 OF_HOSTS: Final = frozenset(("security.new_writer", "security.password_guessing", "security.tsap_scan"))
 #: Of a connection, mostly reported once: true when the complete capture says it of that connection.
 OF_A_CONNECTION: Final = frozenset((
-    "transaction.odd_data_code",
     "s7.malformed", "s7.plus_too_long", "s7.unknown_rosctr", "s7.redundancy_id", "s7.client_push", "s7.ack_content",
     "s7plus.malformed",
     "session.data_before_setup", "session.pdu_too_long", "session.repeated_setup", "session.read_too_long",
@@ -48,7 +49,7 @@ OF_A_CONNECTION: Final = frozenset((
     "security.nc_command", "security.unknown_service", "security.flood",
 ))  # fmt: skip
 #: The findings that blame.
-BLAMES: Final = OF_A_REQUEST | OF_A_CAPTURE | OF_HOSTS | OF_A_CONNECTION
+BLAMES: Final = OF_A_REQUEST | OF_A_PAIR | OF_A_CAPTURE | OF_HOSTS | OF_A_CONNECTION
 
 #: Findings of the same kinds that do not blame, each with the reason.
 BLAMELESS: Final[dict[str, str]] = {

@@ -24,7 +24,7 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from benchmarks.blame import BLAMES, NOT_ANSWERED, OF_A_CAPTURE, OF_A_REQUEST, OF_HOSTS, REASONS, names_loss
+from benchmarks.blame import BLAMES, NOT_ANSWERED, OF_A_CAPTURE, OF_A_PAIR, OF_A_REQUEST, OF_HOSTS, REASONS, names_loss
 from benchmarks.generate import parse_count
 from benchmarks.tables import columns
 from benchmarks.told import Capture, Key, Packet, Pair, Statement, Told, Unanswered, read
@@ -40,6 +40,8 @@ _ETHERNET: Final = 1
 _ROOT: Final = Path(__file__).resolve().parents[1]
 #: Packets that go together, where they do.
 _BURST: Final = (5, 40)
+#: Octets by which PDUs of one reference are held for the same: header, parameters and some data of nearly all of them.
+_BEGIN: Final = 64
 #: The bars: wrong pairs among the sure ones, untrue statements in all, and pairs that stay sure at `_RATE`.
 _WRONG: Final = 3 / 10_000
 _BLAMING: Final = 5
@@ -59,19 +61,18 @@ class Truth:
         self.pairs = [pair for pair in told.pairs if pair.certainty == SURE]
         self._requests: dict[Key, list[Pair]] = {}
         self._answers: dict[Key, list[Pair]] = {}
-        self._contents: set[tuple[str, str, tuple[bytes, bytes]]] = set()
+        self._named: dict[tuple[str, str, int], list[Pair]] = {}
         self._unanswered: dict[Key, list[Unanswered]] = {}
-        self._silent: set[tuple[str, str, bytes]] = set()
+        self._silent: set[tuple[str, str, int, bytes]] = set()
         self._statements: dict[tuple[str, ...], list[Statement]] = {}
-        self._answered: set[int] = set()
+        self._packets = {(pair.request.packet, pair.answer) for pair in told.pairs}
         for pair in told.pairs:
             self._requests.setdefault(pair.request, []).append(pair)
             self._answers.setdefault(pair.answered, []).append(pair)
-            self._contents.add((*pair.request[:2], pair.octets))
-            self._answered.add(pair.request.packet)
+            self._named.setdefault(pair.request[:3], []).append(pair)
         for one in told.unanswered:
             self._unanswered.setdefault(one.request, []).append(one)
-            self._silent.add((*one.request[:2], one.octets))
+            self._silent.add((*one.request[:3], one.octets[:_BEGIN]))
         for statement in told.statements:
             self._statements.setdefault(_where(statement), []).append(statement)
 
@@ -85,14 +86,15 @@ class Truth:
             same = [other for other in asked if other.answer == pair.answer]
             right = len(asked) == 1 or any(other.octets == pair.octets for other in same)
             return RIGHT if same and right else WRONG
-        # A packet that the pairs of the complete capture do not name: TCP sent it again.
-        return RIGHT if (*pair.request[:2], pair.octets) in self._contents else WRONG
+        # One packet is not the last of a PDU there: TCP sent it again, or the last fragments of the PDU were left out.
+        candidates = asked or told or self._named.get(pair.request[:3], [])
+        return RIGHT if any(_begin_alike(pair, other) for other in candidates) else WRONG
 
     def has_reason(self, one: Unanswered) -> bool:
         """Return whether it is true that a request had no answer, and why."""
         found = self._unanswered.get(one.request)
         if found is None:
-            return one.request not in self._requests and (*one.request[:2], one.octets) in self._silent
+            return one.request not in self._requests and (*one.request[:3], one.octets[:_BEGIN]) in self._silent
         # Where a capture ends early, an ending that it does not show is no untruth.
         return one.reason == CAPTURE_ENDED or any(other.reason == one.reason for other in found)
 
@@ -103,6 +105,8 @@ class Truth:
             return any(other.detail == statement.detail for other in found)
         if statement.slug in OF_HOSTS:
             return bool(found)
+        if statement.slug in OF_A_PAIR:
+            return statement.packets in self._packets
         found = [other for other in found if other.first <= statement.last and statement.first <= other.last]
         if statement.slug in OF_A_REQUEST:
             packets = set(statement.packets)
@@ -111,7 +115,7 @@ class Truth:
 
     def was_answered(self, statement: Statement) -> bool:
         """Return whether a request that a statement is about was answered."""
-        return any(packet in self._answered for packet in statement.packets)
+        return any(asked in statement.packets for asked, _ in self._packets)
 
 
 def _where(statement: Statement) -> tuple[str, ...]:
@@ -121,6 +125,11 @@ def _where(statement: Statement) -> tuple[str, ...]:
     if statement.slug in OF_HOSTS:
         return (statement.slug, *[end.rpartition(":")[0] for end in statement.ends])
     return (statement.slug, *statement.ends)
+
+
+def _begin_alike(one: Pair, other: Pair) -> bool:
+    """Return whether the PDUs of two pairs begin with the same octets, as one that was captured in part does."""
+    return all(mine[:_BEGIN] == theirs[:_BEGIN] for mine, theirs in zip(one.octets, other.octets, strict=True))
 
 
 class Verdict:
