@@ -84,11 +84,12 @@ class Pair(NamedTuple):
 
 
 class Unanswered(NamedTuple):
-    """A request without answer. ``missed``: an answer was due."""
+    """A request without answer. ``missed``: an answer was due. ``certainty`` is that of an answer that was not captured."""
 
     request: Key
     octets: bytes
     reason: str
+    certainty: str
     missed: bool
     function: str
 
@@ -122,9 +123,7 @@ class Told(Observer):
             if count % _RENEWED == 0:
                 pipeline.exchange.reporter.renew()
             packet = capture.packets[number]
-            pipeline.frame(
-                packet.time_ns, packet.octets, 0, len(packet.octets), packet.wire_length, packet.link_type
-            )
+            pipeline.frame(packet.time_ns, packet.octets, 0, len(packet.octets), packet.wire_length, packet.link_type)
         pipeline.exchange.reporter.renew()
         pipeline.finish()
 
@@ -147,8 +146,8 @@ class Told(Observer):
             self.pairs.append(Pair(key, self._number(transaction.response_frame), transaction.certainty, octets))
         else:
             missed = transaction.missed and not transaction.unseen
-            octets, function = transaction.request_octets, transaction.function_name
-            self.unanswered.append(Unanswered(key, octets, transaction.reason, missed, function))
+            request, reason, function = transaction.request_octets, transaction.reason, transaction.function_name
+            self.unanswered.append(Unanswered(key, request, reason, transaction.certainty, missed, function))
 
     @property
     def statements(self) -> list[Statement]:
