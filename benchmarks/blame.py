@@ -22,6 +22,9 @@ from dissect.transactions.transaction import (
 #: How the slugs of the findings begin that may blame.
 PREFIXES: Final = ("transaction.", "session.", "s7.", "s7plus.", "security.")
 
+#: A connection on which octets came in two versions: what is true of it depends on which of them were captured.
+CONFLICT: Final = "stream.conflict"
+
 #: Of one request and its answer: compared with what the complete capture says of that request.
 OF_A_REQUEST: Final = frozenset((
     "transaction.refused", "transaction.item_error", "transaction.alarm_refused", "transaction.overdue",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from benchmarks.blame import PREFIXES
+from benchmarks.blame import CONFLICT, PREFIXES
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.source.files import open_capture
@@ -131,7 +131,7 @@ class Told(Observer):
         self._connections[int(connection.number)] = connection
 
     def finding(self, finding: Finding) -> None:
-        if finding.slug.startswith(PREFIXES):
+        if finding.slug.startswith(PREFIXES) or finding.slug == CONFLICT:
             self._findings.append(finding)
 
     def transaction(self, transaction: Transaction) -> None:
@@ -151,7 +151,7 @@ class Told(Observer):
 
     @property
     def statements(self) -> list[Statement]:
-        """The findings of the kinds that may blame, also those that do not."""
+        """The findings of the kinds that may blame, also those that do not, and conflicts."""
         return [self._statement(finding) for finding in self._findings]
 
     def _number(self, frame: int) -> int:
