@@ -22,23 +22,28 @@ from dissect.transactions.transaction import (
 #: How the slugs of the findings begin that may blame.
 PREFIXES: Final = ("transaction.", "session.", "s7.", "s7plus.", "security.")
 
+#: A connection on which octets came in two versions: what is true of it depends on which of them were captured.
+CONFLICT: Final = "stream.conflict"
+
 #: Of one request and its answer: compared with what the complete capture says of that request.
 OF_A_REQUEST: Final = frozenset((
     "transaction.refused", "transaction.item_error", "transaction.alarm_refused", "transaction.overdue",
     "transaction.slow", "transaction.function_mismatch", "transaction.count_mismatch", "transaction.size_mismatch",
     "transaction.write_size", "transaction.table_full",
 ))  # fmt: skip
+#: Judged for the first answer to each distinct request only: true when its packets are a pair of the complete capture.
+OF_A_PAIR: Final = frozenset(("transaction.odd_data_code",))
 #: Reported once, for the first request of its kind in the whole capture: true when the complete capture says the same anywhere.
 OF_A_CAPTURE: Final = frozenset(("s7.unknown_code", "s7.odd_address"))
 #: About two hosts, on whichever of their connections it shows: true when the complete capture says it of them anywhere.
 OF_HOSTS: Final = frozenset(("security.new_writer", "security.password_guessing", "security.tsap_scan"))
 #: Of a connection, mostly reported once: true when the complete capture says it of that connection.
 OF_A_CONNECTION: Final = frozenset((
-    "transaction.odd_data_code",
     "s7.malformed", "s7.plus_too_long", "s7.unknown_rosctr", "s7.redundancy_id", "s7.client_push", "s7.ack_content",
     "s7plus.malformed",
     "session.data_before_setup", "session.pdu_too_long", "session.repeated_setup", "session.read_too_long",
-    "session.too_many_jobs", "session.bad_grant", "session.unusual_port", "session.foreign_on_102", "session.cut",
+    "session.too_many_jobs", "session.shared_reference", "session.bad_grant", "session.unusual_port",
+    "session.foreign_on_102", "session.cut",
     "security.tls_weak", "security.certificate_expired", "security.certificate_weak",
     "security.plc_stop", "security.plc_start", "security.stopped", "security.mode_changed", "security.program_change",
     "security.program_read", "security.memory", "security.force", "security.debug", "security.write",
@@ -48,7 +53,7 @@ OF_A_CONNECTION: Final = frozenset((
     "security.nc_command", "security.unknown_service", "security.flood",
 ))  # fmt: skip
 #: The findings that blame.
-BLAMES: Final = OF_A_REQUEST | OF_A_CAPTURE | OF_HOSTS | OF_A_CONNECTION
+BLAMES: Final = OF_A_REQUEST | OF_A_PAIR | OF_A_CAPTURE | OF_HOSTS | OF_A_CONNECTION
 
 #: Findings of the same kinds that do not blame, each with the reason.
 BLAMELESS: Final[dict[str, str]] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from benchmarks.blame import PREFIXES
+from benchmarks.blame import CONFLICT, PREFIXES
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.source.files import open_capture
@@ -84,11 +84,12 @@ class Pair(NamedTuple):
 
 
 class Unanswered(NamedTuple):
-    """A request without answer. ``missed``: an answer was due."""
+    """A request without answer. ``missed``: an answer was due. ``certainty`` is that of an answer that was not captured."""
 
     request: Key
     octets: bytes
     reason: str
+    certainty: str
     missed: bool
     function: str
 
@@ -122,9 +123,7 @@ class Told(Observer):
             if count % _RENEWED == 0:
                 pipeline.exchange.reporter.renew()
             packet = capture.packets[number]
-            pipeline.frame(
-                packet.time_ns, packet.octets, 0, len(packet.octets), packet.wire_length, packet.link_type
-            )
+            pipeline.frame(packet.time_ns, packet.octets, 0, len(packet.octets), packet.wire_length, packet.link_type)
         pipeline.exchange.reporter.renew()
         pipeline.finish()
 
@@ -132,7 +131,7 @@ class Told(Observer):
         self._connections[int(connection.number)] = connection
 
     def finding(self, finding: Finding) -> None:
-        if finding.slug.startswith(PREFIXES):
+        if finding.slug.startswith(PREFIXES) or finding.slug == CONFLICT:
             self._findings.append(finding)
 
     def transaction(self, transaction: Transaction) -> None:
@@ -147,12 +146,12 @@ class Told(Observer):
             self.pairs.append(Pair(key, self._number(transaction.response_frame), transaction.certainty, octets))
         else:
             missed = transaction.missed and not transaction.unseen
-            octets, function = transaction.request_octets, transaction.function_name
-            self.unanswered.append(Unanswered(key, octets, transaction.reason, missed, function))
+            request, reason, function = transaction.request_octets, transaction.reason, transaction.function_name
+            self.unanswered.append(Unanswered(key, request, reason, transaction.certainty, missed, function))
 
     @property
     def statements(self) -> list[Statement]:
-        """The findings of the kinds that may blame, also those that do not."""
+        """The findings of the kinds that may blame, also those that do not, and conflicts."""
         return [self._statement(finding) for finding in self._findings]
 
     def _number(self, frame: int) -> int:
