@@ -256,8 +256,9 @@ class Connections:
         judge_cut(exchange.reporter, side, ending)
         if ending.connecting:
             self.scans.refused(side.connection, ending.time_ns)
-        self._end_side(side, reason, last_frame, last_ns)
-        self._end_side(peer, reason, last_frame, last_ns)
+        for end in (side, peer):
+            end.protocol.end(end, last_frame, last_ns)
+            exchange.dialogue.end(end, reason, now_ns)
         if exchange.dialogue.also:
             exchange.beside(frame, now_ns)
         if exchange.decoder is not None:
@@ -266,10 +267,6 @@ class Connections:
         exchange.watch.end(side.connection, reason)
         exchange.observer.connection_closed(side.connection)
         side.connection.let_go()
-
-    def _end_side(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
-        side.protocol.end(side, frame, now_ns)
-        self._exchange.dialogue.end(side, reason, now_ns)
 
 
 class Recognition(Protocol):

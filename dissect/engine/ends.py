@@ -81,14 +81,14 @@ def look(counters: Counters, side: Side) -> None:
 def note_unseen(side: Side) -> None:
     """The connection is over: what ``side`` is known to have sent and the capture does not have is a gap.
 
-    That is what the other side acknowledged, and what comes before a FIN of ``side`` that is still believed (`look`).
+    That is what the other side acknowledged, and what comes before a FIN or RST of ``side`` that is still believed (`look`).
     """
     missing: i64 = side.unseen
     tcp = side.tcp
     if missing > 1 and tcp.ended_by == side.index and tcp.ended == "fin":
         missing -= 1  # its FIN
     doubt = tcp.doubt
-    if doubt is not None and doubt.side == side.index and doubt.how == "fin" and side.is_ahead(doubt.seq):
+    if doubt is not None and doubt.side == side.index and side.is_ahead(doubt.seq):
         missing = max(missing, (doubt.seq - side.end_seq) & MASK)
     if missing > 1 and side.stream.next_seq >= 0:
         side.stream.skip(missing, side.tcp.last_frame, side.tcp.last_ns)

@@ -191,7 +191,6 @@ class Timers:
             # No message is unfinished, so messages in these octets were whole when their own packet came.
             chunk.frame = chunk.own_frame
             chunk.time_ns = chunk.own_ns
-        before: i64 = side.last_ack
         side.end_seq = chunk.end_seq
         side.size = len(chunk.octets)
         side.last_ack = chunk.ack
@@ -202,8 +201,6 @@ class Timers:
             side.holes += 1
             side.missing += chunk.hole
             if not (side.at_rest and chunk.hole in _EMPTY_DTS):
-                if before >= 0:
-                    side.hole_ack = before
                 side.hole_frame = chunk.frame
                 side.hole_end = -1 if cut else chunk.end_seq
             side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 LEAST_ANSWER: Final = 19
 #: TCP has acknowledged a segment after this time, or sent it again.
 _ACK_DUE_NS: Final = 1_000_000_000
+#: After so many requests, each with another reference than the one before, a client is known to change it.
+_FEW_REQUESTS: Final = 3
 #: Requests looked at for one gap.
 _MOST: Final = 16
 
@@ -82,6 +84,20 @@ def missing_since(side: Side, request: Transaction) -> bool:
 def perhaps_unasked(side: Side, request: Transaction) -> bool:
     """Return whether what ``side`` sends now may answer a request that was not captured, instead of ``request``."""
     return _asks_missing(side, request) or excludes(request, side.end_seq, side.last_ack)
+
+
+def unasked_before(side: Side, requests: OpenRequests, key: i64) -> bool:
+    """Return whether a request of ``side`` with the reference of the one at hand may be open, and was not captured.
+
+    That takes a gap since the request before, no answer without a request since then, and a client that uses its references
+    more than once, as far as is known.
+    """
+    answering = side.peer
+    if side.hole_end < 0 or not follows(side.hole_end, requests.asked_seq) or answering is None:
+        return False
+    if requests.orphan_frame > requests.asked_frame or answering.hole_frame >= requests.asked_frame:
+        return False
+    return requests.repeats > 0 or key == requests.latest_key or side.requests <= _FEW_REQUESTS
 
 
 def _asks_missing(side: Side, request: Transaction) -> bool:

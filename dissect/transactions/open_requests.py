@@ -123,11 +123,14 @@ class OpenRequests:
         "_rows",
         "_table",
         "answered",
+        "asked_frame",
+        "asked_seq",
         "count",
         "doubtful",
         "latest",
         "latest_key",
         "lost",
+        "orphan_frame",
         "orphans",
         "repeats",
         "undecided",
@@ -142,6 +145,9 @@ class OpenRequests:
         self._rows: dict[int, Row] | None = None
         self._given_up: i64 = 0
         self.answered: i64 = 0  # number of the request that was answered last
+        self.asked_frame: i64 = 0  # packet of the request that was sent last, and where it begins
+        self.asked_seq: i64 = 0
+        self.orphan_frame: i64 = 0  # packet of the latest answer that found no request
         self.count: i64 = 0  # may be more than len(table): several requests may share a key
         self.repeats: i64 = 0  # how often two requests in a row had the same key
         self.doubtful: bool = False  # an answer could not be told from another one, so the later ones may be shifted
@@ -381,6 +387,7 @@ class OpenRequests:
         if orphans is None:
             orphans = self.orphans = []
         orphans.append(HeldAnswer(key, answer, ack, packet))
+        self.orphan_frame = answer.response_frame
         if len(orphans) > MAX_ORPHANS:
             return orphans.pop(0)
         return None

@@ -39,6 +39,7 @@ from dissect.transactions.gaps import (
     passed_over,
     perhaps_answered,
     perhaps_unasked,
+    unasked_before,
     unheard,
 )
 from dissect.transactions.open_requests import (
@@ -150,8 +151,6 @@ class Dialogue:
         transaction.request_buf = buf
         transaction.request_offset = at
         transaction.request_size = size
-        if side.holes:
-            self._ask_after_gap(side, transaction)
         if not connection.client_known:
             connection.note_request(side.index, parameters)
         if parameters.function == WRITE_VAR:
@@ -159,6 +158,10 @@ class Dialogue:
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         requests = connection.open_requests[asked_by]
         self.several = requests.count > 0
+        if side.holes:
+            self._ask_after_gap(side, requests, key, transaction)
+        requests.asked_frame = frame
+        requests.asked_seq = transaction.request_seq
         if requests.orphans is not None and self._find_answer(side, requests, key, transaction):
             return transaction
         self.open += 1
@@ -182,21 +185,19 @@ class Dialogue:
                 self._close(side.peer, requests, oldest[0], oldest[1], TABLE_FULL)
         return None
 
-    def _ask_after_gap(self, side: Side, transaction: Transaction) -> None:
-        """Note whether a request that was not captured may be answered in place of this one, or this one is incomplete.
-
-        A client that always uses one reference had another request open if it had received nothing since the gap.
-        """
-        requests = side.connection.open_requests[side.index]
+    def _ask_after_gap(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> None:
+        """Note if a request that was not captured may be answered in place of this one, or if this one is incomplete itself."""
         if self.cut:
             transaction.flags |= GAPS
-        elif requests.repeats > 1 and side.hole_end >= 0 and side.hole_ack == transaction.request_ack:
+        elif unasked_before(side, requests, key):
             transaction.flags |= ALIKE
 
     def _find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
         """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
         orphan = requests.find_orphan(key, side.end_seq)
-        if orphan is not None and not (has_gaps(side) and is_strange(transaction, orphan.transaction)):
+        if orphan is not None and (
+            orphan.ack == side.end_seq or not (has_gaps(side) and is_strange(transaction, orphan.transaction))
+        ):
             requests.release_orphan(orphan)
             if orphan.transaction.response_frame < transaction.request_frame:
                 transaction.flags |= REORDERED
@@ -308,6 +309,8 @@ class Dialogue:
         lost = requests.lost
         if lost:
             requests.lost = []
+            if request in lost:
+                request.flags |= GAPS  # either this or what is missing is its answer
             for one in lost:
                 if one.number < request.number:  # servers answer in order
                     self._close(side, requests, key_of(one.rosctr, one.pdu_ref), one, HOLE, True)

@@ -48,7 +48,6 @@ class Side:
         "end_seq",
         "first_ack",
         "framer",
-        "hole_ack",
         "hole_end",
         "hole_frame",
         "holes",
@@ -112,7 +111,6 @@ class Side:
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
-        self.hole_ack: i64 = -1  # what this side had acknowledged before it
         self.hole_end: i64 = -1  # sequence number after it, -1 for none, or if it is the rest of a cut packet
         self.waiting: bool = False  # `Timers` has it in its list of sides to look at when time passes
         self.watched: bool = False  # `OverdueWatch` looks at its requests
