@@ -25,7 +25,7 @@ from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
 from dissect.s7.tables import ACK_DATA, JOB, OCTET_STRING, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, V3
-from dissect.transactions.pairing import key_of
+from dissect.transactions.open_requests import key_of
 from dissect.transactions.results import requested_items
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import PUSH, Transaction

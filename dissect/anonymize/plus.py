@@ -27,7 +27,7 @@ from dissect.s7plus.tables import (
     V1,
     V3,
 )
-from dissect.transactions.pairing import PLUS_KEY
+from dissect.transactions.open_requests import PLUS_KEY
 from dissect.transactions.side import Side
 from dissect.wire.layout import Layout
 from dissect.wire.part import Part

@@ -21,6 +21,9 @@ from dissect.transactions.side import Rival, Side
 from dissect.transactions.table import ConnectionTable
 from dissect.wire.text import count
 
+#: After a reset, a segment at most this far ahead may have been captured out of order; any other comes too late.
+AFTER_RESET: Final = 65536
+
 # What `judge` returns for a SYN or RST: of this connection, of another one in its place, or a SYN to be confirmed first.
 SAME: Final = 0
 ANOTHER: Final = 1
@@ -78,20 +81,31 @@ def look(counters: Counters, side: Side) -> None:
             counters.note_of("stream.reset_ignored", [int(doubt.frame)], doubt.time_ns, detail, side.connection.number)
 
 
-def note_unseen(side: Side) -> None:
-    """The connection is over: what ``side`` is known to have sent and the capture does not have is a gap.
+def note_unseen(counters: Counters, side: Side, peer: Side) -> bool:
+    """The connection is over: what a side is known to have sent and the capture does not have is a gap; return whether any is.
 
-    That is what the other side acknowledged, and what comes before a FIN or RST of ``side`` that is still believed (`look`).
+    That is what the other side acknowledged, and what comes before a FIN or RST of the side that is still believed (`look`).
     """
+    if not side.connection.followed or not (side.unseen or peer.unseen or side.tcp.doubt is not None):
+        return False
+    look(counters, side)
+    for end in (side, peer):
+        missing: i64 = _unseen(end)
+        if missing > 1 and end.stream.next_seq >= 0:
+            end.stream.skip(missing, end.tcp.last_frame, end.tcp.last_ns)
+    return bool(side.stream.ready or peer.stream.ready)
+
+
+def _unseen(side: Side) -> i64:
     missing: i64 = side.unseen
     tcp = side.tcp
     if missing > 1 and tcp.ended_by == side.index and tcp.ended == "fin":
         missing -= 1  # its FIN
     doubt = tcp.doubt
-    if doubt is not None and doubt.side == side.index and side.is_ahead(doubt.seq):
+    asked: bool = side.connection.open_requests[1 - side.index].count > 0
+    if doubt is not None and asked and doubt.side == side.index and side.is_ahead(doubt.seq):
         missing = max(missing, (doubt.seq - side.end_seq) & MASK)
-    if missing > 1 and side.stream.next_seq >= 0:
-        side.stream.skip(missing, side.tcp.last_frame, side.tcp.last_ns)
+    return missing
 
 
 def finish(counters: Counters, table: ConnectionTable, side: Side, peer: Side) -> None:

@@ -53,6 +53,8 @@ from dissect.transactions.stray import Stray
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 
+#: The size of a TPKT with a DT and just the header of an S7 PDU, in octets.
+LEAST: Final = 17
 #: TPKT, DT and the header of an S7 PDU: the interpreted code reads them with one call.
 _FUSED: Final = struct.Struct(">HHIB2xHHH")
 #: The first two octets of a TPKT: version and the reserved octet.

@@ -27,13 +27,13 @@ from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.engine.ibh import IbhNetLink
-from dissect.engine.iso import IsoOnTcp
+from dissect.engine.iso import LEAST, IsoOnTcp
 from dissect.engine.observer import Observer
 from dissect.engine.options import Options
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
-from dissect.engine.silent import SilentConnections, judge_silent, may_be_probe, untold
+from dissect.engine.silent import NO_PROBE, SilentConnections, judge_silent, may_be_probe, untold
 from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
@@ -50,6 +50,7 @@ from dissect.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.protocol import Protocol
+from dissect.transactions.retransmission import note_sent_again
 from dissect.transactions.side import Side
 from dissect.transactions.table import ConnectionTable
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
@@ -61,12 +62,6 @@ __all__ = ["Observer", "Options", "Pipeline"]
 _FUSED: Final = struct.Struct(">12xIH2xI2x12sIIH")
 _FUSED_SIZE: Final = 54
 
-#: The size of a TPKT with a DT and just the header of an S7 PDU, in octets.
-_LEAST: Final = 17
-#: After a reset, a segment at most this far ahead may have been captured out of order; any other comes too late.
-_AFTER_RESET: Final = 65536
-#: A segment with one of these flags is not a keep-alive probe.
-_NO_PROBE: Final = SYN | FIN | RST
 #: After each so many captured octets, what all buffers hold is added up; it cannot have grown by more in between.
 LOOK_OCTETS: Final = 32 * 1024 * 1024
 
@@ -217,7 +212,8 @@ class Pipeline(PacketSink):
         """Set the clock by the first packet, by one older than the packet before it, or by one at which something is due."""
         counters = self.counters
         if time_ns < counters.now_ns:
-            self._step_back(time_ns)
+            counters.note_step_back(time_ns)
+            self.timers.step_back(time_ns)
         elif counters.frames == 1:
             counters.first_ns = time_ns
         counters.now_ns = time_ns
@@ -229,13 +225,6 @@ class Pipeline(PacketSink):
         if side.connection.followed:
             self.counters.note("stream.evicted", detail, side.connection.number)
         self._finish(side, CONNECTION_EVICTED)
-
-    def _step_back(self, time_ns: i64) -> None:
-        """The clock of the capture went back: move the deadline back as well, or whatever waits would wait too long."""
-        counters, timers = self.counters, self.timers
-        counters.note_step_back(time_ns)
-        if timers.deadline_ns != FAR_FUTURE:
-            timers.deadline_ns = min(timers.deadline_ns, next_tick(time_ns))
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
@@ -291,11 +280,9 @@ class Pipeline(PacketSink):
                 half.passed(octets, size)
                 side.end_seq = half.next_seq
                 side.size = size
-                if size < _LEAST or self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
+                if size < LEAST or self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
                     self._feed(side, octets, size)
                 return PAYLOAD
-        if data == stop:
-            return self._segment(side, seq, ack, word, b"", 0)
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
 
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
@@ -414,9 +401,9 @@ class Pipeline(PacketSink):
             side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
         size: i64 = len(octets)
         if size == 0 and missing == 0:
-            if not flags & _NO_PROBE:
+            if not flags & NO_PROBE:
                 side.note_end(seq)
-            if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & _NO_PROBE:
+            if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & NO_PROBE:
                 side.note_probe(counters.frames, counters.now_ns, False)
             return NO_PAYLOAD
         half = side.stream
@@ -430,7 +417,7 @@ class Pipeline(PacketSink):
 
     def _feed(self, side: Side, octets: bytes, size: i64) -> None:
         """Hand the next octets of ``side`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
-        if side.longest and size < _LEAST and self.iso.empty(side, octets):
+        if side.longest and size < LEAST and self.iso.empty(side, octets):
             return
         self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
         peer = side.peer
@@ -457,7 +444,7 @@ class Pipeline(PacketSink):
             if stream.FAR_AHEAD < ahead < stream.MASK - stream.FAR_AHEAD and connection.established:
                 if is_connect_request(octets):
                     return self._reopen(side, seq, octets, missing)
-            if side.tcp.reset_frame and half.held is None and ahead > _AFTER_RESET:
+            if side.tcp.reset_frame and half.held is None and ahead > ends.AFTER_RESET:
                 return accounts.AFTER_CLOSE
         if connection.state == LEFT_OUT:
             size: i64 = len(octets)
@@ -475,7 +462,7 @@ class Pipeline(PacketSink):
             side.note_probe(self.counters.frames, self.counters.now_ns, True)
             return accounts.KEEP_ALIVE
         if half.next_seq < 0:
-            self._begin_stream(side, peer, seq)
+            side.begin_late(seq)
         what: i64 = stream.NEW
         conflicts: i64 = half.conflicts
         if octets:
@@ -499,7 +486,7 @@ class Pipeline(PacketSink):
         elif half.ready or half.outside:
             self.timers.chunks(side)
         if half.repeats:
-            self.exchange.dialogue.sent_again(side, seq, len(octets), self.counters.frames, self.counters.now_ns)
+            note_sent_again(side, seq, len(octets), self.counters.frames, self.counters.now_ns)
         if half.held is not None:
             self.timers.wait(side)
         if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
@@ -512,16 +499,6 @@ class Pipeline(PacketSink):
         if what == stream.NEW or what == stream.OLD:
             return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
-
-    def _begin_stream(self, side: Side, peer: Side, seq: i64) -> None:
-        """Begin the octets of ``side`` at those that ``peer`` had not acknowledged yet when it was first captured.
-
-        A segment from ``seq`` on that lies behind them has a gap before it. One before them was sent again or captured late.
-        """
-        begin: i64 = peer.first_ack
-        if begin < 0 or (seq - begin) & stream.MASK > stream.FAR_AHEAD:
-            begin = seq
-        side.begin(begin)
 
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 
@@ -587,10 +564,7 @@ class Pipeline(PacketSink):
             end.waiting = False
         if side.stream.ready or peer.stream.ready or side.stream.outside or peer.stream.outside:
             self.timers.both(side)
-        if side.connection.followed and (side.unseen or peer.unseen or side.tcp.doubt is not None):
-            ends.look(self.counters, side)
-            ends.note_unseen(side)
-            ends.note_unseen(peer)
+        if ends.note_unseen(self.counters, side, peer):
             self.timers.both(side)
         ends.finish(self.counters, self.table, side, peer)
         connection = side.connection

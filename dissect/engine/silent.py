@@ -15,7 +15,7 @@ from mypy_extensions import i64
 
 from dissect.engine.connections import on_102
 from dissect.engine.counters import Counters
-from dissect.tcp.stream import MASK, Endpoint
+from dissect.tcp.stream import FIN, MASK, RST, SYN, Endpoint
 from dissect.transactions.connection import ISO_TSAP_PORT, PROBING
 from dissect.transactions.probes import Probes
 from dissect.transactions.side import Side
@@ -23,6 +23,8 @@ from dissect.transactions.table import endpoints, reverse_key
 from dissect.wire.octets import u16
 from dissect.wire.text import count
 
+#: A segment with one of these flags is not a keep-alive probe.
+NO_PROBE: Final = SYN | FIN | RST
 #: Connections watched at once; when there are more, the one not seen for longest is forgotten.
 MAX_SILENT: Final = 4096
 #: Probes of one side are at least a second apart, less some tolerance; one that comes earlier was captured twice.

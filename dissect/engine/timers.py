@@ -248,6 +248,11 @@ class Timers:
         if self.deadline_ns == FAR_FUTURE:
             self.deadline_ns = next_tick(self._counters.now_ns)
 
+    def step_back(self, time_ns: i64) -> None:
+        """The clock of the capture went back to ``time_ns``: so does the deadline, or whatever waits would wait too long."""
+        if self.deadline_ns != FAR_FUTURE:
+            self.deadline_ns = min(self.deadline_ns, next_tick(time_ns))
+
     def expire_answers(self, side: Side) -> None:
         """Give up answers of ``side`` that were held for their request too long."""
         exchange = self._exchange

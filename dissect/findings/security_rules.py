@@ -51,7 +51,7 @@ from dissect.transactions.connection import Connection, Writes
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import half_captured
-from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, CAPTURE_ENDED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, hex_number, titled
@@ -386,7 +386,7 @@ class SecurityWatch:
             part = " in part" if transaction.is_plus and code == PARTIAL_ERROR else ""
             result = f", refused{part}: {codes.coded(code)}"
         elif transaction.outcome == UNANSWERED:
-            result = ", answer not captured" if transaction.unseen else ", not answered"
+            result = _unanswered(transaction)
         elif good and not reports and slug in _COMMANDS:
             result = ", accepted"
         if transaction.outcome == ORPHAN:
@@ -427,6 +427,13 @@ def _item_codes(refused: list[ItemResult]) -> str:
 def _asked(transaction: Transaction) -> bool:
     """Return whether a client made the request: it was captured, or the capture explains why it is missing."""
     return transaction.request_frame > 0 or (transaction.outcome == ORPHAN and half_captured(transaction))
+
+
+def _unanswered(transaction: Transaction) -> str:
+    """Return how a request without an answer ended."""
+    if transaction.unseen:
+        return ", answer not captured"
+    return ", the capture ends before an answer" if transaction.reason == CAPTURE_ENDED else ", not answered"
 
 
 def _ends(transaction: Transaction) -> tuple[str, str]:

@@ -95,7 +95,7 @@ def unasked_before(side: Side, requests: OpenRequests, key: i64) -> bool:
     answering = side.peer
     if side.hole_end < 0 or not follows(side.hole_end, requests.asked_seq) or answering is None:
         return False
-    if requests.orphan_frame > requests.asked_frame or answering.hole_frame >= requests.asked_frame:
+    if requests.was_passed(key, side.end_seq) or answering.hole_frame >= requests.asked_frame:
         return False
     return requests.repeats > 0 or key == requests.latest_key or side.requests <= _FEW_REQUESTS
 

@@ -1,7 +1,7 @@
 """The open requests of one side, and the answers that wait (reference section 5).
 
 Each asking side of a connection has a table of its own, because either end may send requests and their references are
-independent. The key is ROSCTR and PDU reference, in one number (`dissect.transactions.pairing.key_of`). A reference is opaque:
+independent. The key is ROSCTR and PDU reference, in one number (`key_of`). A reference is opaque:
 zero is valid, it wraps, and a client may use it again at once.
 
 A request leaves the table when it is answered, or when no answer to it can come any more; not because its reference is used
@@ -18,6 +18,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.s7.tables import USERDATA
+from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK
 from dissect.transactions.transaction import Transaction
 
@@ -44,6 +46,23 @@ FEW_JOBS: Final = 64
 _FEW_OLD: Final = 8
 #: The table is rebuilt whenever so many requests were given up from its front.
 _FRESH: Final = 1024
+
+
+#: Added to the reference of a userdata request: ROSCTR is part of the key.
+USERDATA_KEY: Final = 0x10000
+#: Added to the sequence number of an S7comm-plus request.
+PLUS_KEY: Final = 0x20000
+#: Added to what identifies an SCD request: its transaction number, or its index and sub-index, together 25 bits.
+SCD_KEY: Final = 0x40000000
+
+
+def key_of(rosctr: i64, pdu_ref: i64) -> i64:
+    """Return the key of a request, or of the request that an answer belongs to."""
+    if rosctr < USERDATA:
+        return pdu_ref
+    if rosctr == USERDATA:
+        return pdu_ref | USERDATA_KEY
+    return pdu_ref | (PLUS_KEY if rosctr == PLUS else SCD_KEY)
 
 
 #: What most tables have in place of a list; nobody appends to it.
@@ -147,7 +166,7 @@ class OpenRequests:
         self.answered: i64 = 0  # number of the request that was answered last
         self.asked_frame: i64 = 0  # packet of the request that was sent last, and where it begins
         self.asked_seq: i64 = 0
-        self.orphan_frame: i64 = 0  # packet of the latest answer that found no request
+        self.orphan_frame: i64 = 0  # packet of the latest answer that was given up because no request came
         self.count: i64 = 0  # may be more than len(table): several requests may share a key
         self.repeats: i64 = 0  # how often two requests in a row had the same key
         self.doubtful: bool = False  # an answer could not be told from another one, so the later ones may be shifted
@@ -387,7 +406,6 @@ class OpenRequests:
         if orphans is None:
             orphans = self.orphans = []
         orphans.append(HeldAnswer(key, answer, ack, packet))
-        self.orphan_frame = answer.response_frame
         if len(orphans) > MAX_ORPHANS:
             return orphans.pop(0)
         return None
@@ -398,6 +416,14 @@ class OpenRequests:
             if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
                 return orphan
         return None
+
+    def was_passed(self, key: i64, end_seq: i64) -> bool:
+        """Return whether an answer came since the latest request, and not to the one at hand (``key``, up to ``end_seq``)."""
+        for orphan in self.orphans or []:
+            covers: bool = orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE
+            if orphan.transaction.response_frame > self.asked_frame and not (covers and orphan.key == key):
+                return True
+        return self.orphan_frame > self.asked_frame
 
     def release_orphan(self, orphan: HeldAnswer) -> None:
         """Stop holding an answer: its request has come."""

@@ -49,6 +49,7 @@ from dissect.transactions.open_requests import (
     OpenRequests,
     Row,
     acknowledged,
+    key_of,
 )
 from dissect.transactions.results import (
     ALIKE,
@@ -56,7 +57,6 @@ from dissect.transactions.results import (
     FUNCTION_MISMATCH,
     GAPS,
     REORDERED,
-    SentAgain,
     check_notification,
     check_other_answer,
     check_written,
@@ -87,26 +87,6 @@ MAX_OPEN_ALL: Final = 65536
 FEW_OPEN: Final = 16
 #: When `Dialogue.asking` has so many sides, those of closed connections are removed. It is more than can be open at once.
 _MANY_ASKING: Final = MAX_OPEN_ALL
-
-#: TCP waits longer than this before it retransmits (RFC 6298, 2.4: a second; in practice 100 ms). A copy that comes earlier is
-#: a packet that was captured twice.
-_TWICE_NS: Final = 10_000_000
-
-#: Added to the reference of a userdata request: ROSCTR is part of the key.
-USERDATA_KEY: Final = 0x10000
-#: Added to the sequence number of an S7comm-plus request.
-PLUS_KEY: Final = 0x20000
-#: Added to what identifies an SCD request: its transaction number, or its index and sub-index, together 25 bits.
-SCD_KEY: Final = 0x40000000
-
-
-def key_of(rosctr: i64, pdu_ref: i64) -> i64:
-    """Return the key of a request, or of the request that an answer belongs to."""
-    if rosctr < USERDATA:
-        return pdu_ref
-    if rosctr == USERDATA:
-        return pdu_ref | USERDATA_KEY
-    return pdu_ref | (PLUS_KEY if rosctr == PLUS else SCD_KEY)
 
 
 class Dialogue:
@@ -196,7 +176,8 @@ class Dialogue:
         """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
         orphan = requests.find_orphan(key, side.end_seq)
         if orphan is not None and (
-            orphan.ack == side.end_seq or not (has_gaps(side) and is_strange(transaction, orphan.transaction))
+            (orphan.ack == side.end_seq and not transaction.flags & ALIKE)
+            or not (has_gaps(side) and is_strange(transaction, orphan.transaction))
         ):
             requests.release_orphan(orphan)
             if orphan.transaction.response_frame < transaction.request_frame:
@@ -277,7 +258,10 @@ class Dialogue:
             gaps
             and (
                 passed_over(side, requests, waiting)
-                or (perhaps_unasked(side, waiting) and contradicts(waiting, rosctr, parameters, buf, at, size, data_at))
+                or (
+                    (waiting.flags & ALIKE or perhaps_unasked(side, waiting))
+                    and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
+                )
             )
         ):
             # A gap may contain the answer to the open request, or the request of this answer.
@@ -415,26 +399,6 @@ class Dialogue:
         """Return whether a request is open that an answer of ``side`` with this reference would complete."""
         key: i64 = key_of(rosctr, pdu_ref)
         return side.connection.open_requests[1 - side.index].find(key) is not None
-
-    def sent_again(self, side: Side, seq: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """``side`` retransmitted ``size`` octets from ``seq`` on: note that at its latest open request, if they end with it."""
-        connection = side.connection
-        half = side.stream
-        half.repeats = False
-        if (seq + size - half.next_seq) & MASK >= HALF_SPACE:
-            return  # the latest octets of the side are not among them
-        request = connection.open_requests[side.index].asked_last()
-        if request is None or request.request_ns != connection.last_request_ns or not side.at_rest:
-            return
-        again = request.again
-        if time_ns - (request.request_ns if again is None else again.time_ns) < _TWICE_NS:
-            return
-        if again is None:
-            again = SentAgain()
-            request.again = again
-        again.times += 1
-        again.frame = frame
-        again.time_ns = time_ns
 
     def tell(
         self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
@@ -588,6 +552,8 @@ class Dialogue:
     def _give_up_orphan(self, orphan: HeldAnswer, side: Side) -> None:
         """No request of a held answer came: the answer becomes a transaction by itself."""
         transaction = orphan.transaction
+        requests = transaction.connection.open_requests[transaction.asked_by]
+        requests.orphan_frame = max(requests.orphan_frame, transaction.response_frame)
         self.count += 1
         transaction.number = self.count
         if transaction.rosctr > USERDATA:

@@ -147,6 +147,17 @@ class Side:
         self.stream.start(seq)
         self.end_seq = self.stream.next_seq
 
+    def begin_late(self, seq: i64) -> None:
+        """Its first captured octets are those from ``seq`` on; those that the other side had not acknowledged before are a gap.
+
+        A segment before these was sent again or captured late: it begins the stream as it comes.
+        """
+        peer = self.peer
+        begin: i64 = seq
+        if peer is not None and peer.first_ack >= 0 and (seq - peer.first_ack) & MASK <= FAR_AHEAD:
+            begin = peer.first_ack
+        self.begin(begin)
+
     def note_ack(self, seq: i64, ack: i64) -> None:
         """Take the acknowledgement of a packet of this side; one with a far sequence number ``seq`` may be of another one."""
         if self.stream.next_seq >= 0 and not -FAR_AHEAD <= self.stream.distance(seq) <= FAR_AHEAD:

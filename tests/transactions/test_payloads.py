@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dissect.scd.messages import Message
-from dissect.transactions.pairing import SCD_KEY, key_of
+from dissect.transactions.open_requests import SCD_KEY, key_of
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters, is_scd_key
 from dissect.transactions.results import mismatch
 from tests.bindings import plant
