@@ -31,8 +31,9 @@ OF_A_REQUEST: Final = frozenset((
     "transaction.slow", "transaction.function_mismatch", "transaction.count_mismatch", "transaction.size_mismatch",
     "transaction.write_size", "transaction.table_full",
 ))  # fmt: skip
-#: Judged for the first answer to each distinct request only: true when its packets are a pair of the complete capture.
-OF_A_PAIR: Final = frozenset(("transaction.odd_data_code",))
+#: Of a pair, but reported for one pair of several only: for the first answer to each distinct request, for the first write to
+#: an area. Which one that is depends on what was captured: it is true when its packets are a pair of the complete capture.
+OF_A_PAIR: Final = frozenset(("transaction.odd_data_code", "security.write_refused"))
 #: Reported once, for the first request of its kind in the whole capture: true when the complete capture says the same anywhere.
 OF_A_CAPTURE: Final = frozenset(("s7.unknown_code", "s7.odd_address"))
 #: About two hosts, on whichever of their connections it shows: true when the complete capture says it of them anywhere.
@@ -47,7 +48,7 @@ OF_A_CONNECTION: Final = frozenset((
     "security.tls_weak", "security.certificate_expired", "security.certificate_weak",
     "security.plc_stop", "security.plc_start", "security.stopped", "security.mode_changed", "security.program_change",
     "security.program_read", "security.memory", "security.force", "security.debug", "security.write",
-    "security.write_outputs", "security.write_refused", "security.password", "security.password_failed",
+    "security.write_outputs", "security.password", "security.password_failed",
     "security.protected", "security.unauthenticated", "security.clear_text", "security.session_reused",
     "security.replay", "security.clock_set", "security.reconnaissance", "security.flash_led", "security.alarm_change",
     "security.nc_command", "security.unknown_service", "security.flood",

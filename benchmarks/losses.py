@@ -113,7 +113,7 @@ class Table:
             for number in range(self._rounds):
                 rng = Random(f"{self._seed} {capture.name} {rate} {burst} {number}")
                 numbers = kept(count, rate, burst, rng)
-                row.add(compare(capture.name, truth, Told(capture, numbers), numbers))
+                row.add(compare(capture, truth, Told(capture, numbers), numbers))
 
     def text(self, what: str) -> str:
         """Return the table."""

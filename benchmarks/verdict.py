@@ -21,13 +21,13 @@ from benchmarks.blame import (
     REASONS,
     names_loss,
 )
-from benchmarks.told import Statement
+from benchmarks.told import Statement, Told
 from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, LIKELY, SURE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from benchmarks.told import Key, Pair, Told, Unanswered
+    from benchmarks.told import Capture, Key, Pair, Unanswered
 
 RIGHT: Final = "right"
 WRONG: Final = "wrong"
@@ -78,7 +78,7 @@ class Truth:
         found = self._unanswered.get(one.request)
         if found is None:
             return one.request not in self._requests and (*one.request[:3], one.octets[:_BEGIN]) in self._silent
-        # Where a capture ends early, an ending that it does not show is no untruth.
+        # An ending of the connection that was left out is no untruth.
         return one.reason == CAPTURE_ENDED or any(other.reason == one.reason for other in found)
 
     def excuses(self, one: Unanswered) -> bool:
@@ -94,8 +94,8 @@ class Truth:
             return any(other.detail == statement.detail for other in found)
         if statement.slug in OF_HOSTS:
             return bool(found)
-        if statement.slug in OF_A_PAIR:
-            return statement.packets in self._packets
+        if statement.slug in OF_A_PAIR and statement.packets in self._packets:
+            return True
         if (CONFLICT, *statement.ends) in self._statements:
             return True  # octets came in two versions: which one a capture shows first, nobody can blame on anybody
         found = [other for other in found if other.first <= statement.last and statement.first <= other.last]
@@ -105,8 +105,9 @@ class Truth:
         return bool(found)
 
     def was_answered(self, statement: Statement) -> bool:
-        """Return whether a request that a statement is about was answered."""
-        return any(asked in statement.packets for asked, _ in self._packets)
+        """Return whether all requests in a packet of a statement were answered."""
+        answered = {asked for asked, _ in self._packets} - {key.packet for key in self._unanswered}
+        return not answered.isdisjoint(statement.packets)
 
 
 def _where(statement: Statement) -> tuple[str, ...]:
@@ -186,8 +187,9 @@ class Verdict:
         )
 
 
-def compare(name: str, truth: Truth, told: Told, numbers: Sequence[int]) -> Verdict:
+def compare(capture: Capture, truth: Truth, told: Told, numbers: Sequence[int]) -> Verdict:
     """Hold what is ``told`` of the packets ``numbers`` of a capture against the ``truth`` of all of them."""
+    name = capture.name
     verdict = Verdict()
     verdict.kept = len(numbers)
     stay: set[Key] = set()
@@ -207,7 +209,7 @@ def compare(name: str, truth: Truth, told: Told, numbers: Sequence[int]) -> Verd
             verdict.stay += pair.request in stay
             verdict.missed += pair.request not in found
     verdict.excused = sum(truth.excuses(one) for one in told.unanswered)
-    for statement in blaming(truth, told):
+    for statement in blaming(capture, truth, told, numbers):
         verdict.blaming[statement.slug] += 1
         verdict.where[name] += 1
         packets = ", ".join([str(packet + 1) for packet in statement.packets])
@@ -216,8 +218,20 @@ def compare(name: str, truth: Truth, told: Told, numbers: Sequence[int]) -> Verd
     return verdict
 
 
-def blaming(truth: Truth, told: Told) -> Iterator[Statement]:
-    """Give each statement that blames and is not true; of a request without answer, with its reason as the slug."""
+def blaming(capture: Capture, truth: Truth, told: Told, numbers: Sequence[int]) -> list[Statement]:
+    """Return each statement that blames and is not true; of a request without answer, with its reason as the slug.
+
+    It is not true when the complete capture does not make it, and would not either if it ended with the last of ``numbers``:
+    what nothing came after, nobody can miss.
+    """
+    found = list(_blaming(truth, told))
+    if found and numbers and numbers[-1] + 1 < len(capture.packets):
+        begun = list(_blaming(Truth(Told(capture, range(numbers[-1] + 1))), told))
+        found = [statement for statement in found if statement in begun]
+    return found
+
+
+def _blaming(truth: Truth, told: Told) -> Iterator[Statement]:
     for statement in told.statements:
         if statement.slug not in BLAMES or names_loss(statement.detail):
             continue

@@ -12,7 +12,7 @@ from benchmarks import losses
 from benchmarks.blame import BLAMELESS, BLAMELESS_REASONS, BLAMES, NOT_ANSWERED, PREFIXES, REASONS, names_loss
 from benchmarks.losses import Table, judge, kept, made, main
 from benchmarks.told import Capture, Key, Packet, Pair, Statement, Told, Unanswered, read
-from benchmarks.verdict import OPEN, RIGHT, WRONG, Truth, Verdict, compare
+from benchmarks.verdict import OPEN, RIGHT, WRONG, Truth, Verdict, blaming, compare
 from dissect.findings.catalogue import CATALOGUE
 from dissect.transactions.transaction import (
     CAPTURE_ENDED,
@@ -29,11 +29,14 @@ PACKETS = 6000
 SMALL = "nodes7-poll.pcapng"
 
 
+NOTHING = Capture("planted")
+
+
 class Planted(Told):
     """What is told of nothing, to be planted in."""
 
     def __init__(self, *pairs: Pair) -> None:
-        super().__init__(Capture("planted"), [])
+        super().__init__(NOTHING, [])
         self.pairs += pairs
         self.planted: list[Statement] = []
 
@@ -65,14 +68,14 @@ def blamed(said: Statement, *whole: Statement, pairs: tuple[Pair, ...] = ()) -> 
     truth, told = Planted(*pairs), Planted()
     truth.planted += whole
     told.planted.append(said)
-    return list(compare("planted", Truth(truth), told, []).blaming.elements())
+    return list(compare(NOTHING, Truth(truth), told, []).blaming.elements())
 
 
 def reasons(said: Unanswered, *whole: Unanswered, pairs: tuple[Pair, ...] = ()) -> list[str]:
     truth, told = Planted(*pairs), Planted()
     truth.unanswered += whole
     told.unanswered.append(said)
-    return list(compare("planted", Truth(truth), told, []).blaming.elements())
+    return list(compare(NOTHING, Truth(truth), told, []).blaming.elements())
 
 
 # ---- the whole engine ------------------------------------------------------------------------------------------------
@@ -85,7 +88,7 @@ def test_a_tenth_of_the_packets_is_missing_and_no_answer_is_given_to_another_req
     for burst in (False, True):
         numbers = kept(PACKETS, 0.1, burst, Random(f"losses {burst}"))
         assert 0.85 * PACKETS < len(numbers) < 0.95 * PACKETS
-        verdict = compare("made", truth, Told(capture, numbers), numbers)
+        verdict = compare(capture, truth, Told(capture, numbers), numbers)
         assert verdict.counts[SURE, WRONG] == 0
         assert verdict.told > 0.7 * len(truth.pairs)
         assert verdict.stays > 0.97
@@ -95,7 +98,7 @@ def test_a_tenth_of_the_packets_is_missing_and_no_answer_is_given_to_another_req
 def test_of_a_complete_capture_nothing_is_untrue() -> None:
     for capture in (made(2000, 2), read(CAPTURES / "crafted" / "coverage-functions.pcapng", "functions")):
         numbers = range(len(capture.packets))
-        verdict = compare(capture.name, Truth(Told(capture, numbers)), Told(capture, numbers), numbers)
+        verdict = compare(capture, Truth(Told(capture, numbers)), Told(capture, numbers), numbers)
         assert verdict.told == verdict.counts[SURE, RIGHT] == verdict.stay == verdict.of_kept > 90
         assert not verdict.details
         assert (verdict.missed, verdict.excused, verdict.blaming.total()) == (0, 0, 0)
@@ -123,12 +126,12 @@ def test_a_pair_that_is_planted_in_a_real_capture_is_wrong() -> None:
     first, second = next(places for places in by_connection.values() if len(places) > 1)[:2]
     mine, other = told.pairs[first], told.pairs[second]
     told.pairs[first] = mine._replace(answer=other.answer, octets=(mine.octets[0], other.octets[1]))
-    verdict = compare("made", truth, told, numbers)
+    verdict = compare(capture, truth, told, numbers)
     assert verdict.counts[SURE, WRONG] == 1
     assert verdict.stay == verdict.of_kept - 1
     assert verdict.missed == 0
     (line,) = verdict.details
-    assert line.startswith("made: WRONG PAIR: ")
+    assert line.startswith("made traffic: WRONG PAIR: ")
     assert f"request {mine.request.packet + 1}, answer {other.answer + 1}" in line
 
 
@@ -170,7 +173,7 @@ def test_of_what_the_complete_capture_is_not_sure_nothing_is_wrong() -> None:
 def test_pairs_are_counted_by_certainty() -> None:
     whole = Truth(Planted(pair(0, 1), pair(2, 3), pair(4, 5), pair(6, 7), pair(8, 9), pair(10, 11)))
     told = Planted(pair(0, 1), pair(2, 3, certainty=LIKELY), pair(4, 7), pair(6, 5, certainty=LIKELY))
-    verdict = compare("planted", whole, told, range(11))
+    verdict = compare(NOTHING, whole, told, range(11))
     assert dict(verdict.counts) == {
         (SURE, RIGHT): 1, (LIKELY, RIGHT): 1, (SURE, WRONG): 1, (LIKELY, WRONG): 1,
     }  # fmt: skip
@@ -253,6 +256,21 @@ def test_the_reason_of_a_request_without_answer_is_compared_request_by_request()
     assert reasons(silent(3, CAPTURE_ENDED, missed=False), pairs=(pair(3, 4),)) == []
 
 
+def test_what_is_true_of_the_capture_up_to_its_last_packet_blames_nobody() -> None:
+    """The answer to the last request comes after the last packet that is kept, more than a second later."""
+    capture = read(CAPTURES / "answer-slow.pcapng", "slow")
+    truth = Truth(Told(capture, range(len(capture.packets))))
+    slow = max(truth.pairs, key=lambda one: one.answer - one.request.packet)
+    numbers = range(slow.answer)
+    told = Told(capture, numbers)
+    told.unanswered.append(Unanswered(slow.request, slow.octets[0], CAPTURE_ENDED, "", True, "Read Var"))
+    assert blaming(capture, truth, told, numbers) == []
+    told.unanswered.append(Unanswered(slow.request, slow.octets[0], REFERENCE_REUSED, "", True, "Read Var"))
+    assert [one.slug for one in blaming(capture, truth, told, numbers)] == [f"reason {REFERENCE_REUSED}"]
+    (ended,) = blaming(capture, truth, told, [*numbers, slow.answer + 1])[:1]
+    assert ended.slug == f"reason {CAPTURE_ENDED}"
+
+
 def test_an_excuse_for_a_request_that_was_never_answered_is_counted() -> None:
     whole = Planted(pair(9, 10))
     whole.unanswered += [silent(3, CONNECTION_CLOSED), silent(5, HOLE)]
@@ -262,9 +280,9 @@ def test_an_excuse_for_a_request_that_was_never_answered_is_counted() -> None:
         silent(5, HOLE, certainty=SURE),
         silent(9, HOLE, certainty=SURE),
     ]
-    assert compare("planted", Truth(whole), told, []).excused == 1
+    assert compare(NOTHING, Truth(whole), told, []).excused == 1
     told.unanswered[0] = silent(3, HOLE, certainty=LIKELY)
-    assert compare("planted", Truth(whole), told, []).excused == 0
+    assert compare(NOTHING, Truth(whole), told, []).excused == 0
 
 
 # ---- the command -----------------------------------------------------------------------------------------------------
@@ -320,11 +338,11 @@ def test_the_command_says_what_is_untrue(
     assert capsys.readouterr().out.splitlines()[-1] == "All bars are held."
 
 
-def planted(name: str, truth: Truth, told: Told, numbers: list[int]) -> Verdict:
+def planted(capture: Capture, truth: Truth, told: Told, numbers: list[int]) -> Verdict:
     verdict = Verdict()
     verdict.blaming["session.cut"] += 1
-    verdict.where[name] += 1
-    verdict.details.append(f"{name}: session.cut: ends")
+    verdict.where[capture.name] += 1
+    verdict.details.append(f"{capture.name}: session.cut: ends")
     return verdict
 
 
