@@ -36,8 +36,11 @@ OF_A_REQUEST: Final = frozenset((
 OF_A_PAIR: Final = frozenset(("transaction.odd_data_code", "security.write_refused"))
 #: Reported once, for the first request of its kind in the whole capture: true when the complete capture says the same anywhere.
 OF_A_CAPTURE: Final = frozenset(("s7.unknown_code", "s7.odd_address"))
-#: About two hosts, on whichever of their connections it shows: true when the complete capture says it of them anywhere.
-OF_HOSTS: Final = frozenset(("security.new_writer", "security.password_guessing", "security.tsap_scan"))
+#: About two hosts, on whichever of their connections it shows first: true when the complete capture says it of them anywhere.
+OF_HOSTS: Final = frozenset((
+    "security.new_writer", "security.password_guessing", "security.tsap_scan", "security.stopped",
+    "security.mode_changed",
+))  # fmt: skip
 #: Of a connection, mostly reported once: true when the complete capture says it of that connection.
 OF_A_CONNECTION: Final = frozenset((
     "s7.malformed", "s7.plus_too_long", "s7.unknown_rosctr", "s7.redundancy_id", "s7.client_push", "s7.ack_content",
@@ -45,10 +48,9 @@ OF_A_CONNECTION: Final = frozenset((
     "session.data_before_setup", "session.pdu_too_long", "session.repeated_setup", "session.read_too_long",
     "session.too_many_jobs", "session.shared_reference", "session.bad_grant", "session.unusual_port",
     "session.foreign_on_102", "session.cut",
-    "security.tls_weak", "security.certificate_expired", "security.certificate_weak",
-    "security.plc_stop", "security.plc_start", "security.stopped", "security.mode_changed", "security.program_change",
-    "security.program_read", "security.memory", "security.force", "security.debug", "security.write",
-    "security.write_outputs", "security.password", "security.password_failed",
+    "security.tls_weak", "security.certificate_expired", "security.certificate_weak", "security.plc_stop",
+    "security.plc_start", "security.program_change", "security.program_read", "security.memory", "security.force",
+    "security.debug", "security.write", "security.write_outputs", "security.password", "security.password_failed",
     "security.protected", "security.unauthenticated", "security.clear_text", "security.session_reused",
     "security.replay", "security.clock_set", "security.reconnaissance", "security.flash_led", "security.alarm_change",
     "security.nc_command", "security.unknown_service", "security.flood",

@@ -75,6 +75,8 @@ class Truth:
 
     def has_reason(self, one: Unanswered) -> bool:
         """Return whether it is true that a request had no answer, and why."""
+        if self._conflict(one.request.asking, one.request.answering):
+            return True
         found = self._unanswered.get(one.request)
         if found is None:
             return one.request not in self._requests and (*one.request[:3], one.octets[:_BEGIN]) in self._silent
@@ -96,13 +98,17 @@ class Truth:
             return bool(found)
         if statement.slug in OF_A_PAIR and statement.packets in self._packets:
             return True
-        if (CONFLICT, *statement.ends) in self._statements:
-            return True  # octets came in two versions: which one a capture shows first, nobody can blame on anybody
+        if self._conflict(*statement.ends):
+            return True
         found = [other for other in found if other.first <= statement.last and statement.first <= other.last]
         if statement.slug in OF_A_REQUEST:
             packets = set(statement.packets)
             return any(packets & set(other.packets) or other.detail == statement.detail for other in found)
         return bool(found)
+
+    def _conflict(self, *ends: str) -> bool:
+        """Return whether octets came in two versions: what is true of a connection then depends on which was captured."""
+        return (CONFLICT, *sorted(ends)) in self._statements
 
     def was_answered(self, statement: Statement) -> bool:
         """Return whether all requests in a packet of a statement were answered."""

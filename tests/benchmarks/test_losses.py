@@ -251,6 +251,11 @@ def test_the_reason_of_a_request_without_answer_is_compared_request_by_request()
     assert reasons(silent(3, CAPTURE_ENDED), pairs=(pair(3, 4),)) == [f"reason {CAPTURE_ENDED}"]
     # The request once more, of which the first copy was left out.
     assert reasons(silent(7, CONNECTION_CLOSED, b"octets"), silent(3, CONNECTION_CLOSED, b"octets")) == []
+    conflict = Planted(pair(3, 4))
+    conflict.planted.append(statement("stream.conflict", 1))  # two versions of some octets
+    told = Planted()
+    told.unanswered.append(closed)
+    assert compare(NOTHING, Truth(conflict), told, []).blaming.total() == 0
     # Nothing is said of these: the answer was not captured, or it may still come.
     assert reasons(silent(3, HOLE), pairs=(pair(3, 4),)) == []
     assert reasons(silent(3, CAPTURE_ENDED, missed=False), pairs=(pair(3, 4),)) == []
