@@ -59,14 +59,14 @@ class Deal:
 
 
 class Mark(NamedTuple):
-    """A message that is complete with a packet: the request or the answer of a deal."""
+    """A message that a packet carries, or a part of it: the request or the answer of a deal."""
 
     deal: Deal
     answers: bool
 
 
 class Captured(NamedTuple):
-    """A packet where it is captured, and the messages that it completes."""
+    """A packet where it is captured, and the messages that it carries."""
 
     time_ns: int
     segment: Segment
@@ -297,14 +297,14 @@ def _again(packet: Captured, sent: Sequence[Captured]) -> Captured:
 
 
 def _pieces(rng: Random, packet: Captured) -> list[Captured]:
-    """Cut a segment in two, behind the header of its first TPKT; all that it completes is complete with the second."""
+    """Cut a segment in two, behind the header of its TPKT; which of them comes last and completes its message is open."""
     segment = packet.segment
     if len(segment.payload) < 20 or len(packet.marks) > 1:
         return [packet]
     at = rng.randrange(12, len(segment.payload))
     first = segment._replace(payload=segment.payload[:at])
     second = segment._replace(seq=(segment.seq + at) & MASK, payload=segment.payload[at:])
-    return [Captured(packet.time_ns, first, ()), Captured(packet.time_ns + 1000, second, packet.marks)]
+    return [packet._replace(segment=first), Captured(packet.time_ns + 1000, second, packet.marks)]
 
 
 # ---- what is asked ---------------------------------------------------------------------------------------------------

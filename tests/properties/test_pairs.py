@@ -61,9 +61,22 @@ def capture_of(packets: Sequence[Captured]) -> Capture:
 
 
 def is_right(pair: Pair, packets: Sequence[Captured]) -> bool:
-    asked = [mark.deal for mark in packets[pair.request.packet].marks if not mark.answers]
-    told = {id(mark.deal.first) for mark in packets[pair.answer].marks if mark.answers}
-    return any(id(deal.first) in told for deal in asked if deal.ref == pair.request.reference)
+    asked = {id(deal.first) for deal in meant(packets, pair.request.packet, pair.octets[0], answers=False)}
+    told = {id(deal.first) for deal in meant(packets, pair.answer, pair.octets[1], answers=True)}
+    return not asked.isdisjoint(told)
+
+
+def meant(packets: Sequence[Captured], number: int, octets: bytes, *, answers: bool) -> list[Deal]:
+    """Return the deals that a message may be of: those in its packet, else all that have such a message.
+
+    What waited behind a gap is told of the packet that closed the gap.
+    """
+    for among in (packets[number : number + 1], packets):
+        marks = [mark for packet in among for mark in packet.marks if mark.answers is answers]
+        found = [mark.deal for mark in marks if (mark.deal.answer if answers else mark.deal.request) == octets]
+        if found:
+            return found
+    return []
 
 
 class Found(NamedTuple):
