@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from random import Random
 from typing import Final, NamedTuple
 
@@ -17,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.blame import BLAMES, REASONS
-from benchmarks.told import Capture, Packet, Pair, Told
+from benchmarks.told import Capture, Key, Packet, Pair, Told
 from benchmarks.verdict import Truth, compare
 from dissect.findings.catalogue import CATALOGUE
 from dissect.transactions.transaction import LIKELY, SURE
@@ -118,6 +119,30 @@ def left(rng: Random, packets: Sequence[Captured]) -> list[int]:
         start = rng.randrange(count)
         gone.update(range(start, start + rng.randint(2, 12)))
     return [number for number in range(count) if number not in gone]
+
+
+def test_an_answer_at_another_request_is_found_to_be_wrong() -> None:
+    for make in (unique, constant):
+        packets = make(Random(f"planted {make.__name__}"))
+        pairs = Told(capture_of(packets), range(len(packets))).pairs
+        assert len(pairs) > 3
+        assert all(is_right(pair, packets) for pair in pairs)
+        for one, other in pairwise(pairs):
+            swapped = one._replace(answer=other.answer, octets=(one.octets[0], other.octets[1]))
+            assert is_right(swapped, packets) is (one.octets[0] == other.octets[0])  # a request that is repeated
+
+
+def test_a_request_that_is_repeated_may_have_either_answer() -> None:
+    deal = Deal(0, *reads(0, *word(1, 1)), service_ns=300 * MS)
+    packets = Conversation(Random(1), [deal], Manners(timeout_ns=200 * MS, retries=True)).packets
+    marks = [
+        (number, mark) for number, packet in enumerate(packets) for mark in packet.marks if mark.deal.first is deal
+    ]
+    asked = [number for number, mark in marks if not mark.answers]
+    told = [number for number, mark in marks if mark.answers]
+    assert len(asked) == len(told) == 2
+    octets = (deal.request, deal.answer)
+    assert all(is_right(Pair(Key("", "", 0, one), other, SURE, octets), packets) for one in asked for other in told)
 
 
 # ---- references that are unique among the requests that are open -----------------------------------------------------
