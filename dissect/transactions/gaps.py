@@ -82,7 +82,13 @@ def missing_since(side: Side, request: Transaction) -> bool:
 
 
 def perhaps_unasked(side: Side, request: Transaction) -> bool:
-    """Return whether what ``side`` sends now may answer a request that was not captured, instead of ``request``."""
+    """Return whether what ``side`` sends now may answer a request that was not captured, instead of ``request``.
+
+    Octets that the asking side sent are missing after ``request``, or right before it.
+    """
+    asking = side.peer
+    if asking is not None and asking.hole_end >= 0 and (request.request_seq - asking.hole_end) & MASK < LEAST_ANSWER:
+        return True
     return _asks_missing(side, request) or excludes(request, side.end_seq, side.last_ack)
 
 

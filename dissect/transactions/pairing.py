@@ -511,7 +511,12 @@ class Dialogue:
         if answered:
             transaction.reason = HOLE
         elif answering is not None:
-            if perhaps_answered(transaction, answering) or unheard(transaction, answering, now_ns, self.lossy):
+            incomplete: bool = transaction.flags & GAPS != 0
+            if (
+                incomplete
+                or perhaps_answered(transaction, answering)
+                or unheard(transaction, answering, now_ns, self.lossy)
+            ):
                 transaction.reason = HOLE
                 transaction.flags |= GAPS
             elif not answering.captured:
