@@ -265,8 +265,8 @@ KNOWN: Final = (
         SCOPE,
         (WHOLE, *_ALL_OF_TPDU),
         "TPKTs of H.323 (Q.931, H.245) are shown, and nothing of COTP in them.",
-        "Wireshark follows the call that names the connection; we do not. Where the first bytes could be COTP (02 70, with which"
-        " H.245 begins, an ER), we read them so.",
+        "Wireshark follows the call that names the connection; we do not. Where the first bytes could be COTP (02 70, with"
+        " which H.245 begins, an ER), we read them so.",
         "1.4",
         grounds.is_h323,
     ),

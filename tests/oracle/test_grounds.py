@@ -379,9 +379,9 @@ class Captured(Stub):
 
 
 def arrived(
-    at: int, new: int, ahead: bool = False, payload: bytes = b"", fresh: list[tuple[int, int]] | None = None
+    at: int, new: int, ahead: bool = False, payload: bytes = b"", fresh: tuple[tuple[int, int], ...] = ()
 ) -> Arrival:
-    return Arrival(Segment(1, "flow", 0, payload, frozenset()), at, new, ahead, fresh or [])
+    return Arrival(Segment(1, "flow", 0, payload, frozenset()), at, new, ahead, fresh)
 
 
 @pytest.mark.parametrize(
@@ -401,8 +401,8 @@ def test_closes_a_gap(ours: int, theirs: int, mine: Arrival, its: Arrival, stand
     assert grounds.closes_a_gap(case(Place("", 0, FRAME), ours, theirs, one, other, evidence=evidence)) == holds
 
 
-PART_NEW: Final = arrived(0, 3, payload=b"newold", fresh=[(0, 3)])
-TWICE: Final = arrived(0, 3, payload=b"old old", fresh=[(0, 3)])
+PART_NEW: Final = arrived(0, 3, payload=b"newold", fresh=((0, 3),))
+TWICE: Final = arrived(0, 3, payload=b"old old", fresh=((0, 3),))
 
 
 @pytest.mark.parametrize(
@@ -440,10 +440,8 @@ def test_shown_in_a_retransmission(
 )
 def test_brought_before_in_part(kind: str, octets: bytes, there: Arrival, holds: bool) -> None:
     record = Record(kind, 9, octets, {})
-    assert (
-        grounds.brought_before(case(Place("", 0, WHOLE), None, octets, None, record, evidence=Captured(frame9=there)))
-        == holds
-    )
+    found = case(Place("", 0, WHOLE), None, octets, None, record, evidence=Captured(frame9=there))
+    assert grounds.brought_before(found) == holds
 
 
 def test_brought_before() -> None:
