@@ -150,7 +150,7 @@ class ItemColumns:
             return 0
         self._begin(transaction, count)
         naming = transaction.connection.naming
-        no_code = _WHOLE_AT if transaction.outcome == ANSWERED and transaction.error_code else _NO_CODE_AT
+        no_code = _WHOLE_AT if transaction.outcome == ANSWERED and transaction.refused else _NO_CODE_AT
         for result in results:
             item = result.item
             data = result.data

@@ -148,7 +148,7 @@ class Rows:
         connection = operation.connection
         file, first = self._hot.files.locate(operation.first_frame)
         _, last = self._hot.files.locate(operation.last_frame)
-        code = operation.error_code
+        error = operation.error
         return (
             operation.number,
             int(connection.number),
@@ -163,8 +163,8 @@ class Rows:
             operation.subject,
             operation.result,
             operation.reason or None,
-            code,
-            operation.error_codes.name(code) if code else None,
+            error.code if error is not None else 0,
+            error.name if error is not None else None,
             operation.parts,
             list(operation.transactions),
             operation.pushes,

@@ -47,7 +47,7 @@ def judge_operation(reporter: Reporter, operation: Operation) -> None:
     for oddity in operation.oddities:
         _note(reporter, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)
     if operation.result == FAILED:
-        why = operation.error_coded or operation.reason
+        why = operation.error.coded if operation.error is not None else operation.reason
         _note(reporter, "operation.failed", operation, why, operation.last_frame)
     elif operation.result == UNFINISHED and operation.kind in _TRANSFERS and _ought_to_end(operation):
         size = f"{operation.octets} of {operation.announced}" if operation.announced >= 0 else str(operation.octets)

@@ -12,7 +12,7 @@ from mypy_extensions import i64
 
 from dissect.findings.reporter import Reporter
 from dissect.s7.diagnostics import event_name, states_stop
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import may_protect, protects
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
@@ -50,7 +50,7 @@ from dissect.tcp.link import within
 from dissect.transactions.connection import Connection, Writes
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.operation import Operation
-from dissect.transactions.results import half_captured
+from dissect.transactions.results import DATA, half_captured, refusal
 from dissect.transactions.transaction import ANSWERED, CAPTURE_ENDED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
@@ -65,10 +65,7 @@ _MANY_LISTS: Final = 10
 
 #: So many refused passwords in a row, of one client at one server, are guessing.
 _GUESSES: Final = 3
-#: Error codes by which a protection level refuses a request.
-_PROTECTED: Final = frozenset((0xD241, 0xD602))
-#: The error of S7-1200/1500 for reads and writes while PUT/GET access is off; devices also use it for unsupported requests.
-_MAYBE_PROTECTED: Final = 0x8104
+#: The return code that denies access; the error codes that do are in `dissect.s7.errors`.
 _ACCESS_DENIED: Final = 0x03
 #: How many refused reads and writes of a connection are looked at.
 _LOOKED_AT: Final = 100
@@ -230,7 +227,11 @@ class SecurityWatch:
             self._userdata(transaction, head)
         elif _asked(transaction):
             self._job(transaction)
-        if transaction.error_code in _PROTECTED and transaction.connection.traits.first("security.protected"):
+        if (
+            transaction.has_errors
+            and _denied(transaction)
+            and transaction.connection.traits.first("security.protected")
+        ):
             self.tell("security.protected", transaction, transaction.function_name)
 
     def refused_items(self, transaction: Transaction) -> None:
@@ -242,8 +243,9 @@ class SecurityWatch:
         codes = [result.return_code for result in transaction.results()]
         # If other items of the request succeeded, access is not denied as a whole, only these addresses are refused.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
-        perhaps = transaction.error_code == _MAYBE_PROTECTED
-        if transaction.error_code in _PROTECTED or perhaps or denied:
+        code = int(transaction.error_code)
+        perhaps = may_protect(code, transaction.function)
+        if protects(code) or perhaps or denied:
             why = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             if perhaps:
                 why = " (protected, or not supported)"
@@ -339,7 +341,7 @@ class SecurityWatch:
     def password(self, transaction: Transaction, code: int = -1) -> None:
         """Report a password that was sent; count the refused ones. ``code`` as for `tell`."""
         client, server = _ends(transaction)
-        if not (transaction.error_code if code < 0 else code):
+        if not (transaction.refused if code < 0 else code):
             self._failures.pop((client, server), None)
             self.tell("security.password", transaction, "password", code)
             return
@@ -379,12 +381,11 @@ class SecurityWatch:
         who = f"{told} reports to {asked}" if reports else f"{asked} to {told}"
         result = ""
         good = not code or (code < 0 and not transaction.has_errors)
-        if code < 0:
-            code = int(transaction.error_code)
-        if code:
-            codes = PLUS_CODES if transaction.is_plus else ERROR_CODES
-            part = " in part" if transaction.is_plus and code == PARTIAL_ERROR else ""
-            result = f", refused{part}: {codes.coded(code)}"
+        error = refusal(transaction) if code < 0 else None
+        refused = PLUS_CODES.coded(code) if code > 0 else error.coded if error is not None else ""
+        if refused:
+            partial = transaction.is_plus and (code if code > 0 else transaction.error_code) == PARTIAL_ERROR
+            result = f", refused{' in part' if partial else ''}: {refused}"
         elif transaction.outcome == UNANSWERED:
             result = _unanswered(transaction)
         elif good and not reports and slug in _COMMANDS:
@@ -409,12 +410,18 @@ class _Became:
         for result in transaction.results():
             if result.item is None:
                 continue  # a return code without an item
-            if transaction.error_code or result.refused:
+            if transaction.refused or result.refused:
                 self.refused.append(result)
             elif result.return_code == SUCCESS:
                 self.written.append(result)
             else:
                 self.unsure.append(result)
+
+
+def _denied(transaction: Transaction) -> bool:
+    """Return whether an answer refuses its request as a whole because the PLC is protected."""
+    error = refusal(transaction)
+    return error is not None and (error.code == _ACCESS_DENIED if error.part == DATA else protects(error.code))
 
 
 def _item_codes(refused: list[ItemResult]) -> str:

@@ -392,7 +392,7 @@ def _judge_errors(reporter: Reporter, transaction: Transaction) -> None:
         error = transaction.errors[0]
         _note(reporter, "transaction.refused", transaction, f"{error.name} {error.code}: {error.text}")
         return
-    if transaction.error_code and not _in_part(transaction):
+    if transaction.refused and not _in_part(transaction):
         if reporter.wants("transaction.refused", transaction.connection.number):
             error = transaction.errors[0]
             reporter.detail(

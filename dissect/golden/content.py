@@ -88,7 +88,7 @@ def answer_changes(
         yield from _scd(one, other)
     if one.response == other.response:
         return
-    if one.error_code != other.error_code:
+    if (one.error_code, one.refusing_code) != (other.error_code, other.refusing_code):
         was, is_ = outcome(a), outcome(b)
         code = Change("codes", f"was {was}, is {is_}", was, is_, targets=(one.function_name,))
         yield code

@@ -7,9 +7,9 @@ from functools import lru_cache
 from typing import Final
 
 from dissect.golden.masking import mask_plus, mask_plus_answer, mask_s7
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import errors_of
 from dissect.s7.items import DataItem, Item, ItemResult, read_results, write_results
-from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.message import NOT_REFUSED, Pdu, parse_pdu
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, WRITE_VAR
 from dissect.s7.values import Value
@@ -236,16 +236,18 @@ class Exchange:
         pdu = self.told
         if pdu is None:
             return 0
-        head = pdu.parameters.userdata
-        if head is not None:
-            return head.error_code
-        return pdu.error_class << 8 | pdu.error_code if pdu.error_class > 0 or pdu.error_code > 0 else 0
+        return pdu.error
 
     @property
     def error(self) -> str:
         """Name of the error code, empty when all is well."""
         code = self.error_code
-        return (PLUS_CODES if self.kind == PLUS else ERROR_CODES).name(code) if code else ""
+        return (PLUS_CODES if self.kind == PLUS else errors_of(self.function)).name(code) if code else ""
+
+    @property
+    def refusing_code(self) -> int:
+        """The return code by which userdata refuses the request as a whole, `NOT_REFUSED` when it does not."""
+        return self.told.refusing_code if self.kind != PLUS and self.told is not None else NOT_REFUSED
 
     @property
     def asks(self) -> list[str]:

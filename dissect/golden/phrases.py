@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 from dissect.golden.exchange import ItemRecord
 from dissect.golden.model import Transaction
 from dissect.report import words
-from dissect.s7.tables import BYTE
+from dissect.s7.message import NOT_REFUSED
+from dissect.s7.tables import BYTE, RETURN_CODES
 from dissect.transactions.transaction import REASON_TEXTS
 from dissect.wire.text import printable, shortened
 
@@ -70,6 +71,8 @@ def outcome(transaction: Transaction) -> str:
         return f"unanswered: {REASON_TEXTS.get(transaction.reason, transaction.reason)}"
     if exchange.error_code:
         return f"refused: {code_text(exchange.error_code, exchange.error, 4)}"
+    if exchange.refusing_code != NOT_REFUSED:
+        return f"refused: {code_text(exchange.refusing_code, RETURN_CODES.name(exchange.refusing_code))}"
     if transaction.outcome == "orphan_answer":
         return "an answer without a request"
     if transaction.outcome == "unsolicited":

@@ -21,9 +21,9 @@ from dissect.golden.values import hex_text, quoted
 from dissect.iso.tsap import Tsap
 from dissect.report import facets, words
 from dissect.s7.build import build_setup
-from dissect.s7.errors import ERROR_CODES
-from dissect.s7.message import Pdu
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.s7.errors import errors_of
+from dissect.s7.message import NOT_REFUSED, Pdu
+from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.naming import Naming
 from dissect.wire.text import Clock, printable
 
@@ -247,11 +247,13 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
     else:
         yield f"  {name} {blocks.kind}"
         if blocks.error:
-            yield f"    refused 0x{blocks.error:04x}  # {ERROR_CODES.name(blocks.error)}"
+            yield f"    refused 0x{blocks.error:04x}  # {errors_of(exchange.function).name(blocks.error)}"
         if blocks.parameters:
             yield f"    parameters {hex_text(blocks.parameters)}"
         if blocks.data:
             yield f"    data {hex_text(blocks.data)}"
+        if name != "request" and exchange.refusing_code != NOT_REFUSED:
+            yield f"    # refused: {RETURN_CODES.coded(exchange.refusing_code)}"
     remarks = _item_remarks(name, exchange)
     said = {item.label for item in exchange.items} if remarks and name == "request" else set()
     for note in _notes(exchange.asked if name == "request" else exchange.told):

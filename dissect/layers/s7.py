@@ -27,9 +27,9 @@ from dissect.layers.fields import (
 from dissect.layers.parts import PartsField, pieces_of
 from dissect.s7 import layouts, tables
 from dissect.s7.bodies import parse_data_parts, parse_parameter_parts
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import NO_FUNCTION, errors_of
 from dissect.s7.hiding import body_to_show
-from dissect.s7.message import parse_pdu
+from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import PROTOCOL_ID, Parameters, header_size, parse_parameters
 from dissect.wire.layout import Layout
 from dissect.wire.text import shortened
@@ -126,7 +126,9 @@ class S7(WireLayer):
         if isinstance(self.payload, S7_Body) and self.payload.detail():
             parts.append(self.payload.detail())
         if self.rosctr in _ANSWERS and (self.error_class or self.error_code):
-            parts.append(f"error {error_text(self.error_class << 8 | self.error_code)}")
+            function = function_of(self.payload)
+            code = self.error_class << 8 | self.error_code
+            parts.append(f"error {error_text(code, NO_FUNCTION if function is None else function)}")
         return " ".join(parts), [S7]
 
 
@@ -136,10 +138,10 @@ def userdata_body(parameters: bytes) -> type[S7_Body] | None:
     return USERDATA_BODIES.get(parse_parameter_parts(parameters, 0, len(parameters), parsed, [])[0].layout)
 
 
-def error_text(code: int) -> str:
-    """Return an error code of the header or of userdata by number and name."""
-    name = ERROR_CODES.name(code)
-    return name if code not in ERROR_CODES else f"{ERROR_CODES.hex(code)} {name}"
+def error_text(code: int, function: int) -> str:
+    """Return an error code of the header or of userdata by number and name, as the answer to ``function``."""
+    codes = errors_of(function)
+    return codes.hex(code) if codes.get(code) is None else f"{codes.hex(code)} {codes.name(code)}"
 
 
 def function_of(body: Packet) -> int | None:
@@ -156,17 +158,24 @@ def joined(texts: list[str]) -> str:
     return ", ".join(texts[:_NAMED] + ([f"+{more} more"] if more > 0 else []))
 
 
+def pdu_of(body: Packet) -> Pdu | None:
+    """Return the PDU that a body belongs to; None without a header, and while a value of the user's own cannot be built."""
+    header = body.underlayer
+    if not isinstance(header, S7):
+        return None
+    try:
+        return parse_pdu(bytes(header))
+    except (ValueError, struct.error):
+        return None
+
+
 def notes_of(body: Packet) -> str:
     """Return what the engine notes of the parts of a body (a file name, an SZL id …), made safe to show.
 
     Empty for a body without a header, and while a value of the user's own cannot be built.
     """
-    header = body.underlayer
-    if not isinstance(header, S7):
-        return ""
-    try:
-        pdu = parse_pdu(bytes(header))
-    except (ValueError, struct.error):
+    pdu = pdu_of(body)
+    if pdu is None:
         return ""
     return joined([shortened(note, NOTE) for note in body_to_show(pdu).notes])
 

@@ -8,9 +8,20 @@ from scapy.packet import Packet, Raw, bind_top_down
 
 from dissect.layers.fields import header_fields
 from dissect.layers.parts import PartsField
-from dissect.layers.s7 import S7, USERDATA_BODIES, S7_Body, body_fields, carve_data, error_text, notes_of, userdata_body
+from dissect.layers.s7 import (
+    S7,
+    USERDATA_BODIES,
+    S7_Body,
+    body_fields,
+    carve_data,
+    error_text,
+    notes_of,
+    pdu_of,
+    userdata_body,
+)
 from dissect.s7 import layouts, pbc, tables
 from dissect.s7.items import SPECIFICATION
+from dissect.s7.message import NOT_REFUSED
 from dissect.s7.parameters import REQUEST, RESPONSE
 from dissect.s7.tables import PARAMETER_EXTENDED, PARAMETER_SHORT, PBC_R_ID
 
@@ -46,7 +57,11 @@ class S7_Userdata(S7_Body):
     def detail(self) -> str:
         """Return why it was refused, if it was, and what the parts say."""
         code = self.error_code if "error_code" in self.default_fields else 0
-        return " ".join([text for text in (f"error {error_text(code)}" if code else "", notes_of(self)) if text])
+        pdu = pdu_of(self)
+        refusing = pdu.refusing_code if pdu is not None else NOT_REFUSED
+        error = f"error {error_text(code, tables.CPU_SERVICES)}" if code else ""
+        refused = f"refused {tables.RETURN_CODES.coded(refusing)}" if refusing != NOT_REFUSED else ""
+        return " ".join([text for text in (error, refused, notes_of(self)) if text])
 
     def describe(self) -> str:
         """Return type, group and subfunction by name."""

@@ -22,7 +22,7 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
-from dissect.transactions.results import ALARM, ITEM, MESSAGE, RETURN_VALUE, TransactionError
+from dissect.transactions.results import MESSAGE, RETURN_VALUE, SHORT_CODES, TransactionError
 from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 
 #: Separates several labels in one key.
@@ -114,7 +114,7 @@ class Metrics(Companion):
 
     def _class(self, error: TransactionError) -> str:
         """Return the class of an error: a code of one octet itself, the high octet of a longer one; else ``other``."""
-        if error.part in {ITEM, ALARM}:
+        if error.part in SHORT_CODES:
             return error.name if error.code in RETURN_CODES else OTHER
         if error.part == RETURN_VALUE:
             return error.name if error.code in PLUS_CODES else OTHER

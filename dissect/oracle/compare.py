@@ -122,17 +122,16 @@ class _Bench:
         for ours, theirs in self._lonely.values():
             self._match(ours, theirs, True)
             self._match(ours, theirs, False)
-            for record in ours:
-                self.result.differences.append(self._difference(_WHOLE, record.octets, None, record, None, None))
-            for record, frame in theirs:
-                self.result.differences.append(self._difference(_WHOLE, None, record.octets, None, record, frame))
+            self.result.differences += [self._alone(record, None, None) for record in ours]
+            self.result.differences += [self._alone(None, record, frame) for record, frame in theirs]
         self.result.differences.sort(key=lambda difference: (difference.frame, difference.kind, difference.field))
         return self.result
 
     def _match(self, ours: list[Record], theirs: list[tuple[Record, Frame]], explained: bool) -> None:
         """Take the records of one connection whose octets both sides show, but in different packets.
 
-        A TPDU's header looks like many others': at first only pairs count whose being apart is ``explained``.
+        A TPDU's header looks like many others': at first only pairs count whose being apart is ``explained``, and afterwards no
+        two of which each is explained by itself.
         """
         for record in list(ours):
             for partner, frame in theirs:
@@ -141,11 +140,18 @@ class _Bench:
                 apart = self._difference(_FRAME, record.frame, partner.frame, record, partner, frame)
                 if explained and not apart.known:
                     continue
+                if not explained and self._alone(record, None, None).known and self._alone(None, partner, frame).known:
+                    continue
                 ours.remove(record)
                 theirs.remove((partner, frame))
                 self.result.differences.append(apart)
                 self._compare(record, partner, frame)
                 break
+
+    def _alone(self, ours: Record | None, theirs: Record | None, frame: Frame | None) -> Difference:
+        """Return the difference of a record that one side only has."""
+        mine, other = (record.octets if record is not None else None for record in (ours, theirs))
+        return self._difference(_WHOLE, mine, other, ours, theirs, frame)
 
     def _compare(self, ours: Record, theirs: Record, frame: Frame) -> None:
         self.result.compared[ours.kind] += 1

@@ -35,16 +35,35 @@ _REACH: Final = 65535
 class Arrival:
     """A segment in its place: ``at`` counts from the first octet of its direction.
 
-    ``new``: how many octets no earlier segment brought; ``ahead``: octets before it were still missing.
+    ``new``: how many octets no earlier segment brought, ``fresh`` where they begin and end within the segment; ``ahead``:
+    octets before it were still missing.
     """
 
-    __slots__ = ("ahead", "at", "new", "segment")
+    __slots__ = ("ahead", "at", "fresh", "new", "segment")
 
-    def __init__(self, segment: Segment, at: int, new: int, ahead: bool) -> None:
+    def __init__(self, segment: Segment, at: int, new: int, ahead: bool, fresh: Sequence[tuple[int, int]] = ()) -> None:
         self.segment = segment
         self.at = at
         self.new = new
         self.ahead = ahead
+        self.fresh = fresh
+
+    def brought(self, octets: bytes) -> list[bool]:
+        """Return of each place where octets stand in the segment whether earlier segments brought all of them."""
+        return [
+            not any(begin < place + len(octets) and place < end for begin, end in self.fresh)
+            for place in _places(octets, self.segment.payload)
+        ]
+
+
+def _places(octets: bytes, payload: bytes) -> list[int]:
+    """Return every place of octets in a payload."""
+    found = []
+    place = payload.find(octets) if octets else -1
+    while place >= 0:
+        found.append(place)
+        place = payload.find(octets, place + 1)
+    return found
 
 
 class _Flow:
@@ -61,22 +80,26 @@ class _Flow:
         start = self._latest + (ahead - _MASK - 1 if ahead >= _HALF else ahead)
         missing = bool(self._starts) and start > self._starts[0] + len(self._stretches[0])
         self._latest = max(self._latest, start + len(segment.payload))
-        return Arrival(segment, start, self._insert(start, segment.payload), missing)
+        fresh = [(begin - start, end - start) for begin, end in self._insert(start, segment.payload)]
+        return Arrival(segment, start, sum(end - begin for begin, end in fresh), missing, fresh)
 
-    def _insert(self, start: int, payload: bytes) -> int:
-        """Take the octets that are new; return how many."""
+    def _insert(self, start: int, payload: bytes) -> list[tuple[int, int]]:
+        """Take the octets that are new; return where they begin and end."""
         index = max(bisect_right(self._starts, start) - 1, 0)
         if index == len(self._starts) - 1 and self._starts[index] + len(self._stretches[index]) == start:
             self._stretches[index] += payload
-            return len(payload)
+            return [(start, start + len(payload))]
         while index < len(self._starts) and self._starts[index] + len(self._stretches[index]) < start:
             index += 1
         joined = bytearray(payload)
-        begin, new = start, len(payload)
-        while index < len(self._starts) and self._starts[index] <= start + len(payload):
+        begin, reached, last = start, start, start + len(payload)
+        fresh = []
+        while index < len(self._starts) and self._starts[index] <= last:
             at, old = self._starts.pop(index), self._stretches.pop(index)
             end = max(begin + len(joined), at + len(old))
-            new -= max(0, min(start + len(payload), at + len(old)) - max(start, at))
+            if at > reached:
+                fresh.append((reached, at))
+            reached = max(reached, min(last, at + len(old)))
             merged = bytearray(end - min(begin, at))
             low = min(begin, at)
             merged[begin - low : begin - low + len(joined)] = joined
@@ -84,17 +107,25 @@ class _Flow:
             joined, begin = merged, low
         self._starts.insert(index, begin)
         self._stretches.insert(index, joined)
-        return new
+        return [*fresh, (reached, last)] if reached < last else fresh
 
-    def follow(self, pieces: Sequence[tuple[int, bytes]]) -> list[bool]:
-        """Tell of each piece (position of its segment, octets) whether it stands around there, behind the piece before it."""
-        passed = list(self._starts)  # of each stretch, the end of the last piece found in it
+    def find(self, octets: bytes, begin: int, end: int) -> list[int]:
+        """Return every place of octets in the stretches between two positions."""
         found = []
+        for start, stretch in zip(self._starts, self._stretches, strict=True):
+            low, high = max(begin - start, 0), max(end - start, 0)
+            found += [start + low + place for place in _places(octets, bytes(stretch[low:high]))]
+        return found
+
+    def places(self, pieces: Sequence[tuple[int, bytes]]) -> list[int | None]:
+        """Return where each piece (position of its segment, octets) stands around there, behind the piece before it."""
+        passed = list(self._starts)  # of each stretch, the end of the last piece found in it
+        found: list[int | None] = []
         for at, octets in pieces:
             index = bisect_right(self._starts, at) - 1
             start = max(passed[index], at - _REACH) - self._starts[index]
             place = self._stretches[index].find(octets, start, at + 2 * _REACH - self._starts[index])
-            found.append(place >= 0)
+            found.append(self._starts[index] + place if place >= 0 else None)
             if place >= 0:
                 passed[index] = self._starts[index] + place + len(octets)
         return found
@@ -107,6 +138,11 @@ class Streams:
         self._path = path
         self._flows: dict[str, _Flow] = {}
         self._arrivals: dict[int, Arrival] | None = None
+        self._protocols: dict[str, set[str]] = {}
+
+    def protocols(self, segment: Segment) -> set[str]:
+        """Return what Wireshark finds in either direction of the connection of a segment."""
+        return self._protocols.get(segment.stream, set())
 
     def arrival(self, frame: int) -> Arrival | None:
         """Return the segment of a frame, None when it has no TCP octets."""
@@ -115,13 +151,28 @@ class Streams:
             for segment in read_segments(self._path):
                 flow = self._flows.setdefault(segment.flow, _Flow(segment.sequence))
                 self._arrivals[segment.frame] = flow.add(segment)
+                self._protocols.setdefault(segment.stream, set()).update(segment.protocols)
         return self._arrivals.get(frame)
+
+    def headers(self, arrival: Arrival, octets: bytes) -> list[int]:
+        """Return where in its stream the header can stand of a TPKT that begins or ends in a segment."""
+        size = int.from_bytes(octets[2:4], "big")
+        end = arrival.at + len(arrival.segment.payload)
+        return [
+            at
+            for at in self._flows[arrival.segment.flow].find(octets, arrival.at - _REACH, end)
+            if at >= arrival.at or arrival.at < at + size <= end
+        ]
 
     def follow(self, pieces: Sequence[tuple[int, bytes]]) -> list[bool]:
         """Tell of pieces (frame, octets), in the order they were found, whether each stands in its stream behind the last.
 
         Whoever counts a message twice, or finds one inside another, gives a piece that does not.
         """
+        return [place is not None for place in self.places(pieces)]
+
+    def places(self, pieces: Sequence[tuple[int, bytes]]) -> list[int | None]:
+        """Return where pieces stand as for `follow`, None for one that does not."""
         by_flow: dict[str, list[int]] = {}
         arrivals: dict[int, Arrival] = {}
         for index, (frame, _) in enumerate(pieces):
@@ -129,11 +180,11 @@ class Streams:
             if arrival is not None:
                 arrivals[index] = arrival
                 by_flow.setdefault(arrival.segment.flow, []).append(index)
-        found = [False] * len(pieces)
+        found: list[int | None] = [None] * len(pieces)
         for name, indexes in by_flow.items():
             placed = [(arrivals[index].at, pieces[index][1]) for index in indexes]
-            for index, stands in zip(indexes, self._flows[name].follow(placed), strict=True):
-                found[index] = stands
+            for index, place in zip(indexes, self._flows[name].places(placed), strict=True):
+                found[index] = place
         return found
 
 
@@ -150,6 +201,9 @@ _LI: Final = "cotp.li"
 _TYPE: Final = "cotp.type"
 #: The reasons of a DR that Wireshark has names for.
 _REASONS: Final = frozenset((0, 1, 2, 3, 0x80, 0x81, 0x82, 0x83, 0x84, 0x85, 0x87, 0x88, 0x8A))
+#: Protocols of Remote Desktop, and those of H.323 that stand in a TPKT without COTP, by Wireshark's names.
+_RDP: Final = frozenset(("rdp", "t125"))
+_H323: Final = frozenset(("q931", "h225", "h245"))
 #: Return codes whose items Wireshark reads; at every other one it keeps what it read before.
 _READ_CODES: Final = frozenset((0x00, 0x0A, 0xFF))
 
@@ -161,6 +215,7 @@ class Evidence:
         self._streams = Streams(path)
         self._found = found
         self._standing: dict[str, list[bool]] = {}
+        self._tpkts: dict[str, list[tuple[int, int]]] = {}
 
     def arrival(self, frame: int) -> Arrival | None:
         """Return the TCP segment of a packet, None when it has no octets."""
@@ -176,10 +231,48 @@ class Evidence:
 
         A TPKT has to stand in the TCP stream, a PDU in the user data of the DTs that stand there.
         """
-        if not self._standing:
-            self._standing[facts.TPDU] = self._streams.follow(self._found[facts.TPDU])
-            self._standing[facts.PDU] = self._follow_pdus()
+        self._look()
         return self._standing[record.kind][record.number]
+
+    def inside(self, frame: int, octets: bytes) -> bool:
+        """Return whether a TPKT header of a packet stands within a TPKT that we found, and nowhere at the beginning of one.
+
+        That one has to follow another one, or to begin its direction: else it could as well be the wrong one of the two.
+        """
+        arrival = self.arrival(frame)
+        if arrival is None:
+            return False
+        self._look()
+        tpkts = self._tpkts.get(arrival.segment.flow, [])
+        within = False
+        for at in self._streams.headers(arrival, octets):
+            index = bisect_right(tpkts, (at, _REACH + 1)) - 1
+            begin, end = tpkts[index] if index >= 0 else (at, at)
+            if at == begin:
+                return False
+            follows = begin == 0 or (index > 0 and tpkts[index - 1][1] == begin)
+            within = within or (at < end and follows)
+        return within
+
+    def carries(self, frame: int, protocols: frozenset[str]) -> bool:
+        """Return whether Wireshark finds one of these protocols anywhere in the connection of a packet."""
+        arrival = self.arrival(frame)
+        return arrival is not None and not self._streams.protocols(arrival.segment).isdisjoint(protocols)
+
+    def _look(self) -> None:
+        """Look for everything that we found in the streams, once."""
+        if self._standing:
+            return
+        found = self._found[facts.TPDU]
+        places = self._streams.places(found)
+        self._standing[facts.TPDU] = [place is not None for place in places]
+        self._standing[facts.PDU] = self._follow_pdus()
+        for (frame, octets), place in zip(found, places, strict=True):
+            arrival = self.arrival(frame)
+            if arrival is not None and place is not None:
+                self._tpkts.setdefault(arrival.segment.flow, []).append((place, place + len(octets)))
+        for tpkts in self._tpkts.values():
+            tpkts.sort()
 
     def _follow_pdus(self) -> list[bool]:
         said: dict[str, bytearray] = {}
@@ -387,10 +480,28 @@ def no_tpdu(case: Case) -> bool:
 
 
 def is_rdp(case: Case) -> bool:
-    """Whether Wireshark says that the packet belongs to Remote Desktop."""
-    if case.frame is None or case.frame.protocols.isdisjoint(("rdp", "t125")):
+    """Whether Wireshark says that the packet, or one of the same connection, belongs to Remote Desktop."""
+    if (case.ours if case.place.name == WHOLE else case.theirs) is not None or case.frame is None:
         return False
-    return case.ours is None if case.place.name == WHOLE else case.theirs is None
+    if not case.frame.protocols.isdisjoint(_RDP):
+        return True
+    # A server that is not asked to negotiate confirms without a word about it: its CC alone could be anybody's.
+    return case.their_record is not None and case.evidence.carries(case.their_record.frame, _RDP)
+
+
+def is_h323(case: Case) -> bool:
+    """Whether Wireshark shows nothing but the header of a TPKT in which, as it says, H.323 stands and no COTP."""
+    if case.frame is None or not _nothing_but_tpkt(case.their_record):
+        return False
+    return "cotp" not in case.frame.protocols and not case.frame.protocols.isdisjoint(_H323)
+
+
+def inside_a_message(case: Case) -> bool:
+    """Whether Wireshark shows a TPKT header in the middle of a TPKT that stands in the stream."""
+    record = case.their_record
+    if case.ours is not None or record is None or record.kind != facts.TPDU:
+        return False
+    return case.evidence.inside(record.frame, record.octets)
 
 
 def cut_frame(case: Case) -> bool:
@@ -412,6 +523,33 @@ def shown_at_the_gap(case: Case) -> bool:
         return False
     arrival = case.evidence.arrival(case.our_record.frame)
     return arrival is not None and arrival.ahead and case.evidence.stands(case.our_record)
+
+
+def closes_a_gap(case: Case) -> bool:
+    """Whether tshark shows a message behind missing octets, and we in the packet that brought these, later in the capture."""
+    if case.our_record is None or case.their_record is None or case.our_record.frame <= case.their_record.frame:
+        return False
+    mine, its = case.evidence.arrival(case.our_record.frame), case.evidence.arrival(case.their_record.frame)
+    if mine is None or its is None or not its.ahead:
+        return False
+    return mine.new > 0 and mine.at < its.at and case.evidence.stands(case.our_record)
+
+
+def shown_in_a_retransmission(case: Case) -> bool:
+    """Whether tshark shows a message only where it was sent again, and we in the packet that brought it."""
+    if case.our_record is None or case.their_record is None or case.our_record.frame >= case.their_record.frame:
+        return False
+    return _brought(case, case.their_record) and case.evidence.stands(case.our_record)
+
+
+def _brought(case: Case, record: Record) -> bool:
+    """Whether a record of tshark's stands where everything was brought by earlier segments."""
+    arrival = case.evidence.arrival(record.frame)
+    if arrival is None or arrival.new == 0:
+        return arrival is not None
+    places = arrival.brought(record.octets)
+    # The headers of the DTs in a segment are alike, so that it is not known which of them this one is.
+    return any(places) and (record.kind == facts.TPDU or all(places))
 
 
 def unfinished(case: Case) -> bool:
@@ -444,8 +582,5 @@ def joined_over_a_gap(case: Case) -> bool:
 
 
 def brought_before(case: Case) -> bool:
-    """Whether tshark shows again what an earlier segment brought: not one octet of this one is new."""
-    if case.ours is not None or case.their_record is None:
-        return False
-    arrival = case.evidence.arrival(case.their_record.frame)
-    return arrival is not None and arrival.new == 0
+    """Whether tshark shows again what earlier segments brought: not one octet of it is new."""
+    return case.ours is None and case.their_record is not None and _brought(case, case.their_record)

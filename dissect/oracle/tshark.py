@@ -139,16 +139,33 @@ def read_tshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> 
 
 
 class Segment:
-    """A TCP segment with octets: its direction (``flow``), absolute sequence number, payload, and tshark's remarks on it."""
+    """A TCP segment with octets: its direction (``flow``), absolute sequence number, payload, and tshark's remarks on it.
 
-    __slots__ = ("flow", "frame", "payload", "remarks", "sequence")
+    ``protocols`` are those that tshark finds in its packet.
+    """
 
-    def __init__(self, frame: int, flow: str, sequence: int, payload: bytes, remarks: frozenset[str]) -> None:
+    __slots__ = ("flow", "frame", "payload", "protocols", "remarks", "sequence")
+
+    def __init__(
+        self,
+        frame: int,
+        flow: str,
+        sequence: int,
+        payload: bytes,
+        remarks: frozenset[str],
+        protocols: frozenset[str] = frozenset(),
+    ) -> None:
         self.frame = frame
         self.flow = flow
         self.sequence = sequence
         self.payload = payload
         self.remarks = remarks
+        self.protocols = protocols
+
+    @property
+    def stream(self) -> str:
+        """What both directions of its connection have in common: tshark's number of the TCP stream."""
+        return self.flow.partition(" ")[0]
 
 
 _FLOW: Final = ("tcp.stream", "ieee8021ad.id", "vlan.id", "ip.src", "ipv6.src", "tcp.srcport")
@@ -165,7 +182,7 @@ _REMARKS: Final = (
 
 def read_segments(path: str) -> Iterator[Segment]:
     """Yield every TCP segment with octets, in the order of the file. Raises OracleError as `read_tshark` does."""
-    names = ["frame.number", "tcp.seq_raw", "tcp.payload", *_FLOW, *_REMARKS]
+    names = ["frame.number", "tcp.seq_raw", "tcp.payload", "frame.protocols", *_FLOW, *_REMARKS]
     command = [*_command(path, (), False), "-Y", "tcp.payload", "-T", "fields", "-E", "occurrence=a"]
     for name in names:
         command += ["-e", name]
@@ -180,6 +197,7 @@ def read_segments(path: str) -> Iterator[Segment]:
                 int(values["tcp.seq_raw"]),
                 bytes.fromhex(values["tcp.payload"].replace(":", "")),
                 frozenset(name for name in _REMARKS if values[name]),
+                frozenset(values["frame.protocols"].split(":")),
             )
         whole = True
     finally:

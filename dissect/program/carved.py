@@ -173,7 +173,7 @@ def carve(operation: Operation) -> list[CarvedBlock]:
         return []
     if operation.connection.plus is not None and operation.transactions and not _classic_name(operation):
         return _carve_plus(operation)
-    if not operation.octets and operation.error_code:
+    if not operation.octets and operation.error is not None:
         return []
     sure = _sure(operation)
     found = block_of(operation.content[:sure], operation.subject if operation.subject != NAMELESS else "")

@@ -99,8 +99,8 @@ def result(operation: Operation) -> str:
     shout = shouted(operation.result)
     if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
         return "ended with the connection"
-    if operation.error_code:
-        return f"{shout} {operation.error_coded}"
+    if operation.error is not None:
+        return f"{shout} {operation.error.coded}"
     why = facets.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     late = "" if operation.begun else "beginning not captured"
@@ -113,7 +113,7 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
     import json  # late: text does not need it
 
     ends = operation.connection.tcp.ends
-    code = operation.error_code
+    error = operation.error
     told: dict[str, object] = {
         "schema": OPERATION_SCHEMA,
         "number": operation.number,
@@ -129,9 +129,7 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "duration_ns": operation.duration_ns,
         "result": operation.result,
         "reason": operation.reason or None,
-        "error": {"code": code, "name": operation.error_codes.name(code), "text": operation.error_codes.text(code)}
-        if code
-        else None,
+        "error": {"code": error.code, "name": error.name, "text": error.text} if error is not None else None,
         "transaction_count": operation.parts,
         "transactions": operation.transactions,
         "pushes": operation.pushes,

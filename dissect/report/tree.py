@@ -15,7 +15,7 @@ from dissect.report.tree_fields import field_line, fields_text, line_head, line_
 from dissect.s7 import layouts as s7
 from dissect.s7.bodies import parse_body
 from dissect.s7.data_parts import CONTENT, RETURN_CODE
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import errors_of
 from dissect.s7.hiding import secret_spans, secret_spans_within
 from dissect.s7.message import Pdu
 from dissect.s7plus import layouts as s7plus
@@ -78,9 +78,9 @@ def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
         why = "truncated by the capture" if pdu.cut else f"reassembled from several {parts}"
         top = f"    {why}; offsets count from the start of the S7 PDU"
     texts = [top, _header(pdu, base)]
-    if pdu.error_class > 0 or pdu.error_code > 0:
-        code = (pdu.error_class << 8) | pdu.error_code
-        texts.append(line_of("", "error", f"{ERROR_CODES.coded(code)}. {ERROR_CODES.text(code)}".rstrip()))
+    if pdu.error and pdu.parameters.userdata is None:
+        codes = errors_of(pdu.function)
+        texts.append(line_of("", "error", f"{codes.coded(pdu.error)}. {codes.text(pdu.error)}".rstrip()))
     hidden = secret_spans(octets)
     body = _body_text(pdu, base, hidden)
     if body:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.errors import ERROR_CLASSES, ERROR_CODES
+from dissect.s7.errors import ERROR_CLASSES, errors_of
 from dissect.s7.tables import (
     AREAS,
+    CPU_SERVICES,
     DATA_TRANSPORT_SIZES,
     FUNCTIONS,
     RETURN_CODES,
@@ -145,7 +146,7 @@ USERDATA_EXTENDED: Final = Layout(
             holds=HOLDS_REFERENCE,
         ),
         Field("last_data_unit", 1, "0 last part, 1 more to come.", "s7comm.param.userdata.lastdataunit"),
-        Field("error_code", 2, "0, or why it was refused.", "s7comm.param.errcod", ERROR_CODES),
+        Field("error_code", 2, "0, or why it was refused.", "s7comm.param.errcod", errors_of(CPU_SERVICES)),
     ],
 )
 

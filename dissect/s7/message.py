@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from mypy_extensions import i64
+
 from dissect.s7.alarm_layouts import OBJECTS_HEAD, SYNTAXES
 from dissect.s7.body import Body
 from dissect.s7.items import DATA_HEAD, DataItem, parse_data_items
@@ -24,13 +26,16 @@ from dissect.s7.tables import (
     ACKNOWLEDGE,
     ALARM_8_LOCK,
     ALARM_8_UNLOCK,
+    DATA,
     FUNCTIONS,
     GROUP_CPU,
     JOB,
+    OBJECT_DOES_NOT_EXIST,
     READ_VAR,
     ROSCTR,
     SUCCESS,
     USERDATA,
+    USERDATA_SUBFUNCTIONS,
     WRITE_VAR,
 )
 from dissect.wire.malformed import Malformed
@@ -41,6 +46,31 @@ _CUT: Final[list[Callable[[Pdu], Body]]] = []
 
 #: Message services that name several alarms in one request and answer with a return code for each.
 _BY_ALARM: Final = frozenset((ALARM_8_LOCK, ALARM_8_UNLOCK, ACKNOWLEDGE))
+
+#: Return codes that an answer without payload may have when nothing is wrong: none to return, and one without a meaning.
+_NOTHING_TO_RETURN: Final = frozenset((OBJECT_DOES_NOT_EXIST, 0x00))
+#: What `refusing_code` returns where nothing is refused.
+NOT_REFUSED: Final = -1
+
+
+def refusing_code(head: UserdataHead, buf: bytes, at: i64, size: i64) -> i64:
+    """Return the return code by which a userdata answer without error code refuses its request, `NOT_REFUSED` for none.
+
+    The answer is ``buf[at:at + size]``. It refuses when it has no payload and its return code is not success, unless the
+    function may be answered without payload (`dissect.s7.tables.DATA`) and the code says no more than that (reference 4.2).
+    """
+    if head.type != RESPONSE or head.error_code or size < HEADER_SIZE or u16(buf, at + 8) != DATA_HEAD:
+        return NOT_REFUSED
+    data_at: i64 = HEADER_SIZE + u16(buf, at + 6)
+    if data_at >= size:
+        return NOT_REFUSED  # the capture lacks it
+    code: i64 = buf[at + data_at]
+    if code == SUCCESS:
+        return NOT_REFUSED
+    table = USERDATA_SUBFUNCTIONS.get(head.group)
+    if code in _NOTHING_TO_RETURN and (table is None or table.returns(head.subfunction) != DATA):
+        return NOT_REFUSED
+    return code
 
 
 def userdata_payload(octets: bytes) -> bytes:
@@ -190,13 +220,25 @@ class Pdu:
         return [item.return_code for item in self.data_items()]
 
     @property
-    def refused(self) -> bool:
-        """True if the header or the userdata head has an error code, or an item or alarm was not successful."""
+    def error(self) -> int:
+        """Error class and code of the header as one number, or the error code of userdata; 0 for none."""
         if self.error_class > 0 or self.error_code > 0:
+            return self.error_class << 8 | self.error_code
+        head = self.parameters.userdata
+        return head.error_code if head is not None else 0
+
+    @property
+    def refusing_code(self) -> int:
+        """The return code by which userdata without error code refuses its request (`refusing_code`), else `NOT_REFUSED`."""
+        head = self.parameters.userdata
+        return int(refusing_code(head, self.octets, 0, len(self.octets))) if head is not None else NOT_REFUSED
+
+    @property
+    def refused(self) -> bool:
+        """True if the PDU has an error code, userdata refuses by its return code, or an item or alarm was not successful."""
+        if self.error or self.refusing_code != NOT_REFUSED:
             return True
         head = self.parameters.userdata
-        if head is not None and head.error_code:
-            return True
         codes = self.return_codes()
         if head is not None and answers_by_alarm(head):
             codes = list(alarm_codes(self.octets))

@@ -146,6 +146,10 @@ STATE: Final = "state change"
 ALARM: Final = "alarm"
 SEND: Final = "data push"
 
+# What a good answer to a userdata request always has: the column behind the effect in `USERDATA_SUBFUNCTIONS`. Where it is
+# empty, an answer without payload (return code 0x0a) is good, or it is not known (reference 4.2 and 4.5 to 4.12).
+DATA: Final = "data"
+
 ROSCTR: Final = CodeTable(
     "ROSCTR",
     2,
@@ -418,7 +422,7 @@ USERDATA_GROUPS: Final = CodeTable(
     ],
 )
 
-#: Subfunctions by function group, with who sends them and what a request does.
+#: Subfunctions by function group, with who sends them, what a request does, and `DATA` if a good answer always has a payload.
 USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
     0x00: CodeTable(
         "S7 mode transition subfunction",
@@ -454,7 +458,7 @@ USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
             (0x0d, "disable job", "Request/response.", TEST),
             (0x0e, "enable job", "Request/response.", TEST),
             (0x0f, "delete job", "Request/response.", TEST),
-            (0x10, "read job list", "Request/response.", TEST),
+            (0x10, "read job list", "Request/response.", TEST, DATA),
             (0x11, "read job", "Request/response.", TEST),
             (0x12, "replace job", "Request/response.", FORCE),
             (0x13, "block status v2", "Request/response/push.", DEBUG),
@@ -465,27 +469,27 @@ USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
         "S7 cyclic services subfunction",
         2,
         [
-            (0x01, "cyclic transfer", "Request/response/push.", READ),
+            (0x01, "cyclic transfer", "Request/response/push.", READ, DATA),
             (0x04, "unsubscribe", "Request/response.", SESSION),
-            (0x05, "change driven transfer", "Request/response/push.", READ),
-            (0x07, "change driven transfer modify", "Request/response/push.", CONTROL),
-            (0x08, "RDREC (read data record)", "Request/response.", READ),
+            (0x05, "change driven transfer", "Request/response/push.", READ, DATA),
+            (0x07, "change driven transfer modify", "Request/response/push.", CONTROL, DATA),
+            (0x08, "RDREC (read data record)", "Request/response.", READ, DATA),
         ],
     ),
     0x03: CodeTable(
         "S7 block functions subfunction",
         2,
         [
-            (0x01, "list blocks", "Request/response.", READ),
-            (0x02, "list blocks of type", "Request/response.", READ),
-            (0x03, "get block info", "Request/response.", READ),
+            (0x01, "list blocks", "Request/response.", READ, DATA),
+            (0x02, "list blocks of type", "Request/response.", READ, DATA),
+            (0x03, "get block info", "Request/response.", READ, DATA),
         ],
     ),
     0x04: CodeTable(
         "S7 CPU functions subfunction",
         2,
         [
-            (0x01, "read SZL", "Request/response.", READ),
+            (0x01, "read SZL", "Request/response.", READ, DATA),
             (0x02, "message service", "Request/response.", SESSION),
             (0x03, "diagnostic message", "Push.", STATE),
             (0x05, "ALARM_8 indication", "Push.", ALARM),
@@ -500,7 +504,7 @@ USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
             (0x10, "AR_SEND indication", "Push.", ALARM),
             (0x11, "ALARM_SQ indication", "Push.", ALARM),
             (0x12, "ALARM_S indication", "Push.", ALARM),
-            (0x13, "ALARM query", "Request/response.", READ),
+            (0x13, "ALARM query", "Request/response.", READ, DATA),
             (0x16, "NOTIFY_8 indication", "Push.", ALARM),
         ],
     ),
@@ -523,9 +527,9 @@ USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
         "S7 time functions subfunction",
         2,
         [
-            (0x01, "read clock", "Request/response.", READ),
+            (0x01, "read clock", "Request/response.", READ, DATA),
             (0x02, "set clock", "Request/response.", CLOCK),
-            (0x03, "read clock (following)", "Request/response.", READ),
+            (0x03, "read clock (following)", "Request/response.", READ, DATA),
             (0x04, "set clock (second form)", "Request/response.", CLOCK),
         ],
     ),

@@ -13,7 +13,7 @@ from dissect.s7.block_names import (
     printable,
 )
 from dissect.s7.blocks import HEADER, header_text, is_header
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import errors_of
 from dissect.s7.layouts import FUNCTION
 from dissect.s7.tables import DOWNLOAD_ENDED, END_UPLOAD, REQUEST_DOWNLOAD, START_UPLOAD, UPLOAD
 from dissect.wire.layout import (
@@ -42,7 +42,7 @@ _STATUS: Final = [
     Field("error", 1, "1: refused.", "s7comm.param.blockcontrol.functionstatus.error", bits=(0x02, 1), shares=True),
     Field("more", 1, "1: more data follow.", "s7comm.param.blockcontrol.functionstatus.more", bits=(1, 0), shares=True),
 ]
-_ERROR: Final = Field("error_code", 2, "0, or why it failed.", "s7comm.data.blockcontrol.errorcode", ERROR_CODES)
+_ERROR: Final = "error_code", 2, "0, or why it failed.", "s7comm.data.blockcontrol.errorcode"
 _UPLOAD_ID: Final = Field(
     "upload_id",
     4,
@@ -58,9 +58,11 @@ _UNKNOWN_4: Final = Field("unknown_id", 4, "0; the place of the upload id.", _UN
 STATUS: Final = Layout("function status", "reference section 3.10", [*_STATUS])
 #: Parameter blocks of jobs: request download and download block; download ended; start upload, upload; end upload.
 DOWNLOAD: Final = Layout("download", _DOWNLOAD, [*_STATUS, _UNKNOWN_2, _UNKNOWN_4])
-DOWNLOAD_END: Final = Layout("download ended", _DOWNLOAD, [*_STATUS, _ERROR, _UNKNOWN_4])
+DOWNLOAD_END: Final = Layout(
+    "download ended", _DOWNLOAD, [*_STATUS, Field(*_ERROR, errors_of(DOWNLOAD_ENDED)), _UNKNOWN_4]
+)
 UPLOAD_HEAD: Final = Layout("upload", _UPLOAD, [*_STATUS, _UNKNOWN_2, _UPLOAD_ID])
-UPLOAD_END: Final = Layout("end upload", _UPLOAD, [*_STATUS, _ERROR, _UPLOAD_ID])
+UPLOAD_END: Final = Layout("end upload", _UPLOAD, [*_STATUS, Field(*_ERROR, errors_of(END_UPLOAD)), _UPLOAD_ID])
 
 _NAME_LENGTH: Final = Field(
     "name_length", 1, "Bytes of the name.", "s7comm.param.blockcontrol.filename_len", counts=COUNTS_REST
@@ -196,9 +198,10 @@ def _take_upload(cursor: Cursor, layout: Layout) -> None:
 
 
 def _why(part: Part) -> str:
-    """Return the error in a download ended; empty if there is none."""
+    """Return the error in a download ended or end upload; empty if there is none."""
     code = part.number("error_code")
-    return f"error {ERROR_CODES.coded(code)}" if code > 0 else ""
+    codes = errors_of(END_UPLOAD if part.layout is UPLOAD_END else DOWNLOAD_ENDED)
+    return f"error {codes.coded(code)}" if code > 0 else ""
 
 
 def _take_name(cursor: Cursor) -> None:

@@ -14,7 +14,7 @@ from dissect.findings.catalogue import KINDS as FINDING_KINDS
 from dissect.findings.reporter import Finding
 from dissect.iso.upper import UPPER_NAMES
 from dissect.report.writer import COTP, NETLINK
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import ERROR_CODES, class_names
 from dissect.s7.tables import (
     AREA_LETTERS,
     AREAS,
@@ -180,6 +180,7 @@ def _area(item: ItemFacts, _context: Context) -> CodeValue | None:
 def _error_names() -> Iterable[str]:
     for table in (ERROR_CODES, RETURN_CODES, PLUS_CODES):
         yield from table.names().values()
+    yield from class_names()
 
 
 def _tags(item: ItemFacts, _context: Context) -> list[str]:

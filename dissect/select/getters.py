@@ -11,7 +11,8 @@ from typing import Any, Final
 
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report import facets
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import errors_of
+from dissect.s7.message import NOT_REFUSED
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import (
     FUNCTIONS,
@@ -26,7 +27,6 @@ from dissect.s7.tables import (
 from dissect.s7plus.items import READS, WRITES
 from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
@@ -337,17 +337,14 @@ def errors(thing: Transaction | Operation | Message, _context: Context) -> list[
             CodeValue(error.code if error.code != NO_CODE else None, (error.name,)) for error in thing.errors
         ] if thing.has_errors else []  # fmt: skip
     if isinstance(thing, Operation):
-        code = thing.error_code
-        codes = PLUS_CODES if thing.connection.plus is not None else ERROR_CODES
-        return [CodeValue(code, (codes.name(code),))] if code else []
+        error = thing.error
+        return [CodeValue(error.code, (error.name,))] if error is not None else []
     pdu = thing.pdu
     if pdu is None or not pdu.refused:
         return []
-    code = max(pdu.error_class, 0) << 8 | max(pdu.error_code, 0)
-    head = pdu.parameters.userdata
-    if head is not None and head.error_code:
-        code = head.error_code
-    found = [CodeValue(code, (ERROR_CODES.name(code),))] if code else []
+    found = [CodeValue(pdu.error, (errors_of(pdu.function).name(pdu.error),))] if pdu.error else []
+    if pdu.refusing_code != NOT_REFUSED:
+        found.append(CodeValue(pdu.refusing_code, (RETURN_CODES.name(pdu.refusing_code),)))
     return found + [CodeValue(one, (RETURN_CODES.name(one),)) for one in pdu.return_codes() if one != 0xFF]
 
 

@@ -153,7 +153,7 @@ class Joiner:
         if answer is None or head is None:
             return None
         asked = transaction.parameters.userdata if transaction.request_size else None
-        if head.error_code:
+        if transaction.refused:
             if asked is not None and asked.sequence:
                 self._give_up(_key(transaction, asked))  # the next part of an answer was requested, and refused
             return None
@@ -193,9 +193,9 @@ class Joiner:
         r_id = int.from_bytes(payload[PBC_ID.size - 4 : PBC_ID.size], "big")
         key = _SENDS | head.type << 34 | int(transaction.asked_by) << 32 | r_id
         follows = goes_on(head)
-        if transaction.error_code or not follows:
+        if transaction.refused or not follows:
             self._give_up(key)
-        if transaction.error_code:
+        if transaction.refused:
             return None
         sender = int(transaction.asked_by) if piece is transaction.request else 1 - int(transaction.asked_by)
         missing = self._gap(key, transaction, sender)

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.s7.block_names import FILE_SYSTEMS
-from dissect.s7.errors import ERROR_CODES
 from dissect.s7.parameters import UserdataHead
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.wire.codes import CodeTable
+from dissect.transactions.results import RETURN_VALUE, TransactionError, refusal
 from dissect.wire.part import Part
 
 if TYPE_CHECKING:
@@ -162,7 +161,7 @@ class Operation:
         "content_head",
         "dropped",
         "end_ns",
-        "error_code",
+        "error",
         "first_frame",
         "first_push_ns",
         "gap",
@@ -209,7 +208,7 @@ class Operation:
         self.half_captured = False
         self.result = ""
         self.reason = ""
-        self.error_code = 0
+        self.error: TransactionError | None = None
         self.oddities: list[Oddity] = []
         self.content = b""
         self.content_head: UserdataHead | None = None
@@ -225,14 +224,9 @@ class Operation:
         return f"Operation({self.number}, {self.kind!r}, {self.subject!r}, {self.result!r})"
 
     @property
-    def error_codes(self) -> CodeTable:
-        """The table of ``error_code``: that of S7comm-plus or that of S7comm."""
-        return PLUS_CODES if self.connection.plus is not None else ERROR_CODES
-
-    @property
-    def error_coded(self) -> str:
-        """``error_code`` in hexadecimal and its name; empty for none."""
-        return self.error_codes.coded(self.error_code) if self.error_code else ""
+    def error_code(self) -> int:
+        """The code of ``error``, 0 for none."""
+        return self.error.code if self.error is not None else 0
 
     @property
     def duration_ns(self) -> int:
@@ -383,16 +377,18 @@ class OperationBook:
     ) -> None:
         """Close an operation with ``went_well`` or ``went_wrong``, by the result of its last transaction.
 
-        ``code`` is the error of an item of that transaction, 0 for none; by default the error of the transaction counts.
+        ``code`` is the error of an S7comm-plus item of that transaction, 0 for none; by default the error of the transaction
+        counts.
         """
-        if code < 0:
-            code = int(transaction.error_code)
+        error = refusal(transaction) if code < 0 else None
+        if code > 0:
+            error = TransactionError(RETURN_VALUE, code, PLUS_CODES.name(code), PLUS_CODES.text(code))
         if transaction.unseen:
             self.close(operation, NOT_CAPTURED)
         elif not transaction.response_frame:
             self.close(operation, UNFINISHED, transaction.reason)
-        elif code:
-            operation.error_code = code
+        elif error is not None:
+            operation.error = error
             self.close(operation, went_wrong)
         else:
             self.close(operation, went_well)

@@ -101,7 +101,7 @@ _OURS: Final = frozenset(("", "s7comm"))
 def _went_well(transaction: Transaction) -> bool:
     """Return whether a request was accepted; an answer without its request counts if only that was captured."""
     answered = transaction.outcome == ANSWERED or (transaction.outcome == ORPHAN and half_captured(transaction))
-    return answered and not transaction.error_code
+    return answered and not transaction.refused
 
 
 def subject_of(transaction: Transaction) -> str:
@@ -251,6 +251,8 @@ class Operations(OperationBook):
         if not more and not transaction.connection.operations.these:
             return False  # an answer in one part, as nearly all are
         sequence = told.sequence if told is not None else head.sequence
+        if transaction.refused and head.sequence:
+            sequence = head.sequence  # a refusal of a further part need not name the answer that it belongs to
         key = f"{head.group}/{head.subfunction}/{sequence}"
         operation = transaction.connection.operations.find(LONG_ANSWER, key)
         if operation is not None and head.sequence == sequence:
@@ -270,7 +272,7 @@ class Operations(OperationBook):
             and transaction.connection.tcp.has_holes
         ):
             self.close(operation, NOT_CAPTURED)  # a part is in a gap
-        elif transaction.outcome == UNANSWERED or transaction.error_code or not more:
+        elif transaction.outcome == UNANSWERED or transaction.refused or not more:
             self.settle(operation, transaction, DONE, FAILED)
         return True
 
@@ -303,7 +305,7 @@ class Operations(OperationBook):
         if operation.complete and operation.octets != operation.announced and not operation.connection.tcp.has_holes:
             detail = f"{operation.octets} bytes, {operation.announced} announced"
             operation.odd(WRONG_SIZE, detail, int(transaction.request_frame))
-        if operation.complete or transaction.error_code:
+        if operation.complete or transaction.refused:
             self.settle(operation, transaction, DONE, FAILED)
 
     def _cyclic(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> None:
@@ -374,13 +376,13 @@ class Operations(OperationBook):
             running.add(transaction)
             if stops:
                 self.settle(running, transaction, DONE, FAILED)
-            elif not transaction.error_code:
+            elif not transaction.refused:
                 running.subject = _joined(running.subject, subject_of(transaction))
             return
         if stops:
             return
         operation = self.begin(MESSAGES, str(transaction.asked_by), transaction, subject_of(transaction))
-        if transaction.outcome != ANSWERED or transaction.error_code:
+        if transaction.outcome != ANSWERED or transaction.refused:
             self.settle(operation, transaction, DONE, REFUSED)
 
     def _push(self, transaction: Transaction) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
+from dissect.s7.errors import errors_of
 from dissect.s7.items import (
     DataItem,
     Item,
@@ -21,13 +22,21 @@ from dissect.s7.items import (
     read_results,
     write_results,
 )
-from dissect.s7.message import alarm_codes, alarms_asked, answers_by_alarm, userdata_payload
+from dissect.s7.message import (
+    NOT_REFUSED,
+    alarm_codes,
+    alarms_asked,
+    answers_by_alarm,
+    refusing_code,
+    userdata_payload,
+)
 from dissect.s7.parameters import HEADER_SIZE, PUSH, REQUEST, Parameters, UserdataHead
 from dissect.s7.tables import (
     ACK,
     ACK_DATA,
     GROUP_CYCLIC,
     GROUP_TEST,
+    OBJECT_DOES_NOT_EXIST,
     RETURN_CODES,
     SUCCESS,
     USERDATA,
@@ -36,6 +45,7 @@ from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
 from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.refusals import answered, glimpse, notifies_refusal
 from dissect.s7plus.tables import ERRORS, refuses
+from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.payloads import ScdParameters
 from dissect.wire.codes import coded
 from dissect.wire.malformed import Malformed
@@ -82,14 +92,14 @@ def half_captured(transaction: Transaction) -> bool:
 
 
 def check_other_answer(transaction: Transaction) -> None:
-    """Look for errors in an answer that is not an Ack or Ack_Data: S7comm-plus, SCD, or userdata about alarms.
+    """Look for errors in an answer that is not an Ack or Ack_Data: S7comm-plus, SCD, or userdata without error code.
 
     In S7comm-plus a negative return value or a partial error is an error, in SCD an abort or a negative ``scd_err_t``, in
-    userdata a return code of an alarm.
+    userdata the return code of an answer without its payload, or of an alarm.
     """
     told = transaction.response_parameters
     if transaction.response_rosctr == USERDATA:
-        transaction.has_errors = len(alarm_errors(transaction)) > 0
+        transaction.has_errors = data_code(transaction) != NOT_REFUSED or len(alarm_errors(transaction)) > 0
         return
     if isinstance(told, ScdParameters):
         transaction.error_code = told.err
@@ -102,6 +112,15 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.has_errors = True
         if refuses(code):
             transaction.error_code = code
+
+
+def data_code(transaction: Transaction) -> i64:
+    """Return the return code by which a userdata answer refuses its request as a whole; `NOT_REFUSED` for none."""
+    told = transaction.response_parameters
+    head = told.userdata if told is not None else None
+    if head is None or transaction.response_rosctr != USERDATA:
+        return NOT_REFUSED
+    return refusing_code(head, transaction.response_buf, transaction.response_offset, transaction.response_size)
 
 
 def check_notification(transaction: Transaction) -> None:
@@ -184,6 +203,7 @@ _TEST_SIZES: Final = 4
 #: Parts of an answer that can refuse (`TransactionError.part`).
 HEADER: Final = "header"
 PARAMETER: Final = "parameter"
+DATA: Final = "data"  # of userdata: the return code of an answer without payload
 RETURN_VALUE: Final = "return value"  # of S7comm-plus
 ITEM: Final = "item"
 ALARM: Final = "alarm"  # one that the request acknowledges, locks or unlocks
@@ -196,12 +216,17 @@ NO_CODE_TEXTS: Final = (
     "No return code",
     "The answer has no return code for this item: it is unknown whether it was written.",
 )
+#: The sentence of 0x0a where it refuses an answer's data: there it does not have the meaning that it has in other userdata.
+_NO_DATA: Final = "The answer has this return code instead of data: the PLC does not have what was requested."
+#: Parts whose codes have one octet.
+SHORT_CODES: Final = frozenset((DATA, ITEM, ALARM))
 
 
 class TransactionError:
     """One thing that an answer refuses.
 
-    ``part`` is the part of the answer with the error: `HEADER`, `PARAMETER`, `RETURN_VALUE`, `ITEM`, `ALARM` or `MESSAGE`.
+    ``part`` is the part of the answer with the error: `HEADER`, `PARAMETER`, `DATA`, `RETURN_VALUE`, `ITEM`, `ALARM` or
+    `MESSAGE`.
     ``item`` is the number of the item or alarm, counted from 1; 0 for the other parts. ``code`` is the number on the wire, or
     `NO_CODE` where the answer has none for a written item; ``name`` and ``text`` are its name and sentence. ``address`` is the
     item's address, or the event id of the alarm, where there is one.
@@ -227,7 +252,7 @@ class TransactionError:
         """The code in hexadecimal and its name; the name alone where there is no code."""
         if self.code == NO_CODE:
             return self.name
-        return coded(f"0x{self.code:02x}" if self.part in (ITEM, ALARM) else f"0x{self.code:04x}", self.name)
+        return coded(f"0x{self.code:02x}" if self.part in SHORT_CODES else f"0x{self.code:04x}", self.name)
 
     def __repr__(self) -> str:
         return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
@@ -240,6 +265,22 @@ class TransactionError:
             "name": self.name,
             "text": self.text,
         }
+
+
+def refusal(transaction: Transaction) -> TransactionError | None:
+    """Return the error with which an answer refuses its request as a whole, None when it does not; SCD has messages instead."""
+    code = int(transaction.error_code)
+    if not code:
+        code = int(data_code(transaction)) if transaction.has_errors else NOT_REFUSED
+        if code == NOT_REFUSED:
+            return None
+        text = _NO_DATA if code == OBJECT_DOES_NOT_EXIST else RETURN_CODES.text(code)
+        return TransactionError(DATA, code, RETURN_CODES.name(code), text)
+    part = PARAMETER if transaction.parameters.userdata is not None else HEADER
+    codes = errors_of(transaction.function)
+    if transaction.is_plus:
+        part, codes = RETURN_VALUE, PLUS_CODES
+    return TransactionError(part, code, codes.name(code), codes.text(code))
 
 
 def alarm_errors(transaction: Transaction) -> list[TransactionError]:

@@ -38,7 +38,7 @@ def follow(transaction: Transaction) -> None:
     jobs = transaction.connection.subscriptions
     if transaction.outcome == PUSH:
         transaction.subscribed = jobs.get(_key(transaction, head, head.sequence))
-    elif transaction.outcome == ANSWERED and not transaction.error_code:
+    elif transaction.outcome == ANSWERED and not transaction.refused:
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
         changes: bool = head.group == GROUP_CYCLIC and head.subfunction == CHANGE_DRIVEN_MODIFY

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7.body import Body
-from dissect.s7.errors import ERROR_CODES
 from dissect.s7.items import (
     DataItem,
     ItemResult,
@@ -15,7 +14,7 @@ from dissect.s7.items import (
     read_results,
     write_results,
 )
-from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.message import NOT_REFUSED, Pdu, parse_pdu
 from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
 from dissect.s7.tables import (
     ACK_DATA,
@@ -32,26 +31,24 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.skimming import skim_refusals
 from dissect.s7plus.tables import NOTIFIED, PARTIAL_ERROR
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     DOUBTS,
     EXPECTED,
     GAPS,
-    HEADER,
     ITEM,
     MESSAGE,
     NO_CODE,
     NO_CODE_TEXTS,
-    PARAMETER,
-    RETURN_VALUE,
     STILL_OPEN,
     UNCONFIRMED,
     SentAgain,
     Subscription,
     TransactionError,
     alarm_errors,
+    data_code,
     has_items,
+    refusal,
     userdata_results,
 )
 from dissect.wire.text import printable
@@ -426,15 +423,8 @@ class Transaction:
             return []
         if self.is_scd:
             return self._scd_errors()
-        errors = []
-        if self.error_code:
-            part = PARAMETER if self.parameters.userdata is not None else HEADER
-            codes = ERROR_CODES
-            if self.is_plus:
-                part, codes = RETURN_VALUE, PLUS_CODES
-            errors.append(
-                TransactionError(part, self.error_code, codes.name(self.error_code), codes.text(self.error_code))
-            )
+        whole = refusal(self)
+        errors = [whole] if whole is not None else []
         if self.is_plus:
             return errors + self._plus_item_errors()
         if self.rosctr == USERDATA:
@@ -450,6 +440,11 @@ class Transaction:
             elif code < 0 and self.flags & UNCONFIRMED:
                 errors.append(TransactionError(ITEM, NO_CODE, *NO_CODE_TEXTS, number, address))
         return errors
+
+    @property
+    def refused(self) -> bool:
+        """True when the answer refuses the request as a whole (`results.refusal`); in S7comm-plus perhaps only a part of it."""
+        return self.error_code != 0 or (self.has_errors and data_code(self) != NOT_REFUSED)
 
     def _plus_item_errors(self) -> list[TransactionError]:
         """Return the refusals of single items; none when the request was refused as a whole."""

@@ -17,6 +17,7 @@ from dissect.s7.block_names import FILE_SYSTEMS
 from dissect.s7.blocks import HEADER, header_text, is_header
 from dissect.s7.body import Body
 from dissect.s7.control import PI_BLOCK
+from dissect.s7.errors import errors_of
 from dissect.s7.message import Pdu
 from dissect.s7.parameters import HEADER_SIZE
 from dissect.s7.services import DELETE, LINK_IN, LINK_IN_SECOND
@@ -47,7 +48,7 @@ from dissect.transactions.operation import (
     Operation,
     OperationBook,
 )
-from dissect.transactions.results import NOT_LOADED, half_captured
+from dissect.transactions.results import NOT_LOADED, PARAMETER, TransactionError, half_captured
 from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
 from dissect.wire.part import Part
 
@@ -217,7 +218,8 @@ class Transfers:
         self._add(operation, transaction)
         code = max(body.number("error_code"), _GOOD)
         if code:
-            operation.error_code = code
+            codes = errors_of(transaction.function)
+            operation.error = TransactionError(PARAMETER, code, codes.name(code), codes.text(code))
             self._book.close(operation, FAILED)
             return
         self._check_size(operation, transaction)

@@ -6,7 +6,7 @@ shown as a number.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from mypy_extensions import mypyc_attr
 
@@ -16,24 +16,25 @@ from dissect.wire.text import hex_number
 class Code:
     """One row: the number on the wire, its short name, and one sentence that explains it.
 
-    ``effect`` is what a request with this function does to its receiver, in tables of functions (`dissect.s7.tables`); else
-    empty.
+    ``effect`` is what a request with this function does to its receiver, and ``returns`` what a good answer to it always has,
+    both in tables of functions (`dissect.s7.tables`); else they are empty.
     """
 
-    __slots__ = ("effect", "name", "number", "text")
+    __slots__ = ("effect", "name", "number", "returns", "text")
 
-    def __init__(self, number: int, name: str, text: str, effect: str = "") -> None:
+    def __init__(self, number: int, name: str, text: str, effect: str = "", returns: str = "") -> None:
         self.number = number
         self.name = name
         self.text = text
         self.effect = effect
+        self.returns = returns
 
     def __repr__(self) -> str:
         return f"Code({self.number:#x}, {self.name!r})"
 
 
-#: Number, name and sentence of each row; for functions also their effect.
-Rows = list[tuple[int, str, str]] | list[tuple[int, str, str, str]]
+#: Number, name and sentence of each row; for functions also their effect, and what a good answer always has.
+Rows = Sequence[tuple[int, str, str] | tuple[int, str, str, str] | tuple[int, str, str, str, str]]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -57,7 +58,7 @@ class CodeTable:
         listed = self._listed
         if listed is not None:
             self._listed = None
-            self._made = {row[0]: Code(row[0], row[1], row[2], row[3] if len(row) > 3 else "") for row in listed}
+            self._made = {row[0]: Code(*row) for row in listed}
         return self._made
 
     def __contains__(self, number: int) -> bool:
@@ -87,6 +88,11 @@ class CodeTable:
         """Return what a request with ``number`` does, empty when the table does not have it."""
         row = self._rows.get(number)
         return row.effect if row is not None else ""
+
+    def returns(self, number: int) -> str:
+        """Return what a good answer to ``number`` always has, empty when that is open or the table does not have it."""
+        row = self._rows.get(number)
+        return row.returns if row is not None else ""
 
     def hex(self, number: int) -> str:
         """Return ``number`` in hexadecimal with the table's digits, for example ``0x04``."""

@@ -77,7 +77,7 @@ def the_plc_cannot_store_it(talk: Talk) -> None:
     talk.pipeline.exchange.report_findings()
     details = [finding.detail for finding in talk.findings if finding.slug == "operation.failed"]
     assert [detail.partition(": ")[2] for detail in details] == [
-        "0xd2a0 (unknown code)",
+        "0xd2a0 block functions (error class 0xd2)",
         "0x8104 Service not implemented or frame error",
     ]
 

@@ -8,8 +8,25 @@ import pytest
 
 from dissect.s7.tables import REAL
 from dissect.transactions.naming import subject
+from tests.cases import each
 from tests.findings import events
-from tests.transactions.talk import CLIENT, RST, SERVER, SYN, Talk, ack, ack_data, dbw, item, read, write, written
+from tests.transactions.talk import (
+    CLIENT,
+    RST,
+    SERVER,
+    SYN,
+    Talk,
+    ack,
+    ack_data,
+    dbw,
+    head,
+    item,
+    read,
+    setup,
+    userdata,
+    write,
+    written,
+)
 
 QB0 = item(0x82, 0, 0, 2)
 MB8 = item(0x83, 0, 8 * 8, 2, 4)
@@ -150,6 +167,40 @@ def test_0x8104_may_be_protection_and_the_codes_of_protection_are() -> None:
         talk.tell(ack(1, code))
         ((_, detail),) = said(talk, "security.protected")
         assert detail.startswith(expected), detail
+
+
+@each(
+    ("code", "name", "perhaps"),
+    [
+        (0x8181, "application relationship (error class 0x81)", True),
+        (0x8104, "Service not implemented or frame error", True),
+        (0x82FF, "object definition (error class 0x82)", True),
+        (0x8304, "no resources (error class 0x83)", True),
+        (0x8404, "Function cannot be performed", True),
+        (0x8500, "Wrong PDU size or frame", True),
+        (0x8702, "Service not supported by module", False),
+        (0xD209, "Block not found", False),
+        (0x8003, "state of the module (error class 0x80)", False),
+    ],
+)
+def test_classes_that_may_be_protection(code: int, name: str, perhaps: bool) -> None:
+    """Of reads and writes only; and every finding about the refusal names it alike."""
+    for request in (read(1, dbw(1, 0)), write(1, [dbw(1, 0)], written(4, b"\0\1"))):
+        talk = set_up()
+        talk.ask(request)
+        talk.tell(ack(1, code))
+        talk.pipeline.exchange.report_findings()
+        details = [finding.detail for finding in talk.findings]
+        assert all(detail.endswith(f" 0x{code:04x} {name}") for detail in details)
+        protected = [finding.detail for finding in talk.findings if finding.slug == "security.protected"]
+        assert len(protected) == perhaps
+        assert all("(protected, or not supported)" in detail for detail in protected)
+    for request in (setup(1), events.stop(1), userdata(1, head(1, 3, 1))):
+        talk = set_up()
+        talk.ask(request)
+        talk.tell(ack(1, code))
+        talk.pipeline.exchange.report_findings()
+        assert "security.protected" not in talk.slugs()
 
 
 @pytest.mark.parametrize(

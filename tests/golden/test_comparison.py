@@ -48,7 +48,7 @@ WHO = "connection 1, TSAPs: was TSAP 01.00 (PG) → 01.%02d (PG, rack 0 slot %d)
         ("    refused 0xd401", "    refused 0xd402", "codes",
          f"{SZL}: was refused: Invalid SZL id (0xd401), is refused: Invalid SZL index (0xd402)"),
         ("    refused 0xd401\n", "", "codes",
-         f"{SZL}: was refused: Invalid SZL id (0xd401), is answered"),
+         f"{SZL}: was refused: Invalid SZL id (0xd401), is refused: Object does not exist (0x0a)"),
         ("data <ff 09 00 04 04 24 00 00>", "data <ff 09 00 04 04 24 00 01>", "contents",
          f"{SZL}: request, SZL request, szl_index: was 0x0, is 0x1"),
         ("  no answer: connection_closed\n  DB10.DBW6 WORD", "  DB10.DBW6 WORD = 7", "answers",

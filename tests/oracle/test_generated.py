@@ -14,7 +14,7 @@ import pytest
 
 from dissect.oracle.compare import compare
 from dissect.oracle.facts import PDU
-from tests.oracle.traffic import conversation, disordered, interleaved, write_capture
+from tests.oracle.traffic import conversation, disordered, interleaved, sent_again, write_capture
 
 CONVERSATIONS: Final = int(os.environ.get("S7DISSECT_EXAMPLES", "300"))
 AT_ONCE: Final = 100
@@ -35,6 +35,16 @@ EXPECTED: Final = {
     "block-with-its-header",
     "mode-transition-as-head",
     "shown-at-the-gap",
+}
+
+#: What begins in TCP where something is missing, or sent again.
+BESIDE_GAPS: Final = {
+    "lost-by-tcp",
+    "header-without-tpdu",
+    "header-inside-a-message",
+    "shown-before-the-gap-closed",
+    "shown-where-sent-again",
+    "unfinished",
 }
 
 
@@ -59,3 +69,15 @@ def test_disordered_conversations(tmp_path: Path, seed: int) -> None:
     assert set(comparison.known) <= EXPECTED
     # Told not to reorder, tshark shows fewer.
     assert compare(path).compared[PDU] < comparison.compared[PDU]
+
+
+@pytest.mark.parametrize("reorder", [False, True])
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_answers_that_are_lost_and_sent_again(tmp_path: Path, seed: int, reorder: bool) -> None:
+    rng = Random(1000 + seed)
+    packets = [packet for number in range(60) for packet in sent_again(rng, number)]
+    comparison = compare(str(write_capture(tmp_path / "made.pcap", packets)), reorder=reorder)
+    assert comparison.unexplained == []
+    assert set(comparison.known) <= EXPECTED | BESIDE_GAPS
+    if not reorder:
+        assert comparison.known["shown-before-the-gap-closed"] + comparison.known["shown-again"] > 0

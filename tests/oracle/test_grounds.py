@@ -293,6 +293,45 @@ def test_rdp(protocols: str, name: str, ours: Value | None, theirs: Value | None
     assert grounds.is_rdp(case(Place("", 0, name), ours, theirs, frame=a_frame(protocols))) == holds
 
 
+class Carrying(Stub):
+    """Evidence of a connection in which Wireshark finds a protocol."""
+
+    def __init__(self, *protocols: str) -> None:
+        super().__init__()
+        self._protocols = frozenset(protocols)
+
+    def carries(self, frame: int, protocols: frozenset[str]) -> bool:
+        return frame == 9 and not self._protocols.isdisjoint(protocols)
+
+
+def test_rdp_of_the_other_packets() -> None:
+    place, confirm = Place("", 0, WHOLE), theirs_of(b"\x03\x00\x00\x0b\x06\xd0")
+    assert grounds.is_rdp(case(place, None, b"x", None, confirm, evidence=Carrying("rdp")))
+    assert grounds.is_rdp(case(place, None, b"x", None, confirm, evidence=Carrying("t125")))
+    assert not grounds.is_rdp(case(place, None, b"x", None, confirm, evidence=Carrying("s7comm")))
+    assert not grounds.is_rdp(case(place, b"x", None, confirm, None, evidence=Carrying("rdp")))
+
+
+@pytest.mark.parametrize(
+    ("protocols", "whole", "holds"),
+    [
+        ("tcp:h245:h245", False, True),
+        ("tcp:tpkt:h245", False, True),
+        ("tcp:q931:h225", False, True),
+        ("tcp:tpkt:cotp", False, False),
+        ("tcp:tpkt:cotp:h245", False, False),
+        ("tcp:tpkt", False, False),
+        ("tcp:h245", True, False),
+    ],
+)
+def test_h323(protocols: str, whole: bool, holds: bool) -> None:
+    """Only where Wireshark shows no more than the TPKT header, whatever we make of the bytes behind it."""
+    told = {Place(IN_TPDU, 0, "cotp.li"): Fact(2, 4)} if whole else None
+    for place, ours, theirs in ((Place("", 0, WHOLE), None, b"x"), (Place(IN_TPDU, 0, "cotp.li"), 2, None)):
+        record = theirs_of(b"\x03\x00\x00\x0f", told)
+        assert grounds.is_h323(case(place, ours, theirs, None, record, frame=a_frame(protocols))) == holds
+
+
 def test_cut() -> None:
     place = Place("", 0, WHOLE)
     assert grounds.cut_frame(case(place, None, b"x", frame=a_frame(kept=79)))
@@ -326,6 +365,83 @@ def test_shown_at_the_gap(ahead: bool, stands: bool, ours: int, theirs: int, hol
     mine, its = Record(PDU, ours, b"2", {}, 0), Record(PDU, theirs, b"2", {})
     there = case(Place("", 0, FRAME), ours, theirs, mine, its, evidence=Stub(ahead=ahead, stands=stands))
     assert grounds.shown_at_the_gap(there) == holds
+
+
+class Captured(Stub):
+    """Evidence of several packets."""
+
+    def __init__(self, stands: bool = True, **arrivals: Arrival) -> None:
+        super().__init__(stands=stands)
+        self._arrivals = arrivals
+
+    def arrival(self, frame: int) -> Arrival | None:
+        return self._arrivals.get(f"frame{frame}")
+
+
+def arrived(
+    at: int, new: int, ahead: bool = False, payload: bytes = b"", fresh: tuple[tuple[int, int], ...] = ()
+) -> Arrival:
+    return Arrival(Segment(1, "flow", 0, payload, frozenset()), at, new, ahead, fresh)
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "mine", "its", "stands", "holds"),
+    [
+        (12, 9, arrived(10, 5), arrived(20, 8, True), True, True),
+        (12, 9, arrived(10, 5), arrived(20, 8, False), True, False),  # nothing was missing there
+        (12, 9, arrived(10, 0), arrived(20, 8, True), True, False),  # ours brought nothing
+        (12, 9, arrived(30, 5), arrived(20, 8, True), True, False),  # ours brought nothing before it
+        (12, 9, arrived(10, 5), arrived(20, 8, True), False, False),
+        (9, 12, arrived(10, 5), arrived(20, 8, True), True, False),
+    ],
+)
+def test_closes_a_gap(ours: int, theirs: int, mine: Arrival, its: Arrival, stands: bool, holds: bool) -> None:
+    evidence = Captured(stands, **{f"frame{ours}": mine, f"frame{theirs}": its})
+    one, other = Record(PDU, ours, b"2", {}, 0), Record(PDU, theirs, b"2", {})
+    assert grounds.closes_a_gap(case(Place("", 0, FRAME), ours, theirs, one, other, evidence=evidence)) == holds
+
+
+PART_NEW: Final = arrived(0, 3, payload=b"newold", fresh=((0, 3),))
+TWICE: Final = arrived(0, 3, payload=b"old old", fresh=((0, 3),))
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "octets", "there", "stands", "holds"),
+    [
+        (9, 12, b"old", arrived(0, 0), True, True),
+        (9, 12, b"old", PART_NEW, True, True),
+        (9, 12, b"new", PART_NEW, True, False),
+        (9, 12, b"old", arrived(0, 0), False, False),
+        (12, 9, b"old", arrived(0, 0), True, False),
+    ],
+)
+def test_shown_in_a_retransmission(
+    ours: int, theirs: int, octets: bytes, there: Arrival, stands: bool, holds: bool
+) -> None:
+    one, other = Record(PDU, ours, octets, {}, 0), Record(PDU, theirs, octets, {})
+    evidence = Captured(stands, **{f"frame{theirs}": there})
+    assert (
+        grounds.shown_in_a_retransmission(case(Place("", 0, FRAME), ours, theirs, one, other, evidence=evidence))
+        == holds
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "octets", "there", "holds"),
+    [
+        (PDU, b"old", PART_NEW, True),
+        (PDU, b"new", PART_NEW, False),
+        (PDU, b"wold", PART_NEW, False),
+        (PDU, b"none", PART_NEW, False),
+        (PDU, b"old", TWICE, False),
+        (TPDU, b"old", TWICE, True),  # headers are alike: one of them was brought before
+        (TPDU, b"new", PART_NEW, False),
+    ],
+)
+def test_brought_before_in_part(kind: str, octets: bytes, there: Arrival, holds: bool) -> None:
+    record = Record(kind, 9, octets, {})
+    found = case(Place("", 0, WHOLE), None, octets, None, record, evidence=Captured(frame9=there))
+    assert grounds.brought_before(found) == holds
 
 
 def test_brought_before() -> None:

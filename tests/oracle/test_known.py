@@ -17,7 +17,7 @@ from dissect.oracle.theirs import Frame
 from tests.build import dt, pdu, tpdu, tpkt
 from tests.cases import each
 from tests.examples import S7
-from tests.oracle.traffic import PUSH_ACK, Connection, connect, parameter, setup, write_capture
+from tests.oracle.traffic import ACK, PUSH_ACK, Connection, connect, parameter, setup, write_capture
 from tests.tshark import ask
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -133,6 +133,69 @@ def desktop() -> list[bytes]:
     return connection.packets
 
 
+def desktop_without_negotiation() -> list[bytes]:
+    """Remote Desktop as of old: the client names a user, and the server confirms without a word about it."""
+    connection = Connection(Random(1), 1)
+    connection.open()
+    connection.put(0, PUSH_ACK, tpdu(CONNECT_REQUEST, b"Cookie: mstshash=somebody\r\n"))
+    connection.put(1, PUSH_ACK, tpdu(struct.pack(">BHHB", 0xD0, 0, 0x1234, 0)))
+    return connection.packets
+
+
+def call() -> list[bytes]:
+    """A call of H.323: its CONNECT (Q.931) names the connection on which H.245 then stands in TPKTs."""
+    host = (IDS.index("h323") + 1).to_bytes(2, "big")  # where `moved` puts it
+    signalling, control = Connection(Random(1), 1, 1720), Connection(Random(1), 1, 10503)
+    # H.225: the form of a CONNECT, the protocol's version, the address of H.245, an end without properties, a call's id.
+    answer = b"\x02\x40\x06\x00\x08\x91\x4a\x00\x02\x00" + signalling.addresses[1][:2] + host
+    answer += struct.pack(">H", control.ports[1]) + bytes(18)
+    signalling.open()
+    signalling.put(1, PUSH_ACK, tpkt(b"\x08\x02\x80\x01\x07\x7e" + struct.pack(">HB", len(answer) + 1, 5) + answer))
+    control.open()
+    for side, message in (
+        (0, b"\x02\x70\x01\x06\x00\x08\x81\x75\x00\x03\x00"),  # terminal capabilities, like an ER
+        (1, b"\x21\x80\x01"),  # their acknowledgement, like a DR
+        (0, b"\x01\x00\x01\x23"),
+        (1, b"\x02\xf0\x01\x06\x00\x08\x81\x75\x00\x03\x00"),  # like a DT
+        (0, b"\x4a"),
+    ):
+        control.put(side, PUSH_ACK, tpkt(message))
+    return signalling.packets + control.packets
+
+
+def lost_in_a_message() -> list[bytes]:
+    """A message with bytes inside that look like a TPKT header, of which the segment begins that follows a lost one."""
+    connection = begun()
+    inside = b"\x03\xa2\x00\x20\x05\xe0" + bytes(40)
+    stream = dt(pdu(3, 9, b"\x04\x01", b"\xff\x09" + struct.pack(">H", 40 + len(inside)) + bytes(40) + inside))
+    cut, at = stream.index(inside), connection.sequence[1]
+    connection.put(1, PUSH_ACK, stream[cut:], at + cut)
+    connection.put(1, PUSH_ACK, stream[:cut], at)
+    connection.sequence[1] = at + len(stream)
+    connection.put(1, PUSH_ACK, dt(PLAIN[1]))
+    return connection.packets
+
+
+def segments(*order: tuple[int, int] | None) -> list[bytes]:
+    """A connection whose server sends five answers in segments from one octet to another, in the order of capture.
+
+    None is a packet of the client that acknowledges nothing of them.
+    """
+    connection = begun()
+    stream, at = b"".join([dt(message) for message in PLAIN[:5]]), connection.sequence[1]
+    for places in order:
+        if places is None:
+            connection.put(0, ACK)
+        else:
+            connection.put(1, PUSH_ACK, stream[places[0] : places[1]], at + places[0])
+    connection.sequence[1] = at + len(stream)
+    connection.put(0, PUSH_ACK, dt(READ))
+    return connection.packets
+
+
+#: Octets of an answer of `segments`.
+_SIZE: Final = len(dt(PLAIN[0]))
+
 #: For each entry the packets of a capture that shows it.
 EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
     "length-in-octets": lambda: sent(dt(ANSWER)),
@@ -207,6 +270,10 @@ EXAMPLES: Final[dict[str, Callable[[], list[bytes]]]] = {
     ),
     "header-without-tpdu": lambda: sent(b"\x03\x00\x00\x05\x00", b"\x03\x00\x00\x07\x00\xf0\x80", dt(PLAIN[1])),
     "rdp": desktop,
+    "h323": call,
+    "header-inside-a-message": lost_in_a_message,
+    "shown-before-the-gap-closed": lambda: segments((0, 10), (20, 4 * _SIZE), (10, 20), (4 * _SIZE, 5 * _SIZE)),
+    "shown-where-sent-again": lambda: segments((8, _SIZE), (0, 8), None, None, None, (0, _SIZE), (_SIZE, 5 * _SIZE)),
     "cut": lambda: sent(dt(ANSWER), tpdu(CONNECT_REQUEST, parameter(0xC2, bytes(80)))),
     "lost-by-tcp": late,
     "shown-at-the-gap": early,
@@ -292,6 +359,32 @@ def test_entry_says_what_is_right_and_why(entry: object) -> None:
     assert known.what.endswith(".")
     assert known.why.endswith(".")
     assert re.fullmatch(r"\d\.\d+(, \d\.\d+)*", known.reference)
+
+
+#: More captures for entries that several forms meet.
+MORE: Final[dict[str, tuple[str, Callable[[], list[bytes]]]]] = {
+    "RDP without negotiation": ("rdp", desktop_without_negotiation),
+    "sent again with what was lost": (
+        "shown-again",
+        lambda: segments((_SIZE, 2 * _SIZE), None, None, None, (0, 3 * _SIZE), (3 * _SIZE, 5 * _SIZE)),
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "packets"), MORE.values(), ids=MORE)
+def test_other_forms_of_an_entry(name: str, packets: Callable[[], list[bytes]], tmp_path: Path) -> None:
+    comparison = compare(str(write_capture(tmp_path / "made.pcap", packets())))
+    assert comparison.unexplained == []
+    assert comparison.known[name] > 0
+
+
+@pytest.mark.parametrize("cut", range(1, _SIZE))
+def test_a_gap_that_closes_late(cut: int, tmp_path: Path) -> None:
+    """Wherever the gap is: what was lost is sent again behind packets that were captured before."""
+    packets = segments((0, cut), (_SIZE + 1, 3 * _SIZE), (3 * _SIZE, 5 * _SIZE), (cut, _SIZE + 1))
+    path = str(write_capture(tmp_path / "made.pcap", packets))
+    for reorder in (False, True):
+        assert compare(path, reorder=reorder).unexplained == []
 
 
 def test_documentation_shows_the_table() -> None:

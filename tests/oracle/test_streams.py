@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from dissect.oracle import grounds
-from dissect.oracle.grounds import Streams
+from dissect.oracle.facts import PDU, TPDU
+from dissect.oracle.grounds import Evidence, Streams
 from dissect.oracle.tshark import Segment
 
 MASK = 0xFFFFFFFF
@@ -116,3 +117,55 @@ def test_nothing_is_read_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch)
     found = Streams("any")
     with pytest.raises(AssertionError, match="any"):
         found.arrival(1)
+
+
+def test_which_octets_are_fresh(made: list[Segment]) -> None:
+    for sequence, payload in ((100, b"abc"), (106, b"ghi"), (100, b"abcdefghijkl"), (112, b"mn"), (101, b"bcd")):
+        add(made, sequence, payload)
+    found = Streams("any")
+    arrivals = [arrival for segment in made if (arrival := found.arrival(segment.frame)) is not None]
+    assert [list(arrival.fresh) for arrival in arrivals] == [[(0, 3)], [(0, 3)], [(3, 6), (9, 12)], [(0, 2)], []]
+    assert [arrival.new for arrival in arrivals] == [3, 3, 6, 2, 0]
+    again = arrivals[2]
+    assert (again.brought(b"ghi"), again.brought(b"abc"), again.brought(b"hij")) == ([True], [True], [False])
+    assert (again.brought(b"none"), again.brought(b"")) == ([], [])
+
+
+def test_where_a_header_can_stand(made: list[Segment]) -> None:
+    """One that a segment holds, or whose TPKT ends in the segment; what only looks like it elsewhere does not count."""
+    header = b"\x03\x00\x00\x08"
+    add(made, 100, header + b"abcd" + header)
+    add(made, 112, b"efgh" + header)
+    found = Streams("any")
+    first, second = found.arrival(1), found.arrival(2)
+    assert first is not None
+    assert second is not None
+    assert found.headers(first, header) == [0, 8]
+    assert found.headers(second, header) == [8, 16]
+    assert found.headers(second, b"\x03\x00\x00\x09") == []
+
+
+def test_what_both_directions_carry(made: list[Segment]) -> None:
+    for flow, protocols in (("7 a", "tcp:tpkt:cotp"), ("7 b", "tcp:cotp:rdp"), ("8 a", "tcp:tpkt")):
+        made.append(Segment(len(made) + 1, flow, 0, b"x", frozenset(), frozenset(protocols.split(":"))))
+    evidence = Evidence("any", {TPDU: [], PDU: []})
+    assert [evidence.carries(frame, frozenset(("rdp", "t125"))) for frame in (1, 2, 3, 9)] == [True, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("found", "within"),
+    [
+        ([(1, b"message one."), (1, b"and two: XY two")], True),
+        ([(1, b"message one.and two: XY two")], True),
+        ([(1, b"age one."), (1, b"and two: XY two")], True),
+        ([(1, b"and two: XY two")], False),  # nothing leads up to it
+        ([(1, b"message one.and two: "), (1, b"XY two")], False),  # it begins there
+        ([(1, b"message one.")], False),
+        ([], False),
+    ],
+)
+def test_inside_a_message_that_was_found(made: list[Segment], found: list[tuple[int, bytes]], within: bool) -> None:
+    add(made, 100, b"message one.and two: XY two")
+    evidence = Evidence("any", {TPDU: found, PDU: []})
+    assert evidence.inside(1, b"XY") is within
+    assert not evidence.inside(2, b"XY")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from random import Random
 from typing import Final
@@ -302,6 +303,42 @@ PAIRS: Final = (
     worked_pair,
     worked_pair,
 )
+
+
+def sent_again(rng: Random, number: int) -> list[bytes]:
+    """Return the packets of a connection whose answers are lost in part, and sent again cut otherwise, behind later ones.
+
+    The client acknowledges what it has without a gap, several times, as a receiver does that misses something.
+    """
+    connection = Connection(rng, number)
+    connection.open()
+    connection.put(0, PUSH_ACK, connect(rng, 0xE0, 0))
+    connection.put(1, PUSH_ACK, connect(rng, 0xD0, 1))
+    connection.put(0, PUSH_ACK, dt(setup(rng, 1, 1)))
+    connection.put(1, PUSH_ACK, dt(setup(rng, 3, 1)))
+    pairs = [rng.choice((read_pair, write_pair))(rng, reference) for reference in range(2, rng.randint(6, 10))]
+    connection.put(0, PUSH_ACK, b"".join(dt(request) for request, _ in pairs))
+    answers = [dt(answer) for _, answer in pairs]
+    stream, start = b"".join(answers), connection.sequence[1]
+    edges = [sum(map(len, answers[:index])) for index in range(len(answers) + 1)]
+    if rng.random() < 0.4:
+        edges = sorted({0, len(stream), *(rng.randrange(1, len(stream)) for _ in answers)})
+    plan = [places for places in pairwise(edges) if rng.random() < 0.8]
+    for _ in range(rng.randint(1, 3)):
+        first = rng.randrange(len(edges) - 1)
+        last = min(first + rng.randint(1, 3), len(edges) - 1)
+        plan.insert(rng.randint(0, len(plan)), (edges[first], edges[last]))
+    reached = 0
+    for index, (begin, end) in enumerate(plan):
+        connection.put(1, PUSH_ACK, stream[begin:end], (start + begin) & 0xFFFFFFFF)
+        for low, high in sorted(plan[: index + 1]):
+            reached = max(reached, high) if low <= reached else reached
+        connection.sequence[1] = (start + reached) & 0xFFFFFFFF
+        for _ in range(rng.choice((0, 0, 1, 3, 4))):
+            connection.put(0, ACK)
+    connection.sequence[1] = (start + len(stream)) & 0xFFFFFFFF
+    connection.close()
+    return connection.packets
 
 
 def conversation(rng: Random, number: int, ports: Sequence[int] = (102, 102, 102, 10102)) -> list[bytes]:

@@ -16,6 +16,7 @@ from dissect.tcp.connection import TcpConnection
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
+from tests.build import payload
 from tests.findings.events import start_upload
 from tests.findings.operation_scenarios import read_out
 from tests.report.support import ROOT
@@ -141,7 +142,7 @@ def test_sums_add_up(steps: list[str]) -> None:
             talk.tell(words(1000 + number, 1))
         elif step == "szl":
             talk.ask(userdata(number, head(1, 4, 1)))
-            talk.tell(userdata(number, head(2, 4, 1, 1, 0)))
+            talk.tell(userdata(number, head(2, 4, 1, 1, 0), payload(bytes(8))))
         else:
             talk.ask(read(number, dbw(1, 0)))
             answers = {"good": words(number, 1), "refused": ack(number, 0x8104), "item": None, "silent": None}

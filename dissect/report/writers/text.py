@@ -21,9 +21,9 @@ from dissect.report.scd import scd_summary
 from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
 from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
 from dissect.report.writer import Writer
-from dissect.s7.errors import ERROR_CODES
+from dissect.s7.errors import errors_of
 from dissect.s7.items import Item, ItemResult
-from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.message import NOT_REFUSED, Pdu, parse_pdu
 from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
 from dissect.s7plus.hiding import Shown, shown_contents
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -128,9 +128,8 @@ def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Cl
 
 def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
     parameters = pdu.parameters
-    if pdu.error_class > 0 or pdu.error_code > 0:
-        code = (pdu.error_class << 8) | pdu.error_code
-        return f"error {ERROR_CODES.coded(code)}"
+    if pdu.error and parameters.userdata is None:
+        return f"error {errors_of(pdu.function).coded(pdu.error)}"
     if parameters.setup is not None:
         setup = parameters.setup
         return str(setup)
@@ -152,7 +151,9 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
     said = facets.notes_of(body)
     if head is None:
         return said
-    error = f", error {ERROR_CODES.coded(head.error_code)}" if head.error_code else ""
+    error = f", error {errors_of(pdu.function).coded(head.error_code)}" if head.error_code else ""
+    if pdu.refusing_code != NOT_REFUSED:
+        error = f", refused {RETURN_CODES.coded(pdu.refusing_code)}"
     more = ", more to come" if head.extended and head.last_data_unit else ""
     return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}{f'  {said}' if said else ''}"
 
@@ -331,5 +332,4 @@ def _own_faults(pdu: Pdu) -> list[Malformed]:
 
 def _says_no(pdu: Pdu) -> bool:
     """Return whether a PDU is damaged, or refuses something."""
-    refused = [code for code in pdu.return_codes() if code != SUCCESS] if pdu.rosctr != JOB else []
-    return bool(_own_faults(pdu) or pdu.error_class > 0 or pdu.error_code > 0 or refused)
+    return bool(_own_faults(pdu) or pdu.refused)
