@@ -253,7 +253,9 @@ class Connections:
         ending = Ending(side.connection, asked, frame, now_ns)
         side.connection.ending = ending
         judge_end(exchange.reporter, side)
+        exchange.causes.at_end(side, reason, asked, ending)
         judge_cut(exchange.reporter, side, ending)
+        exchange.causes.close()
         if ending.connecting:
             self.scans.refused(side.connection, ending.time_ns)
         for end in (side, peer):
@@ -265,6 +267,7 @@ class Connections:
             exchange.decoder.end(side, last_frame, last_ns)
         self.foreign.forget(side.connection)
         exchange.watch.end(side.connection, reason)
+        exchange.causes.forget(side.connection)
         exchange.observer.connection_closed(side.connection)
         side.connection.let_go()
 

@@ -528,6 +528,8 @@ class Pipeline(PacketSink):
             timers.give_up_waiting()
             self._forget_closed()
             timers.look_overdue()
+            if self.exchange.causes.waiting:
+                self.exchange.causes.tick(self.counters.now_ns)
         except Exception as bug:
             if self._strict:
                 raise

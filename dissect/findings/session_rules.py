@@ -37,9 +37,13 @@ _NO_REASON: Final = frozenset((0x00, 0x80))
 
 def judge_request(
     reporter: Reporter, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64
-) -> None:
-    """Report a request before communication was set up, or more open requests than were granted."""
+) -> str:
+    """Report a request before communication was set up, or more open requests than were granted.
+
+    Return the slug of what is wrong with the request itself, empty for nothing.
+    """
     connection = side.connection
+    fault = ""
     number = connection.number
     if parameters.function == SETUP_COMMUNICATION:
         _judge_again(reporter, connection, parameters, frame, time_ns)
@@ -50,7 +54,8 @@ def judge_request(
     elif not connection.mid_stream and not has_gaps(side) and _too_early(side):
         connection.setup_seen = True  # reported once
         connection.setup_open = False
-        reporter.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
+        fault = "session.data_before_setup"
+        reporter.note(fault, number, [frame], time_ns, parameters.function_name)
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
         if allowed < FEW_JOBS:
@@ -65,11 +70,12 @@ def judge_request(
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, hole_end, allowed + 1)
         if open_now > allowed and side.told_jobs == frame:
-            reporter.count("session.too_many_jobs")  # what is said of the packet holds for each of its requests
+            reporter.count("session.too_many_jobs", number)  # what is said of the packet holds for each of its requests
         elif open_now > allowed:
             side.told_jobs = frame
             detail = f"more requests pending than the {allowed} granted (AmQ)"
             reporter.note("session.too_many_jobs", number, [frame], time_ns, detail)
+    return fault
 
 
 def judge_shared(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
@@ -91,17 +97,19 @@ def _judge_again(reporter: Reporter, connection: Connection, parameters: Paramet
         reporter.note("session.repeated_setup", connection.number, [frame], time_ns, f"asks for {detail}")
 
 
-def judge_length(
-    reporter: Reporter, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
+def judge_size(reporter: Reporter, connection: Connection, size: i64, frame: i64, time_ns: i64) -> None:
+    """Report a PDU of ``size`` octets, more than was negotiated."""
+    detail = f"{size} bytes, {connection.pdu_length} negotiated"
+    reporter.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
+
+
+def judge_answer_size(
+    reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64
 ) -> None:
-    """Report a PDU that is longer than negotiated, or a read whose answer would be."""
+    """Report a read whose answer would be longer than negotiated."""
     limit = connection.pdu_length
-    if size > limit:
-        detail = f"{size} bytes, {limit} negotiated"
-        reporter.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
-    if parameters.answer_size > limit:
-        detail = f"{parameters.subject}: the answer needs {parameters.answer_size} bytes, {limit} negotiated"
-        reporter.note("session.read_too_long", connection.number, [frame], time_ns, detail)
+    detail = f"{parameters.subject}: the answer needs {parameters.answer_size} bytes, {limit} negotiated"
+    reporter.note("session.read_too_long", connection.number, [frame], time_ns, detail)
 
 
 def judge_header(

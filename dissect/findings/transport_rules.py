@@ -23,10 +23,14 @@ from dissect.wire.text import count
 _BEGUN: Final = 1
 _NUMBERED: Final = 4
 _AFTER_END: Final = 16
+#: Bits above those of other rules: a side sent a message larger than the TPDU size, in one TPDU or in several.
+_LARGE: Final = 1024
 
 #: A stretch of stray octets that is longer than this is reported before it ends, as on a live line that may take days.
 _LONG_STRAY: Final = 65536
 
+#: The header of a DT of class 0, in octets.
+DT_HEAD: Final = 3
 #: The TPDU size that a connect request without one asks for (RFC 1006).
 _LARGEST: Final = 65531
 
@@ -63,17 +67,35 @@ def end_stray(reporter: Reporter, side: Side) -> None:
         judge_stray(reporter, side, stray, side.framer.skipped, "; decoding did not resume")
 
 
-def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
-    """Judge a DT longer than `Connection.dt_limit`: it is too long, precedes the setup of the connection or follows its end."""
+def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> bool:
+    """Judge a DT longer than `Connection.dt_limit`: it is too long, precedes the setup of the connection or follows its end.
+
+    Return whether it is longer than the TPDU size.
+    """
     connection = side.connection
-    if 0 < connection.tpdu_size < size:
+    large = 0 < connection.tpdu_size < size
+    if large:
+        connection.told |= _LARGE << side.index
         detail = f"{size} bytes, {connection.tpdu_size} negotiated"
         reporter.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
     if connection.dt_limit > 0:
-        return
+        return large
     judge_order(reporter, side, DT, frame, time_ns)
     if not _watched(connection):
         connection.dt_limit = connection.tpdu_size or NO_LIMIT
+    return large
+
+
+def note_large(side: Side, size: i64) -> None:
+    """A side sent a message in several TPDUs, of ``size`` octets in all."""
+    connection = side.connection
+    if size > connection.tpdu_size - DT_HEAD > 0:
+        connection.told |= _LARGE << side.index
+
+
+def sent_large(connection: Connection, side: i64) -> bool:
+    """Return whether a side sent a message that does not fit one TPDU of the negotiated size."""
+    return connection.told & (_LARGE << side) != 0
 
 
 def _watched(connection: Connection) -> bool:
