@@ -10,7 +10,6 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.reporter import Finding
-from dissect.transactions.gaps import has_gaps
 from dissect.transactions.side import Side
 
 #: So many requests of a way are remembered. Of more nothing is said: no client waits for so many answers.
@@ -20,7 +19,9 @@ _MOST: Final = 4096
 def whole(asking: Side) -> bool:
     """Return whether the capture has all octets of both directions: what it does not show was not sent."""
     answering = asking.peer
-    if answering is None or not answering.captured or has_gaps(answering) or answering.unseen or asking.unseen:
+    if answering is None or not answering.captured or answering.holes or asking.holes:
+        return False
+    if answering.unseen or asking.unseen:
         return False
     return not answering.unfinished and answering.stream.held is None
 

@@ -248,8 +248,7 @@ def never_taken(talk: Talk) -> None:
     for number in (1, 2, 3):
         talk.packet(CLIENT, build.dt(read(number, dbw(1, 0)), number=number))
         talk.wait(SECOND)
-    talk.packet(CLIENT, flags=RST)
-    talk.finish()
+    talk.close()
 
 
 @silent("cotp.number_unanswered")
