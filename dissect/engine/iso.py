@@ -420,7 +420,7 @@ class IsoOnTcp(Protocol):
             if not (tpdu.malformed and connection.established):
                 connection.note_cc(side.index, tpdu, frame)
         elif type_ == DR:
-            judge_disconnect(reporter, side, tpdu, frame, time_ns)
+            judge_disconnect(reporter, side, tpdu, self._connections.table, frame, time_ns)
             if connection.refused:
                 self._connections.scans.refused(connection, time_ns)
         elif type_ == ER:

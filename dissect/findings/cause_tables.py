@@ -49,13 +49,13 @@ CAUSES: Final[tuple[Cause, ...]] = (
     Cause(
         "s7.malformed",
         REQUEST,
-        "the request is malformed; of a write, the items before the fault stand for themselves",
+        "the request is malformed; items of a write only from the fault on",
         (*_REFUSAL, "transaction.item_error", "security.write_refused", *_SILENCE),
     ),
     Cause(
         "transaction.write_size",
         REQUEST,
-        "the data of the write do not have the size of their item; items only with return code 0x07",
+        "the data of a write do not have the size of their item; items only with return code 0x07",
         (*_REFUSAL, "transaction.item_error", "security.write_refused", *_SILENCE),
     ),
     Cause(

@@ -14,6 +14,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.cause_tables import EXPLAINS
+from dissect.findings.known_bugs_tables import KNOWN_BUGS
 from dissect.findings.reporter import Finding, Reporter
 from dissect.findings.transaction_rules import judge_written
 from dissect.findings.transport_rules import DT_HEAD, sent_large
@@ -36,6 +37,11 @@ WAIT_NS: Final = 5_000_000_000
 #: Requests at fault that are remembered of one connection, and on all of them.
 _MOST: Final = 256
 _MOST_ALL: Final = 65536
+#: Known bugs, by the findings about ways of sending.
+_KNOWN: Final[dict[str, str]] = {
+    "cotp.number_unanswered": "numbered_tpdu",
+    "cotp.fragments_unanswered": "fragments",
+}
 #: How many of the requests that are open at the end of a connection are looked at.
 _LOOKED_AT: Final = 64
 
@@ -157,7 +163,7 @@ class Causes:
         who = way.side.tcp.ends[way.side.index]
         detail = (
             f"{count(int(way.sent), 'request')} of {who} {way.said}: no answer;"
-            f" {count(int(connection.answered), 'other request')} answered"
+            f" {count(int(connection.answered), 'other request')} answered{KNOWN_BUGS[_KNOWN[way.slug]].note}"
         )
         self._reporter.note(way.slug, connection.number, [int(way.frame)], now_ns, detail)
         return self._reporter.noted(way.slug)
@@ -225,7 +231,7 @@ class Causes:
             granted = f"; the PDU length of {connection.pdu_length} allows it" if connection.pdu_length else ""
             detail = (
                 f"{transaction.parameters.subject}: the answer takes {size} bytes, TPDU size {connection.tpdu_size}"
-                f"{_asked_for(connection)}{granted}"
+                f"{_asked_for(connection)}{granted}{KNOWN_BUGS['small_tpdu'].note}"
             )
             frames = [int(transaction.request_frame)]
             self._reporter.note("session.tpdu_too_small", connection.number, frames, now_ns, detail)

@@ -16,6 +16,7 @@ from mypy_extensions import i64
 
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.cause_tables import EXPLAINS, WAITS
+from dissect.findings.known_bugs_tables import SEEN
 
 MAX_DETAILED: Final = 100
 MAX_DETAILED_ALL: Final = 1000
@@ -272,6 +273,8 @@ def _explain(finding: Finding, cause: Finding) -> None:
     """Name the cause of a finding in it."""
     finding.because = cause.slug
     finding.explained_by = cause.number
-    said = cause.detail if len(cause.detail) <= _SAID else f"{cause.detail[:_SAID]}…"
+    said = cause.detail.partition(SEEN)[0]
+    if len(said) > _SAID:
+        said = f"{said[:_SAID]}…"
     why = f"because of {cause.slug}: {said}" if said else f"because of {cause.slug}"
     finding.detail = f"{finding.detail}; {why}" if finding.detail else why

@@ -12,6 +12,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.cause_tables import EXPLAINS, OUTRIGHT, VAGUE
+from dissect.findings.known_bugs_tables import KNOWN_BUGS
 from dissect.findings.reporter import Finding, Reporter
 from dissect.findings.security_rules import PROTECTED
 from dissect.s7.clock import CLOCK
@@ -99,6 +100,8 @@ DISORDER_NS: Final = 1_000_000
 _SENT_AGAIN_NS: Final = 10_000_000
 #: Userdata groups whose payloads have the same length on every CPU, or state their length.
 _SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
+#: The most that the length field of a data item can count.
+_MOST_BITS: Final = 0xFFFF
 _DATA_BLOCK: Final = "the data block does not fit the item count"
 #: How many faults of a block a finding names.
 _NAMED: Final = 3
@@ -264,6 +267,8 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
         if faults:
             who = transaction.connection.tcp.ends[pdu.side]
             detail = f"{pdu.rosctr_name} from {who}, {transaction.function_name}: {faults[0]}"
+            if pdu.rosctr == JOB and len(transaction.parameters.octets) == 1:
+                detail += KNOWN_BUGS["bare_command"].note
             reporter.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
             if pdu.side == transaction.asked_by:
                 reporter.blame("s7.malformed")
@@ -389,14 +394,17 @@ def _early(transaction: Transaction, pdu: Pdu) -> str:
     early = without_fill(asked.items, octets, HEADER_SIZE + len(asked.octets), len(octets))
     if not early:
         return ""
-    return f"no fill byte after item {early}, whose length is odd: item {early + 1} begins one byte early"
+    said = f"no fill byte after item {early}, whose length is odd: item {early + 1} begins one byte early"
+    return said + KNOWN_BUGS["no_fill_byte"].note
 
 
 def _sizes(transaction: Transaction) -> str:
     for number, result in enumerate(transaction.results(), 1):
         item = result.item
         if item is not None and result.data is not None and 0 <= item.size != len(result.data):
-            return f"item {number} ({item.address}) requested {item.size} bytes, got {len(result.data)}"
+            said = f"item {number} ({item.address}) requested {item.size} bytes, got {len(result.data)}"
+            counted = item.size * 8 > _MOST_BITS and len(result.data) < item.size
+            return said + (KNOWN_BUGS["length_in_bits"].note if counted else "")
     return "an item has a different size"
 
 
@@ -489,6 +497,7 @@ def _several_bits(reporter: Reporter, transaction: Transaction, error: Transacti
     if item is None or item.transport_size != BIT or item.count == 1:
         return None
     what = f"item {error.item} ({item.label}) is of type BIT, which takes the count 1; the address may be right"
+    what += KNOWN_BUGS["bit_count"].note
     _note(reporter, "transaction.bit_count", transaction, what)
     return reporter.noted("transaction.bit_count")
 

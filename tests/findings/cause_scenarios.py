@@ -9,9 +9,11 @@ from dissect.findings.cause_tables import CAUSES, REQUEST
 from tests import build
 from tests.findings.registry import Scenario, silent, speaks
 from tests.transactions.talk import (
+    ACK,
     CLIENT,
     CONFIRM,
     CONNECT,
+    FIN,
     RST,
     SECOND,
     SERVER,
@@ -25,6 +27,7 @@ from tests.transactions.talk import (
     item,
     read,
     setup,
+    tpkt,
     words,
     write,
     written,
@@ -260,4 +263,45 @@ def others_too(talk: Talk) -> None:
     talk.packet(CLIENT, dt(read(2, dbw(1, 0))), after_ns=SECOND)
     talk.packet(CLIENT, build.dt(read(3, dbw(1, 0)), number=3), after_ns=SECOND)
     talk.packet(CLIENT, flags=RST, after_ns=SECOND)
+    talk.finish()
+
+
+# ---- a confirm without TSAPs ----------------------------------------------------------------------------------------
+
+#: A confirm of 14 bytes, and one that repeats only what was called.
+BARE: Final = tpkt(bytes.fromhex("09d00001000200c0010a"))
+HALF: Final = tpkt(bytes.fromhex("0dd00001000200c0010ac2020102"))
+
+
+@speaks("cotp.bare_confirm")
+def short_confirm(talk: Talk) -> None:
+    talk.hello()
+    talk.packet(CLIENT, CONNECT)
+    assert len(BARE) == 14
+    talk.packet(SERVER, BARE)
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.packet(SERVER, flags=FIN | ACK)
+    talk.packet(CLIENT)
+    talk.finish()
+
+
+@silent("cotp.bare_confirm")
+def other_confirms(talk: Talk) -> None:
+    """The client goes on, the server ends it, the confirm has a TSAP or both, or the capture lost what came after it."""
+    for port, confirm, then in (
+        (50000, BARE, [(CLIENT, dt(setup(0)), ACK), (CLIENT, b"", RST)]),
+        (50001, BARE, [(SERVER, b"", RST)]),
+        (50002, HALF, [(CLIENT, b"", RST)]),
+        (50003, CONFIRM, [(CLIENT, b"", RST)]),
+        (50004, BARE, [(CLIENT, None, ACK), (CLIENT, b"", FIN | ACK), (SERVER, b"", FIN | ACK)]),
+    ):
+        one = Talk(client_port=port, beside=talk)
+        one.hello()
+        one.packet(CLIENT, CONNECT)
+        one.packet(SERVER, confirm)
+        for side, octets, flags in then:
+            if octets is None:
+                one.lose(side, setup(0))
+            else:
+                one.packet(side, octets, flags)
     talk.finish()
