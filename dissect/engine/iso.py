@@ -325,7 +325,7 @@ class IsoOnTcp(Protocol):
         """Take note of a DT with a number; what it carries begins at ``at``."""
         exchange = self._exchange
         judge_number(exchange.reporter, side, number, frame, time_ns)
-        self._sent(side, "cotp.number_unanswered", "in a numbered TPDU", buf[at : at + 16], frame, time_ns)
+        self._sent(side, "cotp.number_unanswered", "sent in a numbered TPDU", buf[at : at + 16], frame, time_ns)
 
     def _sent(self, side: Side, slug: str, said: str, octets: bytes, frame: i64, time_ns: i64) -> None:
         """A message is sent in a way that some devices do not take: if it is a request, that may be why nothing answers it."""
@@ -348,7 +348,7 @@ class IsoOnTcp(Protocol):
         elif tsdu is not None:
             if data and len(tsdu) > len(data):
                 note_large(side, len(tsdu))
-                self._sent(side, "cotp.fragments_unanswered", "in several TPDUs each", tsdu, frame, time_ns)
+                self._sent(side, "cotp.fragments_unanswered", "sent in several TPDUs", tsdu, frame, time_ns)
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
 
     def end_of_parts(self, side: Side, tsdu: bytes | None, data: bytes, slug: str, frame: i64, time_ns: i64) -> None:

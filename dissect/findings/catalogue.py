@@ -139,7 +139,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Receivers ignore the number; some client libraries send it.", ""),
     ("cotp.number_unanswered", WARNING, PROTOCOL, "Only requests in numbered TPDUs got no answer.",
      "RFC 2126 lets receivers judge the number, and some gateways drop such TPDUs: send TPDU number 0 always.", ""),
-    ("cotp.fragments_unanswered", WARNING, PROTOCOL, "Only requests in several TPDUs each got no answer.",
+    ("cotp.fragments_unanswered", WARNING, PROTOCOL, "Only requests that were sent in several TPDUs got no answer.",
      "Simple servers do not join COTP fragments. Ask for a larger TPDU size (1024) in the connect request.", ""),
     ("cotp.size_exceeded", WARNING, NEGOTIATION, "A TPDU is longer than the negotiated TPDU size.",
      "The sender ignores the negotiated size; some devices drop such TPDUs.", ""),

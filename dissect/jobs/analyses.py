@@ -43,16 +43,19 @@ class Analyses:
     def _add_findings(self, later: Analysis, before: int) -> None:
         """Keep the findings of a part with the numbers that they have in one run; ``before`` were reported in earlier parts.
 
-        Of a selection not all findings are known, so that those which the bounds of one run leave out keep their numbers.
+        The bounds of one run may leave some out. Of a selection it is not known which, so that these numbers have gaps then.
         """
         numbers = {0: 0}
         for finding in sorted([*later.findings, *later.explained], key=_number):
-            own = int(finding.number)
-            if self._keeps(finding):
-                kept = len(self.found.findings) + len(self.found.explained)
-                numbers[own] = finding.number = kept + 1 if later.part is None else before + own
-                finding.explained_by = numbers.get(int(finding.explained_by), 0)
-                self.found.finding(finding)
+            own, cause = int(finding.number), int(finding.explained_by)
+            if not self._keeps(finding):
+                continue
+            if later.part is not None:
+                finding.number, finding.explained_by = before + own, cause and before + cause
+            else:
+                numbers[own] = finding.number = len(self.found.findings) + len(self.found.explained) + 1
+                finding.explained_by = numbers.get(cause, 0)
+            self.found.finding(finding)
 
     def _keeps(self, finding: Finding) -> bool:
         """Return whether one run would keep this finding in detail (bounds in `dissect.findings.reporter`)."""
