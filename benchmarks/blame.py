@@ -2,7 +2,8 @@
 
 A capture that lost packets may say less than a complete one, but it must not hold a device or a client responsible for what
 only the capture lost. `BLAMES` and `BLAMELESS` together name every finding of the kinds transaction, session, s7, s7plus and
-security; `REASONS` and `BLAMELESS_REASONS` every reason why a request stayed without answer.
+security, and those of COTP that blame a side for silence; `REASONS` and `BLAMELESS_REASONS` every reason why a request stayed
+without answer.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ from dissect.transactions.transaction import (
 )
 
 #: How the slugs of the findings begin that may blame.
-PREFIXES: Final = ("transaction.", "session.", "s7.", "s7plus.", "security.")
+PREFIXES: Final = (
+    "transaction.", "session.", "s7.", "s7plus.", "security.",
+    "cotp.number_unanswered", "cotp.fragments_unanswered", "cotp.bare_confirm",
+)  # fmt: skip
 
 #: A connection on which octets came in two versions: what is true of it depends on which of them were captured.
 CONFLICT: Final = "stream.conflict"
@@ -29,7 +33,7 @@ CONFLICT: Final = "stream.conflict"
 OF_A_REQUEST: Final = frozenset((
     "transaction.refused", "transaction.item_error", "transaction.alarm_refused", "transaction.overdue",
     "transaction.slow", "transaction.function_mismatch", "transaction.count_mismatch", "transaction.size_mismatch",
-    "transaction.write_size", "transaction.table_full",
+    "transaction.write_size", "transaction.table_full", "transaction.bit_count",
 ))  # fmt: skip
 #: Of a pair, but reported for one pair of several only: for the first answer to each distinct request, for the first write to
 #: an area. Which one that is depends on what was captured: it is true when its packets are a pair of the complete capture.
@@ -47,7 +51,8 @@ OF_A_CONNECTION: Final = frozenset((
     "s7plus.malformed",
     "session.data_before_setup", "session.pdu_too_long", "session.repeated_setup", "session.read_too_long",
     "session.too_many_jobs", "session.shared_reference", "session.bad_grant", "session.unusual_port",
-    "session.foreign_on_102", "session.cut",
+    "session.foreign_on_102", "session.cut", "session.tpdu_too_small",
+    "cotp.number_unanswered", "cotp.fragments_unanswered", "cotp.bare_confirm",
     "security.tls_weak", "security.certificate_expired", "security.certificate_weak", "security.plc_stop",
     "security.plc_start", "security.program_change", "security.program_read", "security.memory", "security.force",
     "security.debug", "security.write", "security.write_outputs", "security.password", "security.password_failed",

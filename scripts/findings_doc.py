@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES, Rule
+from dissect.findings.cause_tables import CAUSES
 from dissect.findings.mitre import TECHNIQUES
 
 _OF_KINDS = {
@@ -41,6 +42,29 @@ def document() -> str:
             f"| `{rule.slug}` | {rule.kind} | {rule.sentence} | {rule.advice} | {_techniques(rule)} |" for rule in rules
         ]
     lines += [
+        "",
+        "## Causes",
+        "",
+        "A finding may explain others: a malformed request is refused, and nobody is probing anything. Each row is a cause,",
+        'and what it explains when it is to blame. The text names with each cause what it explains ("because of it");',
+        "in JSON that is listed with `explained_by`, the number of its cause, and counted in `findings_explained`. It counts",
+        "neither for `--fail-on` nor for alerts, and starts no recording. A cause is never lighter than what it explains.",
+        "Acts are never explained away: stop, start, program, writes, memory and force. Nothing is explained by what may",
+        "only be missing from the capture.",
+        "",
+        "The last three show themselves only in what stays unanswered. While there are signs of one, findings that it would",
+        "explain wait for the end of the connection, for an answer that refutes it, or for five seconds.",
+        "",
+        "| cause | explains | when |",
+        "|---|---|---|",
+    ]
+    lines += [
+        f"| `{cause.slug}` | {', '.join([f'`{slug}`' for slug in cause.consequences])} | {cause.when} |"
+        for cause in CAUSES
+    ]
+    lines += [
+        "",
+        "Known bugs of clients and servers that findings name: [known-bugs.md](known-bugs.md).",
         "",
         "## MITRE ATT&CK for ICS",
         "",

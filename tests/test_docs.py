@@ -147,6 +147,10 @@ def test_the_page_of_findings_is_the_catalogue() -> None:
     assert run("scripts/findings_doc.py") == (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
 
 
+def test_the_page_of_known_bugs_is_the_table() -> None:
+    assert run("scripts/known_bugs_doc.py") == (ROOT / "docs" / "known-bugs.md").read_text(encoding="utf-8")
+
+
 def test_the_pictures_are_there_and_small_and_fetch_nothing() -> None:
     """``python scripts/pictures.py`` draws them."""
     named = re.findall(r'<img src="(.*?)"', README)

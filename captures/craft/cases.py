@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from captures.craft import (
+    causes,
     coverage,
     coverage_userdata,
     files,
@@ -33,6 +34,7 @@ GROUPS = (
     iso,
     lying,
     rules,
+    causes,
     pairing,
     plus,
     program,

@@ -113,7 +113,9 @@ class AlertEngine(Observer):
                 watch.take(pair, transaction, self.now_ns)
 
     def finding(self, finding: Finding) -> None:
-        """Apply the rules to a finding."""
+        """Apply the rules to a finding that no other explains."""
+        if finding.because:
+            return
         if finding.time_ns > self.now_ns:
             self._advance(int(finding.time_ns))
         pair = self._pairs.numbered(int(finding.connection))

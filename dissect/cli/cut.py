@@ -84,8 +84,8 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     multiple=True,
     callback=_findings,
     metavar="WHAT",
-    help="Packets of a finding: its slug, a pattern ('security.*'), a severity (or worse), or its number in "
-    "finding_details of analyze -T json, from 1.",
+    help="Packets of a finding: its slug, a pattern ('security.*'), a severity (or worse), or its number as "
+    "analyze -T json gives it.",
 )
 @click.option(
     "--time",

@@ -34,7 +34,7 @@ fail_on_option: Final[Callable[[Any], Any]] = click.option(
     callback=_slugs,
     metavar="WHAT",
     help="Exit with code 1 on a finding that matches WHAT: a severity (note, warning or error, or worse), a slug such as "
-    "transaction.slow, or a pattern such as 'session.*'. Repeatable.",
+    "transaction.slow, or a pattern such as 'session.*'. A finding that another one explains does not count. Repeatable.",
 )
 
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.engine.counters import Counters
+from dissect.findings.crowd import open_to
 from dissect.transactions.connection import ISO_TSAP_PORT
-from dissect.transactions.table import Attempt, ConnectionTable, endpoints
+from dissect.transactions.table import Attempt, ConnectionTable, base_and_tag, endpoints
 from dissect.wire.text import duration_text
 
 
@@ -29,8 +30,10 @@ def note_reset(counters: Counters, table: ConnectionTable, key: bytes) -> None:
     """Take a RST with ``key`` that belongs to no connection: it may refuse an attempt, which is reported on port 102."""
     if table.refused(key):
         server, client = endpoints(key)
-        if server.port == ISO_TSAP_PORT:
-            counters.note("stream.refused", f"{server} refuses {client}")
+        if server.port == ISO_TSAP_PORT and counters.wants("stream.refused"):
+            vlan: i64 = int.from_bytes(base_and_tag(key)[1], "big")
+            beside = open_to(table, client, server, vlan)
+            counters.detail("stream.refused", f"{server} refuses {client}{beside}")
 
 
 def finish(counters: Counters, table: ConnectionTable) -> None:

@@ -16,7 +16,7 @@ from mypy_extensions import i64
 from dissect.engine.exchange import Exchange
 from dissect.findings.scan_rules import ScanWatch
 from dissect.findings.session_rules import judge_cut, judge_end
-from dissect.findings.transport_rules import end_stray
+from dissect.findings.transport_rules import end_stray, judge_bare_confirm
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.foreign import identify
 from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
@@ -31,6 +31,7 @@ from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PR
 from dissect.transactions.ending import Ending
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
+from dissect.transactions.table import ConnectionTable
 from dissect.transactions.transaction import CONNECTION_CLOSED
 from dissect.wire.octets import u16
 
@@ -192,6 +193,7 @@ class Connections:
         self.iso: Protocol = self._unread
         self.foreign: Foreign = Foreign(exchange)
         self.scans: ScanWatch = ScanWatch(exchange.reporter)
+        self.table: ConnectionTable = ConnectionTable()  # that of the pipeline, once it has one
 
     def open(self, side: Side, protocol: Protocol, at_start: bool) -> None:
         """The protocol of a connection is known; ``at_start``: what comes next of ``side`` begins a message."""
@@ -253,7 +255,10 @@ class Connections:
         ending = Ending(side.connection, asked, frame, now_ns)
         side.connection.ending = ending
         judge_end(exchange.reporter, side)
-        judge_cut(exchange.reporter, side, ending)
+        exchange.causes.at_end(side, reason, asked, ending)
+        judge_bare_confirm(exchange.reporter, side, ending)
+        judge_cut(exchange.reporter, side, ending, self.table)
+        exchange.causes.close()
         if ending.connecting:
             self.scans.refused(side.connection, ending.time_ns)
         for end in (side, peer):
@@ -265,6 +270,7 @@ class Connections:
             exchange.decoder.end(side, last_frame, last_ns)
         self.foreign.forget(side.connection)
         exchange.watch.end(side.connection, reason)
+        exchange.causes.forget(side.connection)
         exchange.observer.connection_closed(side.connection)
         side.connection.let_go()
 

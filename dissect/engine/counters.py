@@ -68,10 +68,19 @@ class Counters:
 
     def note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about the packet at hand."""
+        if self._reporter.wants(slug, connection):
+            self.detail(slug, detail, connection)
+
+    def wants(self, slug: str) -> bool:
+        """Count a finding about the packet at hand; True if it should be detailed."""
+        return self._reporter.wants(slug, 0)
+
+    def detail(self, slug: str, detail: str, connection: i64 = 0) -> None:
+        """Detail a finding about the packet at hand, which was counted."""
         frames: list[int] = []
         if self.frames:
             frames.append(self.frames)
-        self._reporter.note(slug, connection, frames, self.now_ns, detail)
+        self._reporter.detail(slug, connection, frames, self.now_ns, detail)
 
     def note_of(self, slug: str, frames: list[int], time_ns: i64, detail: str, connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about packets that came before the one at hand."""

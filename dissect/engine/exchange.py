@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.observer import Observer
+from dissect.findings.explaining import Causes
 from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays
 from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
@@ -120,8 +121,8 @@ class Watch:
         head = transaction.parameters.userdata
         if head is not None and head.group == GROUP_CPU:
             judge_szl(self._reporter, transaction)
-        else:
-            judge_body(self._reporter, transaction)
+        elif not (transaction.has_errors or transaction.outcome == UNANSWERED):
+            judge_body(self._reporter, transaction)  # of one that failed this came first
         if transaction.flags:
             judge_strays(self._reporter, transaction)
         self.security.take(transaction)
@@ -181,6 +182,7 @@ class Exchange:
         self.observer: Observer = observer
         self.reporter: Reporter = Reporter()
         self.dialogue: Dialogue = Dialogue()
+        self.causes: Causes = Causes(self.reporter, slow_ns)
         self.watch: Watch = Watch(observer, self.reporter)
         self.decoder: PayloadDecoder | None = decoder
         self.naming: Naming | None = None  # knows names for addresses, where the user has given any
@@ -237,6 +239,14 @@ class Exchange:
         ):
             self.observer.transaction(transaction)  # like most transactions: there is nothing to judge
             return
+        self.causes.begin(transaction, transaction.response_ns)
+        try:
+            self._judged(transaction, function)
+        finally:
+            self.causes.close()
+
+    def _judged(self, transaction: Transaction, function: i64) -> None:
+        """Judge and report a transaction that has an answer."""
         if function == SETUP_COMMUNICATION:
             judge_grant(self.reporter, transaction)
         if transaction.rosctr == USERDATA:
@@ -250,6 +260,7 @@ class Exchange:
                 transaction.request_frame and not 0 <= transaction.response_ns - transaction.request_ns <= self._slow_ns
             )
         ):
+            self._judge_command(transaction)
             judge_transaction(self.reporter, transaction, self._slow_ns)
         if self.decoder is not None:
             self._look_inside(self.decoder, transaction)
@@ -266,10 +277,12 @@ class Exchange:
                 if transaction.outcome == ANSWERED:  # it waited until its answer was known
                     self._complete(transaction)
                     continue
+                self.causes.begin(transaction, now_ns)
                 if transaction.has_errors:
                     transaction.connection.note_error(
                         transaction.parameters, transaction.response_ns, transaction.error_code
                     )
+                self._judge_command(transaction)
                 if transaction.outcome == UNANSWERED:
                     judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
                 else:
@@ -282,6 +295,15 @@ class Exchange:
                 if self.strict:
                     raise
                 self.note_bug(bug, frame, now_ns)
+            finally:
+                self.causes.close()
+
+    def _judge_command(self, transaction: Transaction) -> None:
+        """Judge what a command or service that failed says, before what became of it: the one may explain the other."""
+        head = transaction.parameters.userdata
+        if (transaction.has_errors or transaction.outcome == UNANSWERED) and (head is None or head.group != GROUP_CPU):
+            if transaction.rosctr <= USERDATA:
+                judge_body(self.reporter, transaction)
 
     def _look_inside(self, decoder: PayloadDecoder, transaction: Transaction) -> None:
         if transaction.rosctr == SCD:

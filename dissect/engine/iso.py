@@ -28,6 +28,7 @@ from dissect.findings.transport_rules import (
     judge_number,
     judge_order,
     judge_stray,
+    note_large,
 )
 from dissect.iso.cotp import Tpdu, parse_tpdu
 from dissect.iso.foreign import identify_connect
@@ -44,7 +45,7 @@ from dissect.iso.upper import (
     is_sound,
     stated_size,
 )
-from dissect.s7.parameters import PROTOCOL_ID
+from dissect.s7.parameters import PROTOCOL_ID, is_request
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO, Connection
 from dissect.transactions.protocol import Protocol
@@ -239,7 +240,7 @@ class IsoOnTcp(Protocol):
         self.tsdus.often_count += 1
         try:
             if number:
-                judge_number(self._exchange.reporter, side, number, frame, time_ns)
+                self._numbered(side, number, buf, at + 7, frame, time_ns)
             self._s7.take(side, rosctr, pdu_ref, param_length, buf, at + 7, length - 7, frame, time_ns)
         except Exception as bug:
             if self._exchange.strict:
@@ -306,9 +307,12 @@ class IsoOnTcp(Protocol):
         if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
             self.tpdus.often_count += 1
             if length - 4 > side.connection.dt_limit:
-                judge_data(exchange.reporter, side, length - 4, frame, time_ns)
+                if judge_data(exchange.reporter, side, length - 4, frame, time_ns) and is_request(
+                    buf[at + 7 : at + length]
+                ):
+                    exchange.causes.blame(side.connection, exchange.dialogue.count + 1, "cotp.size_exceeded")
             if buf[at + 6] & 0x7F:
-                judge_number(exchange.reporter, side, buf[at + 6] & 0x7F, frame, time_ns)
+                self._numbered(side, buf[at + 6] & 0x7F, buf, at + 7, frame, time_ns)
             if buf[at + 6] >= 0x80 and side.assembler.clear:
                 self._tsdu(side, buf, at + 7, length - 7, frame, time_ns)
             else:
@@ -316,6 +320,19 @@ class IsoOnTcp(Protocol):
         else:
             octets = buf[at + 4 : at + length]
             self._other_tpdu(side, parse_tpdu(octets), octets, frame, time_ns)
+
+    def _numbered(self, side: Side, number: i64, buf: bytes, at: i64, frame: i64, time_ns: i64) -> None:
+        """Take note of a DT with a number; what it carries begins at ``at``."""
+        exchange = self._exchange
+        judge_number(exchange.reporter, side, number, frame, time_ns)
+        self._sent(side, "cotp.number_unanswered", "sent in a numbered TPDU", buf[at : at + 16], frame, time_ns)
+
+    def _sent(self, side: Side, slug: str, said: str, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """A message is sent in a way that some devices do not take: if it is a request, that may be why nothing answers it."""
+        if len(octets) > 1 and octets[0] == PROTOCOL_ID and is_request(octets):
+            dialogue = self._exchange.dialogue
+            if self._exchange.causes.sent(side, slug, said, dialogue.count + 1, frame, time_ns):
+                dialogue.holding.append(side)  # findings may wait from now on: the timers have to run
 
     def _fragment(self, side: Side, data: bytes, eot: bool, frame: i64, time_ns: i64) -> None:
         begun: bool = not side.assembler.clear
@@ -329,6 +346,9 @@ class IsoOnTcp(Protocol):
         if begun and eot and is_sound(data, 0, len(data)):
             self.end_of_parts(side, tsdu, data, "cotp.unfinished_tsdu", frame, time_ns)
         elif tsdu is not None:
+            if data and len(tsdu) > len(data):
+                note_large(side, len(tsdu))
+                self._sent(side, "cotp.fragments_unanswered", "sent in several TPDUs", tsdu, frame, time_ns)
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
 
     def end_of_parts(self, side: Side, tsdu: bytes | None, data: bytes, slug: str, frame: i64, time_ns: i64) -> None:
@@ -400,7 +420,7 @@ class IsoOnTcp(Protocol):
             if not (tpdu.malformed and connection.established):
                 connection.note_cc(side.index, tpdu, frame)
         elif type_ == DR:
-            judge_disconnect(reporter, side, tpdu, frame, time_ns)
+            judge_disconnect(reporter, side, tpdu, self._connections.table, frame, time_ns)
             if connection.refused:
                 self._connections.scans.refused(connection, time_ns)
         elif type_ == ER:

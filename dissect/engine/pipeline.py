@@ -100,6 +100,7 @@ class Pipeline(PacketSink):
             self.datagrams = Datagrams(self.counters, self.connections, chosen.decoder, payloads)
         self._recognition: Protocol = Recognition(self.connections, self.iso, streams)
         self.table: ConnectionTable = ConnectionTable(self._recognition)
+        self.connections.table = self.table
         self._dialogue: Dialogue = self.exchange.dialogue
         self._reporter: Reporter = self.exchange.reporter
         self._strict: bool = chosen.strict
@@ -157,6 +158,7 @@ class Pipeline(PacketSink):
         """
         self.counters.restart(time_ns)
         self.table = self.table.anew()
+        self.connections.table = self.table
         if self.datagrams is not None:
             self.datagrams.restart()
 
@@ -528,6 +530,8 @@ class Pipeline(PacketSink):
             timers.give_up_waiting()
             self._forget_closed()
             timers.look_overdue()
+            if self.exchange.causes.waiting:
+                self.exchange.causes.tick(self.counters.now_ns)
         except Exception as bug:
             if self._strict:
                 raise

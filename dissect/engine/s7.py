@@ -6,7 +6,14 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.findings.security_rules import PACE
-from dissect.findings.session_rules import judge_header, judge_length, judge_port, judge_request, judge_shared
+from dissect.findings.session_rules import (
+    judge_answer_size,
+    judge_header,
+    judge_port,
+    judge_request,
+    judge_shared,
+    judge_size,
+)
 from dissect.findings.transaction_rules import judge_parameters
 from dissect.iso.upper import S7COMM, UPPER_NAMES
 from dissect.s7.message import parse_pdu
@@ -20,6 +27,7 @@ from dissect.s7.parameters import (
     Parameters,
     header_size,
     is_plc_push,
+    is_request,
     read_header,
 )
 from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
@@ -108,7 +116,7 @@ class S7(Protocol):
             judge_parameters(exchange.reporter, side, parameters, frame, time_ns)
         limit: i64 = connection.pdu_length
         if limit and (size > limit or parameters.answer_size > limit):
-            judge_length(exchange.reporter, connection, parameters, size, frame, time_ns)
+            self._judge_length(connection, parameters, buf[at : at + size], frame, time_ns)
         if buf[at + 2] or buf[at + 3] or (rosctr == ACK and size > head):
             judge_header(exchange.reporter, side, rosctr, size - head, u16(buf, at + 2), frame, time_ns)
         dialogue = exchange.dialogue
@@ -192,12 +200,13 @@ class S7(Protocol):
         """Apply the rules about sessions to a request that `Dialogue.ask` just took."""
         exchange = self._exchange
         connection = side.connection
+        fault = ""
         shared: bool = exchange.dialogue.shared
         if shared:
             exchange.dialogue.shared = False
             judge_shared(exchange.reporter, side, parameters, frame, time_ns)
         if connection.granted is None or parameters.function == SETUP_COMMUNICATION:
-            judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
+            fault = judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
         elif not shared:
             requests = connection.open_requests[side.index]
             open_now: i64 = requests.count - requests.held
@@ -206,7 +215,9 @@ class S7(Protocol):
                 peer = side.peer
                 if peer is not None:
                     open_now = _surely_open(peer, open_now)
-                judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
+                fault = judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
+        if fault:
+            exchange.causes.blame(connection, exchange.dialogue.count, fault)
 
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
 
@@ -266,6 +277,24 @@ class S7(Protocol):
             what = str(pdu.malformed[0]) if pdu.malformed else "its lengths do not add up"
             detail = f"{pdu.rosctr_name} from {side.tcp.ends[side.index]}: {what}"
             reporter.detail("s7.malformed", side.connection.number, [frame], time_ns, detail)
+        self._blame_next(side.connection, octets, "s7.malformed")
+
+    def _judge_length(
+        self, connection: Connection, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
+    ) -> None:
+        reporter = self._exchange.reporter
+        if len(octets) > connection.pdu_length:
+            judge_size(reporter, connection, len(octets), frame, time_ns)
+            self._blame_next(connection, octets, "session.pdu_too_long")
+        if parameters.answer_size > connection.pdu_length:
+            judge_answer_size(reporter, connection, parameters, frame, time_ns)
+            self._blame_next(connection, octets, "session.read_too_long")
+
+    def _blame_next(self, connection: Connection, octets: bytes, slug: str) -> None:
+        """A PDU has a fault. If it is a request, it becomes the next transaction: `Dialogue.ask` comes after this."""
+        if is_request(octets):
+            exchange = self._exchange
+            exchange.causes.blame(connection, exchange.dialogue.count + 1, slug)
 
     # ---- what was counted -------------------------------------------------------------------------------------------
 

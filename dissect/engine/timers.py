@@ -318,7 +318,8 @@ class Timers:
     def settle(self, lingering: bool) -> None:
         """Forget the sides on which nothing waits any longer; rest when none is left, unless closed connections linger."""
         self._waiting = [side for side in self._waiting if side.waiting]
-        if self._overdue is None and not self._waiting and not self._doubts and not lingering:
+        causes = self._exchange.causes
+        if self._overdue is None and not self._waiting and not self._doubts and not lingering and not causes.waiting:
             self.deadline_ns = FAR_FUTURE
 
     def oldest_held(self) -> i64:

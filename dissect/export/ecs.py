@@ -215,7 +215,7 @@ class EcsExport(Export, Observer):
         told = self._document("finding", row["ts_ns"] or 0, connection, None)
         rule = finding.rule
         told["event"] |= {
-            "kind": "alert",
+            "kind": "event" if finding.because else "alert",
             "category": ["network", "intrusion_detection"],
             "type": ["info"],
             "action": rule.slug,
@@ -245,6 +245,9 @@ class EcsExport(Export, Observer):
             "advice": rule.advice,
             "severity": rule.severity,
             "file": row["file"],
+            "finding": row["finding"],
+            "explained_by": row["explained_by"],
+            "because_of": row["because_of"],
         }
         self._write("findings", told)
 

@@ -39,12 +39,12 @@ class Rows:
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._hot = TransactionRows(files)
-        self._findings = 0
+        self._before = 0
         self._pdus = 0
 
     def count_from(self, before: int) -> None:
         """Begin to number findings and PDUs after ``before``."""
-        self._findings = self._pdus = before
+        self._before = self._pdus = before
 
     # ---- connections ------------------------------------------------------------------------------------------------
 
@@ -175,12 +175,11 @@ class Rows:
 
     def finding(self, finding: Finding, connection: Connection | None) -> Row:
         """Return the row of a finding; ``connection`` is the connection that it is about, None if unknown."""
-        self._findings += 1
         rule = finding.rule
         frames = [int(frame) for frame in finding.frames]
         ends = self._hot.ends(connection) if connection is not None else (None,) * 4
         return (
-            self._findings,
+            self._before + int(finding.number),
             rule.slug,
             rule.severity,
             rule.kind,
@@ -196,6 +195,8 @@ class Rows:
             [technique.v18 for technique in rule.techniques],
             [technique.v19 for technique in rule.techniques],
             [technique.name for technique in rule.techniques],
+            self._before + int(finding.explained_by) if finding.explained_by else None,
+            finding.because or None,
         )
 
     def device(self, device: Device) -> Row:

@@ -87,7 +87,8 @@ class StixExport(Export, Observer):
         connection = self._context.connection(int(finding.connection))
         time = self._time(int(finding.time_ns))
         tool = self._identity(time)
-        seen = [self._traffic(connection)] if connection is not None else []
+        # One that another finding explains is a note of its own, but no observation: nothing else was seen there.
+        seen = [self._traffic(connection)] if connection is not None and not finding.because else []
         text = self._text(finding, connection)
         if not seen:
             self._note(finding, tool, time, text, [tool])

@@ -236,7 +236,7 @@ FINDINGS: Final = Table(
     "findings",
     "finding in detail (at most 100 a slug and connection, 1000 a slug)",
     (
-        Column("finding", INT, "", "number of the finding in the run", "order of reports"),
+        Column("finding", INT, "", "number of the finding in the run, in the order of reports", "Finding.number"),
         Column("slug", WORD, "", "stable name (docs/findings.md)", "Rule.slug"),
         Column("severity", WORD, "", "error, warning or note", "Rule.severity"),
         Column("kind", WORD, "", "what it is about", "Rule.kind"),
@@ -252,6 +252,8 @@ FINDINGS: Final = Table(
         Column("techniques", WORDS, "", "MITRE ATT&CK for ICS technique ids, v18", "Technique.v18"),
         Column("techniques_v19", WORDS, "", "the same in v19", "Technique.v19"),
         Column("technique_names", WORDS, "", "their names", "Technique.name"),
+        Column("explained_by", INT, "", "number of the finding that explains it, null for none", "Finding.explained_by"),
+        Column("because_of", WORD, "", "slug of the finding that explains it, null for none", "Finding.because"),
     ),
 )
 

@@ -3,6 +3,9 @@
 Rules report findings to the `Reporter`, which counts all of them and details a bounded number. A flood of a million bad PDUs
 must not become a million lines: each slug gets at most `MAX_DETAILED` detailed findings for a connection and `MAX_DETAILED_ALL`
 altogether. The counters stay exact.
+
+A finding may be explained by another one, its cause (`dissect.findings.cause_tables`). This is the one place where that table
+is applied: while `Reporter.because` is set, what that cause explains is counted apart, and names it.
 """
 
 from __future__ import annotations
@@ -12,9 +15,13 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.catalogue import CATALOGUE, Rule
+from dissect.findings.cause_tables import EXPLAINS, WAITS
+from dissect.findings.known_bugs_tables import SEEN
 
 MAX_DETAILED: Final = 100
 MAX_DETAILED_ALL: Final = 1000
+#: At most so many characters of a cause are said in what it explains.
+_SAID: Final = 200
 
 
 class Finding:
@@ -22,9 +29,24 @@ class Finding:
 
     ``connection`` is the number of the connection, 0 for the capture as a whole. ``frames`` are the packets that show the
     finding, ``time_ns`` is the time of the last of them, ``detail`` says what was seen this time.
+
+    ``number`` counts the findings of a run from 1, in the order in which they are reported; it is 0 before that. ``because``
+    is the slug of the cause of a finding that is explained, empty for all others, and ``explained_by`` the cause's number: 0
+    if the cause itself was only counted.
     """
 
-    __slots__ = ("_first_frame", "_frames", "_last_frame", "connection", "detail", "rule", "time_ns")
+    __slots__ = (
+        "_first_frame",
+        "_frames",
+        "_last_frame",
+        "because",
+        "connection",
+        "detail",
+        "explained_by",
+        "number",
+        "rule",
+        "time_ns",
+    )
 
     def __init__(self, rule: Rule, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
         self.rule = rule
@@ -35,6 +57,9 @@ class Finding:
         self._last_frame: i64 = 0
         self.time_ns: i64 = time_ns
         self.detail = detail
+        self.number: i64 = 0
+        self.explained_by: i64 = 0
+        self.because: str = ""
         self.frames = frames
 
     def __repr__(self) -> str:
@@ -78,29 +103,63 @@ class _Detailed:
         self.by_connection: dict[int, int] = {}
 
 
+class _Waiting:
+    """Findings of a connection that wait for a cause: how many there are of each slug, and those that are detailed.
+
+    Once ``cause`` is known, what it explains waits no longer.
+    """
+
+    __slots__ = ("cause", "counts", "findings")
+
+    def __init__(self) -> None:
+        self.cause: Finding | None = None
+        self.counts: dict[str, int] = {}
+        self.findings: list[Finding] = []
+
+
 class Reporter:
     """Counts findings by slug and passes the detailed ones on.
 
-    ``counts`` is exact. ``fresh`` collects the detailed findings until the pipeline hands them to its observer.
+    ``counts`` is exact, ``explained`` as well: how many findings a cause explains, by the slugs of both. ``fresh`` collects
+    the detailed findings, also the explained ones, until the pipeline hands them to its observer. ``because`` is the finding
+    that is to blame for what is judged at the moment.
     """
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
+        self.explained: dict[tuple[str, str], int] = {}
         self.fresh: list[Finding] = []
+        self.because: Finding | None = None
+        self.latest: Finding | None = None  # the one that was counted last, None if it was not detailed
+        self.number: i64 = 0  # of the latest finding in `fresh`
         self._detailed: dict[str, _Detailed] = {}  # by slug
+        self._detailed_explained: dict[str, _Detailed] = {}  # the same of explained ones, which must hide no others
+        self._waiting: dict[int, _Waiting] = {}  # by connection
         #: When the source last said that it lost packets, of whichever connection; -1 for never.
         self.lost_ns: i64 = -1
 
-    def count(self, slug: str) -> None:
+    # ---- findings ---------------------------------------------------------------------------------------------------
+
+    def count(self, slug: str, connection: i64 = 0) -> None:
         """Count one occurrence, of which one that was detailed says all there is to say."""
-        self.counts[slug] = self.counts.get(slug, 0) + 1
+        self.latest = None
+        cause = self.cause_of(slug, connection)
+        if cause is not None:
+            key = (cause.slug, slug)
+            self.explained[key] = self.explained.get(key, 0) + 1
+        elif self._waiting and self._waits(slug, connection):
+            counts = self._waiting[connection].counts
+            counts[slug] = counts.get(slug, 0) + 1
+        else:
+            self.counts[slug] = self.counts.get(slug, 0) + 1
 
     def wants(self, slug: str, connection: i64) -> bool:
         """Count one occurrence; True if it should be detailed. Ask this first, to build no sentence in vain."""
-        self.count(slug)
-        detailed = self._detailed.get(slug)
+        self.count(slug, connection)
+        bounds = self._detailed if self.cause_of(slug, connection) is None else self._detailed_explained
+        detailed = bounds.get(slug)
         if detailed is None:
-            detailed = self._detailed[slug] = _Detailed()
+            detailed = bounds[slug] = _Detailed()
         if detailed.count >= MAX_DETAILED_ALL:
             return False
         by_connection = detailed.by_connection
@@ -113,6 +172,85 @@ class Reporter:
             detailed.by_connection = {}  # nothing more will be detailed, on any connection
         return True
 
+    def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
+        """Count a finding and, within the bounds, detail it."""
+        if self.wants(slug, connection):
+            self.detail(slug, connection, frames, time_ns, detail)
+
+    def detail(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
+        """Detail a finding that `wants` has counted already."""
+        finding = Finding(CATALOGUE[slug], connection, frames, time_ns, detail)
+        self.latest = finding
+        cause = self.cause_of(slug, connection)
+        if cause is not None:
+            _explain(finding, cause)
+        elif self._waiting and self._waits(slug, connection):
+            self._waiting[connection].findings.append(finding)
+            return
+        self._report(finding)
+
+    def _report(self, finding: Finding) -> None:
+        self.number += 1
+        finding.number = self.number
+        self.fresh.append(finding)
+
+    # ---- causes -----------------------------------------------------------------------------------------------------
+
+    def cause_of(self, slug: str, connection: i64) -> Finding | None:
+        """Return the finding that explains one of this rule, if that is made now; None for nothing."""
+        cause = self.because
+        if cause is not None and slug in EXPLAINS[cause.slug]:
+            return cause
+        if self._waiting:
+            waiting = self._waiting.get(connection)
+            if waiting is not None and waiting.cause is not None and slug in EXPLAINS[waiting.cause.slug]:
+                return waiting.cause
+        return None
+
+    def noted(self, slug: str) -> Finding | None:
+        """Return the finding that was noted last as a cause for others; None if it has a cause itself, or waits for one."""
+        found = self.latest
+        if found is None or found.slug != slug:
+            return Finding(CATALOGUE[slug], 0, [], 0, "")  # it was only counted: there are too many of its kind
+        return None if found.because or found.number == 0 else found
+
+    def blame(self, slug: str) -> None:
+        """What is judged at the moment is at fault, says the finding that was noted last."""
+        if self.because is None:
+            self.because = self.noted(slug)
+
+    def hold(self, connection: i64) -> None:
+        """What a cause may explain that shows itself only later waits from now on, until `release`."""
+        if connection not in self._waiting:
+            self._waiting[connection] = _Waiting()
+
+    def release(self, connection: i64, cause: Finding | None) -> None:
+        """Report what waits on a connection: explained by ``cause``, as what comes later will be, or as it is when None."""
+        waiting = self._waiting.pop(connection, None) if self._waiting else None
+        if cause is not None:
+            follows = self._waiting[connection] = _Waiting()
+            follows.cause = cause
+        if waiting is None:
+            return
+        explains = EXPLAINS[cause.slug] if cause is not None else frozenset()
+        for slug, count in waiting.counts.items():
+            if cause is not None and slug in explains:
+                self.explained[cause.slug, slug] = self.explained.get((cause.slug, slug), 0) + count
+            else:
+                self.counts[slug] = self.counts.get(slug, 0) + count
+        for finding in waiting.findings:
+            if cause is not None and finding.slug in explains:
+                _explain(finding, cause)
+            self._report(finding)
+
+    def _waits(self, slug: str, connection: i64) -> bool:
+        if slug not in WAITS:
+            return False
+        waiting = self._waiting.get(connection)
+        return waiting is not None and waiting.cause is None
+
+    # ---- bounds and losses ------------------------------------------------------------------------------------------
+
     def doubt(self, request_ns: i64) -> str:
         """Return what to say behind a request of that time without an answer: packets were lost since, so it may have come."""
         return (
@@ -122,17 +260,21 @@ class Reporter:
     def renew(self) -> None:
         """Begin the bounds anew: a user who watches a line for days wants today's findings in detail, too."""
         self._detailed = {}
+        self._detailed_explained = {}
 
     def forget(self) -> None:
         """Nothing more comes: free what was remembered by connection."""
-        for detailed in self._detailed.values():
-            detailed.by_connection = {}
+        for bounds in (self._detailed, self._detailed_explained):
+            for detailed in bounds.values():
+                detailed.by_connection = {}
 
-    def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
-        """Count a finding and, within the bounds, detail it."""
-        if self.wants(slug, connection):
-            self.detail(slug, connection, frames, time_ns, detail)
 
-    def detail(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
-        """Detail a finding that `wants` has counted already."""
-        self.fresh.append(Finding(CATALOGUE[slug], connection, frames, time_ns, detail))
+def _explain(finding: Finding, cause: Finding) -> None:
+    """Name the cause of a finding in it."""
+    finding.because = cause.slug
+    finding.explained_by = cause.number
+    said = cause.detail.partition(SEEN)[0]
+    if len(said) > _SAID:
+        said = f"{said[:_SAID]}…"
+    why = f"because of {cause.slug}: {said}" if said else f"because of {cause.slug}"
+    finding.detail = f"{finding.detail}; {why}" if finding.detail else why

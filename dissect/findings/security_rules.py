@@ -126,7 +126,7 @@ class SecurityWatch:
                 if items:
                     what = f"{transaction.function_name} {items_said(naming, items, True)}{said}"
                     self.wrote(slug, area, transaction, what, sure=not said and not unanswered)
-        if became.refused and traits.first("security.write_refused"):
+        if became.refused and self._first(transaction, "security.write_refused"):
             codes = "" if transaction.error_code else _item_codes(became.refused)
             what = f"{transaction.function_name} {items_said(naming, became.refused, True)}{codes}"
             self.tell("security.write_refused", transaction, what)
@@ -227,17 +227,13 @@ class SecurityWatch:
             self._userdata(transaction, head)
         elif _asked(transaction):
             self._job(transaction)
-        if (
-            transaction.has_errors
-            and _denied(transaction)
-            and transaction.connection.traits.first("security.protected")
-        ):
+        if transaction.has_errors and _denied(transaction) and self._first(transaction, "security.protected"):
             self.tell("security.protected", transaction, transaction.function_name)
 
     def refused_items(self, transaction: Transaction) -> None:
         """Report a read or write that was refused by protection. Only the first refusals of a connection are looked at."""
         traits = transaction.connection.traits
-        if traits.refusals >= _LOOKED_AT or not traits.first("security.protected"):
+        if traits.refusals >= _LOOKED_AT or not self._first(transaction, "security.protected"):
             return
         traits.refusals += 1
         codes = [result.return_code for result in transaction.results()]
@@ -362,6 +358,12 @@ class SecurityWatch:
             who = f"{connection.client} and {connection.server}"
             detail = f"{PACE} messages within {within} between {who}, both directions together"
             self._reporter.note("security.flood", connection.number, [frame], now_ns, detail)
+
+    def _first(self, transaction: Transaction, slug: str) -> bool:
+        """Return whether to report what is reported once per connection; what has a cause does not count as the report."""
+        if self._reporter.cause_of(slug, transaction.connection.number) is not None:
+            return True
+        return transaction.connection.traits.first(slug)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
         """Report an event. ``what`` says what it is; by default, what the request asks for.

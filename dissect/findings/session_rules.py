@@ -6,6 +6,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.findings.crowd import beside
+from dissect.findings.known_bugs_tables import KNOWN_BUGS
 from dissect.findings.reporter import Reporter
 from dissect.ibh.tables import IBH_NETLINK, NETLINK_PORT
 from dissect.iso.cotp import Tpdu
@@ -18,8 +20,10 @@ from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.gaps import has_gaps
 from dissect.transactions.open_requests import FEW_JOBS, GIVEN_UP_NS
 from dissect.transactions.side import Side
+from dissect.transactions.table import ConnectionTable
 from dissect.transactions.transaction import Transaction
 from dissect.wire.codes import CodeTable
+from dissect.wire.text import count
 
 #: The smallest sensible PDU length: the setup answer itself has 20 octets, and no real device grants less than 240.
 _MIN_PDU_LENGTH: Final = 64
@@ -37,9 +41,13 @@ _NO_REASON: Final = frozenset((0x00, 0x80))
 
 def judge_request(
     reporter: Reporter, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64
-) -> None:
-    """Report a request before communication was set up, or more open requests than were granted."""
+) -> str:
+    """Report a request before communication was set up, or more open requests than were granted.
+
+    Return the slug of what is wrong with the request itself, empty for nothing.
+    """
     connection = side.connection
+    fault = ""
     number = connection.number
     if parameters.function == SETUP_COMMUNICATION:
         _judge_again(reporter, connection, parameters, frame, time_ns)
@@ -50,7 +58,8 @@ def judge_request(
     elif not connection.mid_stream and not has_gaps(side) and _too_early(side):
         connection.setup_seen = True  # reported once
         connection.setup_open = False
-        reporter.note("session.data_before_setup", number, [frame], time_ns, parameters.function_name)
+        fault = "session.data_before_setup"
+        reporter.note(fault, number, [frame], time_ns, parameters.function_name)
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
         if allowed < FEW_JOBS:
@@ -65,11 +74,12 @@ def judge_request(
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, hole_end, allowed + 1)
         if open_now > allowed and side.told_jobs == frame:
-            reporter.count("session.too_many_jobs")  # what is said of the packet holds for each of its requests
+            reporter.count("session.too_many_jobs", number)  # what is said of the packet holds for each of its requests
         elif open_now > allowed:
             side.told_jobs = frame
             detail = f"more requests pending than the {allowed} granted (AmQ)"
             reporter.note("session.too_many_jobs", number, [frame], time_ns, detail)
+    return fault
 
 
 def judge_shared(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
@@ -91,17 +101,23 @@ def _judge_again(reporter: Reporter, connection: Connection, parameters: Paramet
         reporter.note("session.repeated_setup", connection.number, [frame], time_ns, f"asks for {detail}")
 
 
-def judge_length(
-    reporter: Reporter, connection: Connection, parameters: Parameters, size: i64, frame: i64, time_ns: i64
+def judge_size(reporter: Reporter, connection: Connection, size: i64, frame: i64, time_ns: i64) -> None:
+    """Report a PDU of ``size`` octets, more than was negotiated."""
+    detail = f"{size} bytes, {connection.pdu_length} negotiated"
+    reporter.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
+
+
+def judge_answer_size(
+    reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64
 ) -> None:
-    """Report a PDU that is longer than negotiated, or a read whose answer would be."""
+    """Report a read whose answer would be longer than negotiated."""
     limit = connection.pdu_length
-    if size > limit:
-        detail = f"{size} bytes, {limit} negotiated"
-        reporter.note("session.pdu_too_long", connection.number, [frame], time_ns, detail)
-    if parameters.answer_size > limit:
-        detail = f"{parameters.subject}: the answer needs {parameters.answer_size} bytes, {limit} negotiated"
-        reporter.note("session.read_too_long", connection.number, [frame], time_ns, detail)
+    size: i64 = parameters.answer_size
+    detail = f"{parameters.subject}: the answer needs {size} bytes, {limit} negotiated"
+    fill = sum([int(item.size & 1) for item in parameters.items[:-1] if item.size > 0])
+    if size - fill <= limit:
+        detail += f", {count(fill, 'fill byte')} included{KNOWN_BUGS['fill_bytes_forgotten'].note}"
+    reporter.note("session.read_too_long", connection.number, [frame], time_ns, detail)
 
 
 def judge_header(
@@ -167,8 +183,10 @@ def judge_port(reporter: Reporter, connection: Connection, frame: i64, time_ns: 
         reporter.note("session.unusual_port", connection.number, [frame], time_ns, who)
 
 
-def judge_disconnect(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-    """Report a DR: the refusal of a connect request, or the end of a connection."""
+def judge_disconnect(
+    reporter: Reporter, side: Side, tpdu: Tpdu, table: ConnectionTable, frame: i64, time_ns: i64
+) -> None:
+    """Report a DR: the refusal of a connect request, or the end of a connection. ``table`` has the open connections."""
     connection = side.connection
     reason = _reason(DR_REASONS, tpdu.field("reason"))
     who = connection.tcp.ends[side.index]
@@ -176,7 +194,9 @@ def judge_disconnect(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, tim
         tsap = connection.tsap_called
         where = f" for called TSAP {tsap.describe()}" if tsap is not None else ""
         connection.refused = reason
-        reporter.note("cotp.refused", connection.number, [frame], time_ns, f"{who} refuses{where}: {reason}")
+        if reporter.wants("cotp.refused", connection.number):
+            detail = f"{who} refuses{where}: {reason}{beside(table, connection)}"
+            reporter.detail("cotp.refused", connection.number, [frame], time_ns, detail)
     else:
         connection.note_iso_end(f"DR from {who}: {reason}", DISCONNECT, side.index, frame, time_ns)
         if not _is_leave(connection, side, tpdu):
@@ -203,7 +223,7 @@ def judge_error_tpdu(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, tim
     reporter.note("cotp.error", connection.number, [frame], time_ns, cause)
 
 
-def judge_cut(reporter: Reporter, side: Side, ending: Ending) -> None:
+def judge_cut(reporter: Reporter, side: Side, ending: Ending, table: ConnectionTable) -> None:
     """Report, in one finding, that a side ended the connection while several requests or the connect request were open.
 
     A single open request has its own finding, `transaction.unanswered`, which says who cut it off.
@@ -220,6 +240,8 @@ def judge_cut(reporter: Reporter, side: Side, ending: Ending) -> None:
         tsap = connection.tsap_called
         if tsap is not None:
             said += f", called TSAP {tsap.describe()}"
+        if ending.side != connection.client_side:
+            said += beside(table, connection)
     elif ending.oldest is not None:
         said += f" with {ending.open_requests} requests pending, the oldest is {ending.oldest.subject}, {ending.age()}"
         said += ending.last_heard()

@@ -11,9 +11,12 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.reporter import Reporter
+from dissect.findings.cause_tables import EXPLAINS, OUTRIGHT, VAGUE
+from dissect.findings.known_bugs_tables import KNOWN_BUGS
+from dissect.findings.reporter import Finding, Reporter
 from dissect.s7.clock import CLOCK
-from dissect.s7.items import Item, odd_data_code
+from dissect.s7.errors import protects
+from dissect.s7.items import Item, odd_data_code, without_fill
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.message import Pdu, userdata_payload
 from dissect.s7.parameters import HEADER_SIZE, Parameters
@@ -34,6 +37,7 @@ from dissect.s7.tables import (
     GROUP_PBC,
     GROUP_SECURITY,
     GROUP_TIME,
+    INCONSISTENT,
     JOB,
     NUMBERED_AREAS,
     PI_SERVICE,
@@ -46,6 +50,7 @@ from dissect.s7.tables import (
     SUCCESS,
     SYNTAX_IDS,
     TRANSPORT_SIZES,
+    TYPE_NOT_SUPPORTED,
     USERDATA_GROUPS,
     USERDATA_SUBFUNCTIONS,
     WRITE_VAR,
@@ -54,6 +59,7 @@ from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.naming import item_subject, subject
 from dissect.transactions.results import (
     ALARM,
+    ASKED_JUDGED,
     BAD_DATA,
     BAD_REQUEST,
     COUNT_MISMATCH,
@@ -94,6 +100,9 @@ DISORDER_NS: Final = 1_000_000
 _SENT_AGAIN_NS: Final = 10_000_000
 #: Userdata groups whose payloads have the same length on every CPU, or state their length.
 _SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
+#: The most that the length field of a data item can count.
+_MOST_BITS: Final = 0xFFFF
+_DATA_BLOCK: Final = "the data block does not fit the item count"
 #: How many faults of a block a finding names.
 _NAMED: Final = 3
 
@@ -188,6 +197,10 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
             _note(reporter, "transaction.reordered", transaction, detail)
     elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
         _note(reporter, "transaction.orphan", transaction, _orphan(transaction))
+    because = reporter.because
+    code: i64 = transaction.error_code
+    if because is not None and (protects(code) or (code and because.slug not in OUTRIGHT and code >> 8 not in VAGUE)):
+        reporter.because = None  # the answer says itself why the request is refused
     if transaction.has_errors:
         # a push has no request that could be refused as a whole, but items that it subscribes may be refused
         if transaction.outcome == PUSH:
@@ -252,12 +265,16 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
         if faults:
             who = transaction.connection.tcp.ends[pdu.side]
             detail = f"{pdu.rosctr_name} from {who}, {transaction.function_name}: {faults[0]}"
+            if pdu.rosctr == JOB and len(transaction.parameters.octets) == 1:
+                detail += KNOWN_BUGS["bare_command"].note
             reporter.note("s7.malformed", transaction.connection.number, [pdu.frame], pdu.time_ns, detail)
+            if pdu.side == transaction.asked_by:
+                reporter.blame("s7.malformed")
 
 
 def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
     """Report a request without an answer, unless the capture has a gap or ends too soon to tell."""
-    _judge_request(reporter, transaction)
+    judge_written(reporter, transaction)
     if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
@@ -313,7 +330,7 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
     flags = transaction.flags
     if not flags:
         return
-    _judge_request(reporter, transaction)
+    judge_written(reporter, transaction)
     answer = transaction.response_parameters
     if flags & FUNCTION_MISMATCH and answer is not None:
         said = answer.subject if transaction.is_scd else answer.function_name
@@ -343,27 +360,49 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
         _note(reporter, "transaction.reordered", transaction, what)
 
 
-def _judge_request(reporter: Reporter, transaction: Transaction) -> None:
+def judge_written(reporter: Reporter, transaction: Transaction) -> None:
+    """Report what is wrong with the data of a write, unless that was done; it explains what becomes of the write."""
+    if transaction.flags & ASKED_JUDGED:
+        return
     if transaction.flags & WRITE_SIZE:
         _note(reporter, "transaction.write_size", transaction, _written_sizes(transaction))
-    if transaction.flags & BAD_REQUEST and reporter.wants("s7.malformed", transaction.connection.number):
-        _detail_malformed(reporter, transaction, transaction.request, transaction.request_frame, transaction.request_ns)
+        reporter.blame("transaction.write_size")
+    if transaction.flags & BAD_REQUEST:
+        if reporter.wants("s7.malformed", transaction.connection.number):
+            frame, time_ns = transaction.request_frame, transaction.request_ns
+            _detail_malformed(reporter, transaction, transaction.request, frame, time_ns)
+        reporter.blame("s7.malformed")
 
 
 def _detail_malformed(reporter: Reporter, transaction: Transaction, pdu: Pdu | None, frame: int, time_ns: int) -> None:
     if pdu is None:
         return
-    what = str(pdu.malformed[0]) if pdu.malformed else "the data block does not fit the item count"
+    what = _early(transaction, pdu) or str(pdu.malformed[0] if pdu.malformed else _DATA_BLOCK)
     who = transaction.connection.tcp.ends[pdu.side]
     detail = f"{pdu.rosctr_name} from {who}, {subject(transaction)}: {what}"
     reporter.detail("s7.malformed", transaction.connection.number, [frame], time_ns, detail)
+
+
+def _early(transaction: Transaction, pdu: Pdu) -> str:
+    """Return which item of a write begins early because a fill byte is missing, empty if that is not what is wrong."""
+    asked = transaction.parameters
+    if pdu.side != transaction.asked_by or not transaction.flags & BAD_REQUEST:
+        return ""
+    octets = pdu.octets
+    early = without_fill(asked.items, octets, HEADER_SIZE + len(asked.octets), len(octets))
+    if not early:
+        return ""
+    said = f"no fill byte after item {early}, whose length is odd: item {early + 1} begins one byte early"
+    return said + KNOWN_BUGS["no_fill_byte"].note
 
 
 def _sizes(transaction: Transaction) -> str:
     for number, result in enumerate(transaction.results(), 1):
         item = result.item
         if item is not None and result.data is not None and 0 <= item.size != len(result.data):
-            return f"item {number} ({item.address}) requested {item.size} bytes, got {len(result.data)}"
+            said = f"item {number} ({item.address}) requested {item.size} bytes, got {len(result.data)}"
+            counted = item.size * 8 > _MOST_BITS and len(result.data) < item.size
+            return said + (KNOWN_BUGS["length_in_bits"].note if counted else "")
     return "an item has a different size"
 
 
@@ -408,7 +447,11 @@ def _judge_errors(reporter: Reporter, transaction: Transaction) -> None:
 
 def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
     slug = "transaction.item_error"
+    because = reporter.because
+    alone: bool = False  # whether an item was refused for no known reason
     for error in transaction.errors:
+        reporter.because = _why_refused(reporter, transaction, error, because)
+        alone = alone or (error.part == ITEM and reporter.because is None)
         if error.part == ALARM:
             what = f"{error.address or error.where}: {error.coded}"
             _note(reporter, "transaction.alarm_refused", transaction, what)
@@ -421,6 +464,40 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
                 transaction.response_ns,
                 f"{transaction.function_name} {_about(transaction, error)}: {error.coded}",
             )
+    if alone:
+        reporter.because = None  # what follows is about all items
+
+
+def _why_refused(
+    reporter: Reporter, transaction: Transaction, error: TransactionError, because: Finding | None
+) -> Finding | None:
+    """Return what explains the refusal of an item; ``because`` is what is wrong with the request as a whole.
+
+    Items before the one at which the data of a write go wrong are sound, and data of a wrong size have a code of their own.
+    """
+    if error.part != ITEM:
+        return because
+    if because is not None and transaction.flags & BAD_REQUEST and because.slug == "s7.malformed":
+        return because if error.item > len(transaction.written_items()) else None
+    if because is not None and because.slug == "transaction.write_size":
+        return because if error.code == INCONSISTENT else None
+    if because is None or "transaction.item_error" not in EXPLAINS[because.slug]:
+        return _several_bits(reporter, transaction, error)
+    return because
+
+
+def _several_bits(reporter: Reporter, transaction: Transaction, error: TransactionError) -> Finding | None:
+    """Report an item that was refused because it is of type BIT, which takes the count 1; return that as a cause, else None."""
+    if error.part != ITEM or error.code != TYPE_NOT_SUPPORTED or transaction.rosctr != JOB:
+        return None
+    results = transaction.results()
+    item = results[error.item - 1].item if 0 < error.item <= len(results) else None
+    if item is None or item.transport_size != BIT or item.count == 1:
+        return None
+    what = f"item {error.item} ({item.label}) is of type BIT, which takes the count 1; the address may be right"
+    what += KNOWN_BUGS["bit_count"].note
+    _note(reporter, "transaction.bit_count", transaction, what)
+    return reporter.noted("transaction.bit_count")
 
 
 def _asked(transaction: Transaction) -> str:

@@ -9,12 +9,14 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.findings.known_bugs_tables import KNOWN_BUGS
 from dissect.findings.reporter import Reporter
+from dissect.findings.ways import whole
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
 from dissect.iso.tsap import Tsap
 from dissect.transactions.connection import NO_LIMIT, Connection
-from dissect.transactions.ending import DISCONNECT
+from dissect.transactions.ending import DISCONNECT, Ending
 from dissect.transactions.side import Side
 from dissect.transactions.stray import Stray
 from dissect.wire.text import count
@@ -23,10 +25,16 @@ from dissect.wire.text import count
 _BEGUN: Final = 1
 _NUMBERED: Final = 4
 _AFTER_END: Final = 16
+#: Bits above those of other rules: a side sent a message larger than the TPDU size, in one TPDU or in several.
+_LARGE: Final = 1024
+#: The connect confirm has no TSAPs.
+_BARE: Final = 4096
 
 #: A stretch of stray octets that is longer than this is reported before it ends, as on a live line that may take days.
 _LONG_STRAY: Final = 65536
 
+#: The header of a DT of class 0, in octets.
+DT_HEAD: Final = 3
 #: The TPDU size that a connect request without one asks for (RFC 1006).
 _LARGEST: Final = 65531
 
@@ -63,17 +71,35 @@ def end_stray(reporter: Reporter, side: Side) -> None:
         judge_stray(reporter, side, stray, side.framer.skipped, "; decoding did not resume")
 
 
-def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
-    """Judge a DT longer than `Connection.dt_limit`: it is too long, precedes the setup of the connection or follows its end."""
+def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> bool:
+    """Judge a DT longer than `Connection.dt_limit`: it is too long, precedes the setup of the connection or follows its end.
+
+    Return whether it is longer than the TPDU size.
+    """
     connection = side.connection
-    if 0 < connection.tpdu_size < size:
+    large = 0 < connection.tpdu_size < size
+    if large:
+        connection.told |= _LARGE << side.index
         detail = f"{size} bytes, {connection.tpdu_size} negotiated"
         reporter.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
     if connection.dt_limit > 0:
-        return
+        return large
     judge_order(reporter, side, DT, frame, time_ns)
     if not _watched(connection):
         connection.dt_limit = connection.tpdu_size or NO_LIMIT
+    return large
+
+
+def note_large(side: Side, size: i64) -> None:
+    """A side sent a message in several TPDUs, of ``size`` octets in all."""
+    connection = side.connection
+    if size > connection.tpdu_size - DT_HEAD > 0:
+        connection.told |= _LARGE << side.index
+
+
+def sent_large(connection: Connection, side: i64) -> bool:
+    """Return whether a side sent a message that does not fit one TPDU of the negotiated size."""
+    return connection.told & (_LARGE << side) != 0
 
 
 def _watched(connection: Connection) -> bool:
@@ -130,6 +156,9 @@ def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_n
     connection = side.connection
     if not connection.cr_seen or tpdu.malformed or connection.client_side == side.index:
         return
+    connection.told &= ~_BARE
+    if tpdu.calling is None and tpdu.called is None and connection.tsap_called is not None:
+        connection.told |= _BARE
     wrong: list[str] = []
     told: i64 = tpdu.field("dst_ref")
     if told != connection.cr_ref and connection.cr_ref >= 0:
@@ -144,6 +173,18 @@ def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_n
     _compare(wrong, "called", connection.tsap_called, tpdu.called)
     if wrong:
         reporter.note("cotp.bad_confirm", connection.number, [frame], time_ns, "; ".join(wrong))
+
+
+def judge_bare_confirm(reporter: Reporter, side: Side, ending: Ending) -> None:
+    """Report a client that ends its connection after a connect confirm without TSAPs, without having sent anything more."""
+    connection = side.connection
+    asking = side if side.index == connection.client_side else side.peer
+    if not connection.told & _BARE or connection.pdus or connection.protocol or asking is None:
+        return
+    if ending.side == connection.client_side and whole(asking):
+        said = f"{ending.deed(connection)}; the confirm of {connection.server} has no TSAPs"
+        detail = said + KNOWN_BUGS["short_confirm"].note
+        reporter.note("cotp.bare_confirm", connection.number, [int(ending.frame)], ending.time_ns, detail)
 
 
 def _compare(wrong: list[str], name: str, asked: Tsap | None, told: bytes | None) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.session import Run
 from dissect.source.packet import READING_FAILED
 from dissect.transactions.connection import Connection
@@ -105,8 +106,16 @@ def filled(facts: FileFacts, run: Run, seen: FactsObserver) -> FileFacts:
         transactions=seen.transactions,
         errors=seen.errors,
         unanswered=seen.unanswered,
-        findings=dict(pipeline.finding_counts),
+        findings=_all_counts(pipeline),
         pairs=frozenset(seen.pairs),
         all_pairs=seen.all_pairs,
         damage="; ".join([file.loss for file in run.files if file.loss]),
     )
+
+
+def _all_counts(pipeline: Pipeline) -> dict[str, int]:
+    """Return how often each finding was made, also those that another one explains: any of them may be selected."""
+    counts = dict(pipeline.finding_counts)
+    for (_, slug), count in pipeline.exchange.reporter.explained.items():
+        counts[slug] = counts.get(slug, 0) + count
+    return counts

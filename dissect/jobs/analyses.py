@@ -7,7 +7,7 @@ get the numbers that they have in one run, and every bounded list keeps what com
 from __future__ import annotations
 
 from dissect.engine.options import Options
-from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
+from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL, Finding
 from dissect.jobs.sums import FilePart, Sum
 from dissect.report.analysis import Analysis
 from dissect.transactions.naming import Naming
@@ -20,12 +20,13 @@ class Analyses:
         self.found = Analysis()
         self._sum = Sum(options)
         self._naming: Naming | None = options.naming
-        self._detailed: dict[str, int] = {}
-        self._detailed_of: dict[tuple[str, int], int] = {}
+        self._detailed: dict[tuple[str, bool], int] = {}
+        self._detailed_of: dict[tuple[str, bool, int], int] = {}
         self.found.take(self._sum.pipeline, self._sum.files)
 
     def add(self, part: FilePart) -> None:
         """Add the part of the next file."""
+        before = int(self._sum.pipeline.exchange.reporter.number)
         later: Analysis = self._sum.take(part)
         if self._naming is not None:
             for connection in {
@@ -37,15 +38,35 @@ class Analyses:
             }.values():
                 connection.naming = self._naming.of(connection)
         self.found.merge(later)
-        for finding in later.findings:
-            if self._keeps(finding.slug, int(finding.connection)):
-                self.found.finding(finding)
+        self._add_findings(later, before)
 
-    def _keeps(self, slug: str, connection: int) -> bool:
+    def _add_findings(self, later: Analysis, before: int) -> None:
+        """Keep the findings of a part with the numbers that they have in one run; ``before`` were reported in earlier parts.
+
+        The bounds of one run may leave some out. Of a selection it is not known which, so that these numbers have gaps then.
+        """
+        numbers = {0: 0}
+        for finding in sorted([*later.findings, *later.explained], key=_number):
+            own, cause = int(finding.number), int(finding.explained_by)
+            if not self._keeps(finding):
+                continue
+            if later.part is not None:
+                finding.number, finding.explained_by = before + own, cause and before + cause
+            else:
+                numbers[own] = finding.number = len(self.found.findings) + len(self.found.explained) + 1
+                finding.explained_by = numbers.get(cause, 0)
+            self.found.finding(finding)
+
+    def _keeps(self, finding: Finding) -> bool:
         """Return whether one run would keep this finding in detail (bounds in `dissect.findings.reporter`)."""
-        in_all, here = self._detailed.get(slug, 0), self._detailed_of.get((slug, connection), 0)
-        if in_all >= MAX_DETAILED_ALL or here >= MAX_DETAILED:
+        kind = (finding.slug, bool(finding.because))
+        here = (*kind, int(finding.connection))
+        if self._detailed.get(kind, 0) >= MAX_DETAILED_ALL or self._detailed_of.get(here, 0) >= MAX_DETAILED:
             return False
-        self._detailed[slug] = in_all + 1
-        self._detailed_of[slug, connection] = here + 1
+        self._detailed[kind] = self._detailed.get(kind, 0) + 1
+        self._detailed_of[here] = self._detailed_of.get(here, 0) + 1
         return True
+
+
+def _number(finding: Finding) -> int:
+    return int(finding.number)

@@ -10,7 +10,7 @@ from dissect.live.events import CLOSED, DEVICE, FINDING, OPENED, OPERATION, PROB
 from dissect.live.session import Status
 from dissect.report import endings, words
 from dissect.report.operations import operation_line
-from dissect.report.styled import FAILED, HANG, PLAIN, Line
+from dissect.report.styled import DIM, FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places, named
 from dissect.report.writers.text import scd_line, transaction_line
 from dissect.stations.facts import KEYS, Fact
@@ -113,13 +113,14 @@ class PlainLines:
             where.append(self._places.phrase(finding.frames))
         place = f"  {', '.join(where)}" if where else ""
         said = shortened(finding.detail, _DETAIL) if finding.detail else finding.rule.sentence
-        return f"{finding.severity.upper()}  {finding.slug}{place}: {said}"
+        weight = "EXPLAINED" if finding.because else finding.severity.upper()
+        return f"{weight}  {finding.slug}{place}: {said}"
 
 
 def _style(event: Event) -> str:
     what = event.what
     if isinstance(what, Finding):
-        return what.severity
+        return DIM if what.because else what.severity
     if isinstance(what, str):
         return "warning"
     failed = (

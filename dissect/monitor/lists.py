@@ -159,7 +159,9 @@ class FindingList:
         self._details: dict[str, deque[Finding]] = {}
 
     def note(self, finding: Finding) -> None:
-        """Note a finding."""
+        """Note a finding, unless another one explains it."""
+        if finding.because:
+            return
         kept = self._details.get(finding.slug)
         if kept is None:
             kept = self._details[finding.slug] = deque(maxlen=MAX_DETAILS)

@@ -17,6 +17,7 @@ from dissect.page.numbers import how_often
 from dissect.page.rows import OUTCOME_NAMES, Station, host_filter, selecting, station_of
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
+from dissect.report import words
 from dissect.report.operations import NAMES as KINDS
 from dissect.select.getters import function_names
 from dissect.wire.text import printable, shortened
@@ -503,6 +504,7 @@ class Data:
 def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
     """Return the findings, the most severe first, for the part of the page that works without a script."""
     counts = gathered.analysis.finding_counts
+    explained = gathered.analysis.by_cause()
     details: dict[str, list[Any]] = {}
     for finding in gathered.analysis.findings:
         details.setdefault(finding.slug, []).append(finding)
@@ -528,6 +530,7 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
                 "count": counts[rule.slug],
                 "times": how_often(counts[rule.slug]),
                 "rows": rows,
+                "explains": words.explained(explained.get(rule.slug, {})),
                 "techniques": ", ".join([str(technique) for technique in rule.techniques]),
             }
         )

@@ -263,6 +263,8 @@ class Gathered(Observer):
     def finding(self, finding: Finding) -> None:
         """Take a finding; if it says that packets are missing, also the time in which they are."""
         self.analysis.finding(finding)
+        if finding.because:
+            return
         number = int(finding.connection)
         self._at(int(finding.time_ns))
         if number:

@@ -128,10 +128,10 @@ class EventCapture(PacketSink):
     # ---- findings ---------------------------------------------------------------------------------------------------
 
     def finding(self, finding: Finding) -> None:
-        """Add a finding as a comment to its packets; it is a trigger, too, if it is one of ``slugs``."""
+        """Add a finding as a comment to its packets; one of ``slugs`` that no other explains is a trigger, too."""
         frames = [int(frame) for frame in finding.frames]
         comment = finding_comment(finding)
-        if finding.slug in self._slugs:
+        if finding.slug in self._slugs and not finding.because:
             self.trigger(finding.slug, int(finding.time_ns), comment, frames)
         else:
             self._say(comment, frames)

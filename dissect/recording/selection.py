@@ -260,7 +260,7 @@ class Selection(Observer):
         for name, gone in (
             ("connection", wanted.connections - self._connections.keys()),
             ("transaction", wanted.transactions - self._transactions),
-            ("finding", frozenset(number for number in wanted.findings if number > len(self._findings))),
+            ("finding", wanted.findings - {int(finding.number) for finding in self._findings}),
         ):
             if gone:
                 numbers = sorted(gone)
@@ -271,8 +271,8 @@ class Selection(Observer):
         """Return the `Choice` of the wanted packets between two times, both included (nanoseconds since 1970)."""
         frames = set(self._frames)
         ordered = list(by_weight(self._findings))
-        for number, finding in enumerate(ordered, 1):
-            if number in self._wanted.findings or finding.slug in self._wanted.slugs:
+        for finding in ordered:
+            if finding.number in self._wanted.findings or finding.slug in self._wanted.slugs:
                 frames.update([int(frame) for frame in finding.frames])
         comments: dict[int, list[str]] = {}
         if self._comments:

@@ -134,11 +134,13 @@ class Part:
 
     ``transactions``, ``operations``, ``findings`` and ``connections`` count what was read but not selected. ``not_read`` counts
     connections of which nothing was read, because their addresses or numbers ruled them out. ``findings_not_judged`` counts
-    findings that had no detail kept by which they could be selected. ``finding_counts`` are the selected findings, by slug.
+    findings that had no detail kept by which they could be selected. ``finding_counts`` are the selected findings, by slug,
+    ``explained_counts`` those of them that others explain, as `Reporter.explained`.
     """
 
     __slots__ = (
         "connections",
+        "explained_counts",
         "finding_counts",
         "findings",
         "findings_not_judged",
@@ -157,6 +159,7 @@ class Part:
         self.connections: i64 = 0
         self.not_read: i64 = 0
         self.finding_counts: dict[str, int] = {}
+        self.explained_counts: dict[tuple[str, str], int] = {}
 
     def merge(self, other: Part) -> None:
         """Add what the same expression left out in another run."""
@@ -167,6 +170,8 @@ class Part:
         self.connections += other.connections
         self.not_read += other.not_read
         add_counts(self.finding_counts, other.finding_counts)
+        for pair, count in other.explained_counts.items():
+            self.explained_counts[pair] = self.explained_counts.get(pair, 0) + count
 
     def as_dict(self) -> dict[str, object]:
         """Return the object ``selection`` of the JSON contract (docs/json.md)."""
@@ -182,7 +187,10 @@ class Part:
 
 
 class Analysis(Observer):
-    """Everything `analyze` says about a run. Fill it through a pipeline, then `take` the pipeline's own counters."""
+    """Everything `analyze` says about a run. Fill it through a pipeline, then `take` the pipeline's own counters.
+
+    ``findings`` are those that stand for themselves; ``explained`` are those that one of them explains (`Finding.because`).
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -204,6 +212,8 @@ class Analysis(Observer):
         self._findings: Findings = Findings()
         self._first_findings: list[Finding] = self._findings.first
         self.findings: Sequence[Finding] = self._findings
+        self._explained: Findings = Findings()
+        self.explained: Sequence[Finding] = self._explained
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
         self.stations: Book = Book()  # what stations state of themselves
         self.own_book = self.stations
@@ -233,6 +243,20 @@ class Analysis(Observer):
         if self.part is not None:
             return self.part.finding_counts
         return self.pipeline.finding_counts if self.pipeline is not None else {}
+
+    @property
+    def explained_counts(self) -> dict[tuple[str, str], int]:
+        """How many findings a cause explains, by the slugs of both; empty before `take`."""
+        if self.part is not None:
+            return self.part.explained_counts
+        return self.pipeline.exchange.reporter.explained if self.pipeline is not None else {}
+
+    def by_cause(self) -> dict[str, dict[str, int]]:
+        """Return how many findings each cause explains: by its slug, then by theirs."""
+        found: dict[str, dict[str, int]] = {}
+        for (cause, slug), count in sorted(self.explained_counts.items()):
+            found.setdefault(cause, {})[slug] = count
+        return found
 
     @property
     def latencies(self) -> Latencies:
@@ -324,6 +348,9 @@ class Analysis(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Keep a detailed finding."""
+        if finding.because:
+            self._explained.append(finding)
+            return
         first = self._first_findings
         if len(first) < FIRST:
             first.append(finding)  # `Findings.append` does the same, but is not compiled
@@ -335,7 +362,7 @@ class Analysis(Observer):
     def merge(self, later: Analysis) -> None:
         """Add what ``later`` found in the packets after this run's; it numbers on from where this one ends.
 
-        ``pipeline``, ``files`` and ``findings`` are left alone: `dissect.jobs.analyses` merges them.
+        ``pipeline``, ``files``, ``findings`` and ``explained`` are left alone: `dissect.jobs.analyses` merges them.
         """
         self.total += later.total
         self.answered += later.answered

@@ -100,9 +100,12 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
         [CATALOGUE[slug] for slug in counts],
         key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug),
     )
+    explained = analysis.by_cause()
     for rule in rules[:_FINDINGS]:
         detail = shortened(details.get(rule.slug, ""), _TEXT)
         times = f" ({counts[rule.slug]})" if counts[rule.slug] > 1 else ""
+        if rule.slug in explained:
+            detail += f"; because of it {words.explained(explained[rule.slug])}"
         yield Line(f"  {rule.severity:<7}  {rule.slug}{times}: {detail or rule.sentence}", rule.severity, 11)
     if len(rules) > _FINDINGS:
         yield Line(f"  and {len(rules) - _FINDINGS} more kinds of findings", DIM)

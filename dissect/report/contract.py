@@ -73,7 +73,9 @@ def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator
     yield "failed", (json.loads(lines.line(transaction)) for transaction in analysis.failed)
     yield "slowest", (json.loads(lines.line(transaction)) for transaction in analysis.slowest())
     yield "findings", dict(sorted(analysis.finding_counts.items()))
-    yield "finding_details", (finding_as_dict(finding, places, clock) for finding in by_weight(analysis.findings))
+    yield "findings_explained", analysis.by_cause()
+    details = by_weight(analysis.findings, analysis.explained)
+    yield "finding_details", (finding_as_dict(finding, places, clock) for finding in details)
     yield "loss", _loss(pipeline)
 
 
@@ -200,19 +202,27 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
     }
 
 
-def by_weight(findings: Sequence[Finding]) -> Iterator[Finding]:
+def by_weight(findings: Sequence[Finding], explained: Sequence[Finding] = ()) -> Iterator[Finding]:
     """Yield findings ordered by severity, the heaviest first, then as they came."""
     sorted_out: dict[str, list[Finding]] = {severity: [] for severity in SEVERITIES}
-    for finding in findings:
-        sorted_out[finding.rule.severity].append(finding)
+    for some in (findings, explained):
+        for finding in some:
+            sorted_out[finding.rule.severity].append(finding)
     for found in sorted_out.values():
+        if explained:
+            found.sort(key=_number_of)
         yield from found
+
+
+def _number_of(finding: Finding) -> int:
+    return int(finding.number)
 
 
 def finding_as_dict(finding: Finding, places: Places, clock: Clock | None = None) -> dict[str, object]:
     """Return one detailed finding. Many calls may share one ``clock``."""
     rule = finding.rule
     values: dict[str, object] = {
+        "number": finding.number or None,
         "slug": rule.slug,
         "severity": rule.severity,
         "kind": rule.kind,
@@ -226,4 +236,6 @@ def finding_as_dict(finding: Finding, places: Places, clock: Clock | None = None
     values["detail"] = encodable(finding.detail)
     values["advice"] = rule.advice
     values["techniques"] = [technique.as_dict() for technique in rule.techniques]
+    values["explained_by"] = finding.explained_by or None
+    values["because_of"] = finding.because or None
     return values

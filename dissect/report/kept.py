@@ -71,10 +71,19 @@ class Findings(Sequence[Finding]):
         rows = []
         for finding in self._latest:
             self._rules[finding.slug] = finding.rule
-            rows.append((finding.slug, int(finding.connection), finding.frames, int(finding.time_ns), finding.detail))
+            rows.append(
+                (
+                    (finding.slug, int(finding.connection), finding.frames, int(finding.time_ns), finding.detail),
+                    (int(finding.number), finding.because, int(finding.explained_by)),
+                )
+            )
         packer = zlib.compressobj(zlib.Z_BEST_SPEED, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
         return packer.compress(json.dumps(rows).encode()) + packer.flush()
 
     def _unpack(self, packed: bytes) -> list[Finding]:
-        rows = json.loads(zlib.decompress(packed))
-        return [Finding(self._rules[slug], *rest) for slug, *rest in rows]
+        found = []
+        for (slug, *rest), (number, because, explained_by) in json.loads(zlib.decompress(packed)):
+            finding = Finding(self._rules[slug], *rest)
+            finding.number, finding.because, finding.explained_by = number, because, explained_by
+            found.append(finding)
+        return found

@@ -59,7 +59,7 @@ class PerFile(Observer):
         reporter = self.reporter
         if reporter is None or sum(reporter.counts.values()) == self._total:
             return
-        coming = [finding.slug for finding in reporter.fresh]
+        coming = [finding.slug for finding in reporter.fresh if not finding.because]
         for slug, count in reporter.counts.items():
             others = count - self._counted.get(slug, 0) - coming.count(slug)
             counts.findings[CATALOGUE[slug].severity] += others
@@ -84,7 +84,9 @@ class PerFile(Observer):
         self._at(connection.tcp.first_frame).connections += 1
 
     def finding(self, finding: Finding) -> None:
-        """Count a finding; one that names no packet counts for the latest file."""
+        """Count a finding that no other explains; one that names no packet counts for the latest file."""
+        if finding.because:
+            return
         self._count(finding.slug, 1)
         counts = self._at(finding.frames[0]) if finding.frames else self.of(max(0, len(self.files) - 1))
         counts.findings[finding.severity] += 1

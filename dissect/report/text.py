@@ -477,9 +477,11 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
     yield Line("")
     yield Line("Findings", HEADING)
     details = _shown(analysis.findings)
+    explained = analysis.by_cause()
     rules = [CATALOGUE[slug] for slug in counts]
     for rule in sorted(rules, key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug)):
-        yield from finding_lines(rule, counts[rule.slug], details.get(rule.slug, []), places)
+        explains = words.explained(explained.get(rule.slug, {}))
+        yield from finding_lines(rule, counts[rule.slug], details.get(rule.slug, []), places, explains=explains)
 
 
 def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
@@ -498,9 +500,12 @@ def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
 
 
 def finding_lines(
-    rule: Rule, count: int, details: Sequence[Finding], places: Places, most: int = _DETAILS
+    rule: Rule, count: int, details: Sequence[Finding], places: Places, most: int = _DETAILS, explains: str = ""
 ) -> Iterator[Line]:
-    """Yield the lines of a rule that applied ``count`` times, with up to ``most`` of its findings in detail."""
+    """Yield the lines of a rule that applied ``count`` times, with up to ``most`` of its findings in detail.
+
+    ``explains`` are the findings that it explains, in words.
+    """
     times = f" ({count} times)" if count > 1 else ""
     yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
     for finding in details[:most]:
@@ -513,6 +518,8 @@ def finding_lines(
         more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
         at = f": {places.phrase(sorted(rest[:_MORE_FRAMES]))}{more}" if rest else ""
         yield Line(f"      and {count - shown} more{at}", PLAIN, 8)
+    if explains:
+        yield Line(f"      because of it: {explains}", PLAIN, 8)
     yield Line(f"      → {rule.advice}", DIM, 8)
     if rule.techniques:
         yield Line(f"      MITRE ATT&CK: {', '.join([str(technique) for technique in rule.techniques])}", DIM, 8)

@@ -218,6 +218,11 @@ def some_notes(found: list[str], most: int = NAMED) -> str:
     return ", ".join([shortened(note, NOTE) for note in found[:most]]) + more
 
 
+def explained(counts: Mapping[str, int]) -> str:
+    """Return the findings that a cause explains, in words: ``transaction.unanswered (3 times), session.cut``."""
+    return ", ".join([f"{slug} ({times} times)" if times > 1 else slug for slug, times in counts.items()])
+
+
 def loss_of(octets: int) -> str:
     """Return what is wrong with a file of which so many octets were read, and something is missing."""
     return "damaged" if octets else "not read"

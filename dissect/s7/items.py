@@ -331,6 +331,45 @@ def parse_data_items(
     return items
 
 
+def without_fill(items: list[Item], octets: bytes, at: i64, end: i64) -> i64:
+    """Return the index of the first data item of a write that begins one octet early; 0 if that is not what is wrong.
+
+    A data item of odd length takes a fill octet, unless it is the last. A client that leaves it out writes a data block that
+    contradicts itself, and that is sound again if the fill octets are not looked for where they are missing.
+    """
+    first: i64 = 0
+    size: i64 = 0
+    for index in range(len(items)):
+        if size & 1:
+            if _begins(items[index], octets, at + 1, end):
+                at += 1
+            elif first == 0:
+                first = index
+        if not _begins(items[index], octets, at, end):
+            return 0
+        size = data_size_within(octets[at + 1], u16(octets, at + 2), end - at - DATA_HEAD)
+        at += DATA_HEAD + size
+    return first if at == end or (at + 1 == end and size & 1) else 0
+
+
+def _begins(item: Item, octets: bytes, at: i64, end: i64) -> bool:
+    """Return whether the data of a written item begin at ``at``: a head of no return code, and the size of the item."""
+    if at + DATA_HEAD > end or octets[at]:
+        return False
+    size: i64 = data_size_within(octets[at + 1], u16(octets, at + 2), end - at - DATA_HEAD)
+    return at + DATA_HEAD + size <= end and (size == item.size or (item.size < 0 < size))
+
+
+def fitting(items: list[Item], found: list[DataItem]) -> list[DataItem]:
+    """Return the data items of a block that contradicts itself, up to the first that does not fit its item."""
+    sound: list[DataItem] = []
+    for index in range(min(len(items), len(found))):
+        if found[index].return_code or not items[index].fits(len(found[index].data)):
+            break
+        sound.append(found[index])
+    return sound
+
+
 class ItemResult:
     """A request item joined with its answer; either may be missing.
 

@@ -54,6 +54,8 @@ RESPONSE: Final = 2
 _ONE_ITEM: Final = 14
 _SHORT: Final = 8
 _EXTENDED: Final = 12
+#: Where the type and group of userdata stand in its PDU.
+_TYPE_AT: Final = HEADER_SIZE + 5
 #: How many distinct blocks of just function and item count there are in answers to reads and writes: 2 x 256.
 _SHORT_BLOCKS: Final = 512
 _USEND_SIZE: Final = 10
@@ -72,6 +74,14 @@ def read_header(octets: bytes, at: i64) -> tuple[i64, i64, i64, i64]:
 def header_size(rosctr: i64) -> i64:
     """Return the octets of the header: 12 for Ack and Ack_Data, else 10."""
     return ACK_HEADER_SIZE if rosctr == ACK or rosctr == ACK_DATA else HEADER_SIZE
+
+
+def is_request(octets: bytes) -> bool:
+    """Return whether a PDU is a request by its first octets: a job, or userdata of that type; nothing else is read."""
+    if len(octets) < 2:
+        return False
+    rosctr: i64 = octets[1]
+    return rosctr == JOB or (rosctr == USERDATA and len(octets) > _TYPE_AT and octets[_TYPE_AT] >> 6 == REQUEST)
 
 
 class Setup:

@@ -325,6 +325,9 @@ _ROWS: Final = (
           {FINDING: of.of_finding(lambda finding: finding.detail or None)}),
     Field("technique", Text(), "MITRE ATT&CK techniques of the finding, by name or id.", "technique == T0858",
           {FINDING: of.of_finding(of.techniques)}),
+    Field("because_of", Code(lambda: CATALOGUE), "Name of the finding that explains this one.",
+          'because_of == "s7.malformed"',
+          {FINDING: of.of_finding(lambda finding: of.name_code(finding.because) if finding.because else None)}),
 
     # ---- S7comm-plus
     Field("s7plus.version", Number(), "Version of the header: 1, 2, 3; 254 system event, 255 keep-alive.",

@@ -56,7 +56,8 @@ class Numbers:
 class Sieve(Observer):
     """Passes on to ``observer`` what ``where`` selects.
 
-    ``left_out`` counts what was not passed on, by kind; ``findings`` what was, by slug. With ``at_once``, for live runs, a
+    ``left_out`` counts what was not passed on, by kind; ``findings`` what was, by slug, and ``explained`` those of it that
+    another finding explains, by the slugs of both. With ``at_once``, for live runs, a
     finding is judged when it comes. Otherwise a finding that is selected with its transactions waits until its connection is
     over, since its transaction may come later.
     """
@@ -68,6 +69,7 @@ class Sieve(Observer):
         self.passed = dict.fromkeys((TRANSACTION, OPERATION, FINDING, CONNECTION), 0)
         self.left_out = dict.fromkeys(self.passed, 0)
         self.findings: dict[str, int] = {}
+        self.explained: dict[tuple[str, str], int] = {}
         self._observer = observer
         self._where = where
         self._at_once = at_once
@@ -96,8 +98,10 @@ class Sieve(Observer):
         part.findings = self.left_out[FINDING]
         part.not_read = pipeline.connections.left_out
         judged = self.passed[FINDING] + self.left_out[FINDING]
-        part.findings_not_judged = max(0, sum(pipeline.finding_counts.values()) - judged)
+        reporter = pipeline.exchange.reporter
+        part.findings_not_judged = max(0, sum(reporter.counts.values()) + sum(reporter.explained.values()) - judged)
         part.finding_counts = dict(self.findings)
+        part.explained_counts = dict(self.explained)
         return part
 
     def connection_opened(self, connection: Connection) -> None:
@@ -169,7 +173,11 @@ class Sieve(Observer):
     def _pass_finding(self, finding: Finding, wanted: bool) -> None:
         self._count(FINDING, wanted)
         if wanted:
-            self.findings[finding.slug] = self.findings.get(finding.slug, 0) + 1
+            if finding.because:
+                pair = (finding.because, finding.slug)
+                self.explained[pair] = self.explained.get(pair, 0) + 1
+            else:
+                self.findings[finding.slug] = self.findings.get(finding.slug, 0) + 1
             self._observer.finding(finding)
 
     def _count(self, kind: str, wanted: bool) -> None:

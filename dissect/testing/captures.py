@@ -47,8 +47,8 @@ class Capture:
         return [event for event in self.events() if isinstance(event, dissect.Transaction)]
 
     def findings(self) -> list[dissect.Finding]:
-        """Return all findings."""
-        return [event for event in self.events() if isinstance(event, dissect.Finding)]
+        """Return the findings that no other one explains."""
+        return [event for event in self.events() if isinstance(event, dissect.Finding) and not event.because]
 
     def session(self) -> Session:
         """Return what a golden would hold of it."""

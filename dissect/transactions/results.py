@@ -73,6 +73,7 @@ STILL_OPEN: Final = 4096  # the capture ended before the answer was due, so that
 GAPS: Final = 8192  # likely only: octets of both directions are missing between request and answer
 ALIKE: Final = 16384  # likely only: several requests with one reference were pending, and the answer fits each of them
 DOUBTS: Final = GAPS | ALIKE
+ASKED_JUDGED: Final = 32768  # what is wrong with the data of a write was reported
 
 
 def went_wrong(transaction: Transaction) -> bool:

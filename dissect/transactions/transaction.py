@@ -10,8 +10,10 @@ from dissect.s7.body import Body
 from dissect.s7.items import (
     DataItem,
     ItemResult,
+    fitting,
     parse_data_items,
     read_results,
+    without_fill,
     write_results,
 )
 from dissect.s7.message import NOT_REFUSED, Pdu, parse_pdu
@@ -51,6 +53,7 @@ from dissect.transactions.results import (
     refusal,
     userdata_results,
 )
+from dissect.wire.malformed import Malformed
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -392,13 +395,21 @@ class Transaction:
         return parse_data_items(self.response_buf, at, end, answer.item_count, True, [])
 
     def written_items(self) -> list[DataItem]:
-        """Return the data items of a write request; their offsets are within the buffer."""
+        """Return the data items of a write request; their offsets are within the buffer.
+
+        Where the data block contradicts itself, those behind the first one that does not fit its item mean nothing.
+        """
         asked = self.parameters
         if asked.item_count <= 0 or asked.function != WRITE_VAR or self.rosctr != JOB or not self.request_size:
             return []
         at: i64 = self.request_offset + HEADER_SIZE + len(asked.octets)
         end: i64 = self.request_offset + self.request_size
-        return parse_data_items(self.request_buf, at, end, asked.item_count, False, [])
+        told: list[Malformed] = []
+        found = parse_data_items(self.request_buf, at, end, asked.item_count, False, told)
+        if not told:
+            return found
+        early: i64 = without_fill(asked.items, self.request_buf, at, end)
+        return fitting(asked.items, found[:early] if early else found)
 
     def _write_codes(self) -> list[int]:
         answer = self.response_parameters

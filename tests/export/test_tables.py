@@ -79,7 +79,7 @@ def test_counts_are_those_of_analyze() -> None:
         rows, analysis = rows_of(path), analyze(path)
         assert len(rows["transactions"]) == analysis.total
         assert len(rows["connections"]) == len(analysis.connections)
-        assert len(rows["findings"]) == len(analysis.findings)
+        assert len(rows["findings"]) == len(analysis.findings) + len(analysis.explained)
         assert len(rows["operations"]) == sum(sum(counts.values()) for counts in analysis.operations.values())
         assert sum(row["failed"] for row in rows["transactions"]) == analysis.with_errors + analysis.unanswered - (
             analysis.still_open

@@ -20,6 +20,7 @@ from dissect.transactions.transaction import Transaction
 from tests.cases import each
 from tests.findings import (
     block_scenarios,
+    cause_scenarios,
     events,
     operation_scenarios,
     plus_scenarios,
@@ -1228,6 +1229,7 @@ def test_who_wants_no_facts_gets_the_same_findings() -> None:
 def test_every_rule_has_both() -> None:
     assert {
         block_scenarios.__name__,
+        cause_scenarios.__name__,
         operation_scenarios.__name__,
         plus_scenarios.__name__,
         scd_scenarios.__name__,

@@ -70,9 +70,18 @@ def consistent(told: Told) -> None:
     else:
         assert {times[key] for key in ("min", "median", "p95", "p99", "max")} == {None}
     assert len(told["failed"]) == min(100, counts["with_errors"] + counts["unanswered"] - counts["still_open"])
-    details = [finding["slug"] for finding in told["finding_details"]]
+    found = told["finding_details"]
+    details = [finding["slug"] for finding in found if finding["because_of"] is None]
     assert set(details) <= set(told["findings"]) <= set(CATALOGUE)
     assert all(details.count(slug) <= told["findings"][slug] for slug in details)
+    explained = [(finding["because_of"], finding["slug"]) for finding in found if finding["because_of"] is not None]
+    assert all(explained.count(pair) <= told["findings_explained"][pair[0]][pair[1]] for pair in explained)
+    causes = {finding["number"]: finding["slug"] for finding in found}
+    assert len(causes) == len(found)
+    for finding in found:
+        if finding["explained_by"] is not None:
+            assert finding["explained_by"] < finding["number"]
+            assert causes.get(finding["explained_by"], finding["because_of"]) == finding["because_of"]
 
 
 def small(told: Told) -> Told:

@@ -45,6 +45,9 @@ FLAGS = frozenset(
         "ODD_DATA_CODE",
         "NOT_LOADED",
         "STRAY_PUSH",
+        "GAPS",
+        "ALIKE",
+        "ASKED_JUDGED",
     ]
 )
 
