@@ -23,7 +23,7 @@ from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import ALARM, ITEM, MESSAGE, RETURN_VALUE, TransactionError
-from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, HOLE, UNANSWERED, Transaction
 
 #: Separates several labels in one key.
 SEPARATOR: Final = "\0"
@@ -42,6 +42,7 @@ class Metrics(Companion):
         super().__init__()
         self.functions: Functions = Functions()
         self.unanswered: dict[str, int] = {}  # by reason
+        self.not_captured: dict[str, int] = {}  # of these, answers in a gap of the capture, by certainty
         self.errors: dict[str, int] = {}  # by part and class, joined by SEPARATOR
         self.operations: dict[str, int] = {}  # by kind and result, joined by SEPARATOR
         self.opened: int = 0
@@ -81,8 +82,14 @@ class Metrics(Companion):
         outcome: i64 = transaction.outcome
         row.outcomes[outcome] = row.outcomes[outcome] + 1
         if outcome == ANSWERED:
-            row.add_latency(transaction.response_ns - transaction.request_ns)
+            if transaction.is_likely:
+                row.likely += 1
+            else:
+                row.add_latency(transaction.response_ns - transaction.request_ns)
         elif outcome == UNANSWERED:
+            if transaction.reason == HOLE:
+                certainty = transaction.certainty
+                self.not_captured[certainty] = self.not_captured.get(certainty, 0) + 1
             self.unanswered[transaction.reason] = self.unanswered.get(transaction.reason, 0) + 1
         if transaction.has_errors:
             row.errors += 1

@@ -9,8 +9,10 @@ from typing import Final, NamedTuple
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
 from dissect.findings.reporter import Finding
 from dissect.monitor.rate_history import SECONDS, RateHistory
+from dissect.report.certainty import add_doubt
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
+from dissect.transactions.transaction import Transaction
 
 #: Greatest number of listed connections.
 MAX_CONNECTIONS: Final = 500
@@ -34,6 +36,7 @@ class ConnectionFacts(NamedTuple):
     """The state of a connection at one moment.
 
     ``waiting`` is the number of open requests; ``worst`` has the longest answer time of each of the last seconds, -1 for none.
+    ``doubts`` has how many pairs are only likely, by `Transaction.doubt`; they are in no answer time.
     """
 
     connection: Connection
@@ -47,6 +50,7 @@ class ConnectionFacts(NamedTuple):
     unanswered: int
     errors: int
     waiting: int
+    doubts: Mapping[str, int]
 
     @property
     def key(self) -> int:
@@ -60,12 +64,13 @@ class ConnectionFacts(NamedTuple):
 
 
 class _Listed:
-    __slots__ = ("connection", "latency_ns", "pulse")
+    __slots__ = ("connection", "doubts", "latency_ns", "pulse")
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
         self.pulse = RateHistory()
         self.latency_ns: int | None = None
+        self.doubts: dict[str, int] = {}
 
 
 class ConnectionList:
@@ -84,11 +89,13 @@ class ConnectionList:
             self._closed[int(connection.number)] = None
             self._bound()
 
-    def transaction(self, connection: Connection, time_ns: int, latency_ns: int | None) -> None:
-        """Note a transaction on a connection."""
-        listed = self._find(connection)
-        self._listed.move_to_end(int(connection.number))
+    def transaction(self, transaction: Transaction, time_ns: int) -> None:
+        """Note a transaction on its connection."""
+        listed = self._find(transaction.connection)
+        self._listed.move_to_end(int(transaction.connection.number))
+        latency_ns = transaction.latency_ns
         listed.pulse.add(time_ns, latency_ns)
+        add_doubt(listed.doubts, transaction)
         if latency_ns is not None:
             listed.latency_ns = latency_ns
 
@@ -128,6 +135,7 @@ def _facts(listed: _Listed, now_ns: int) -> ConnectionFacts:
         int(connection.missed),
         int(connection.errors),
         sum([int(side.count) for side in connection.open_requests]),
+        dict(listed.doubts),
     )
 
 

@@ -98,6 +98,8 @@ class Evidence:
             return _facts(transaction, said, "mode transition")
         if transaction.has_errors or not transaction.response_frame:
             return []
+        if transaction.is_likely and not _tells_by_itself(head):
+            return []
         if head.group == GROUP_TIME:
             return _clock(transaction, head)
         if head.group == GROUP_CPU and head.subfunction == READ_SZL:
@@ -110,6 +112,8 @@ class Evidence:
         """Return the facts in an answer in several parts that is complete now."""
         head = operation.content_head
         if head is None or not operation.content:
+            return []
+        if operation.likely and head.group == GROUP_BLOCKS:
             return []
         wanted = operation.subject if head.group == GROUP_BLOCKS else ""
         if len(operation.content) < operation.announced:
@@ -162,6 +166,14 @@ class Evidence:
                 del self._answers[next(iter(self._answers))]
             self._answers[key] = said
         return said
+
+
+def _tells_by_itself(head: UserdataHead) -> bool:
+    """Return whether an answer names what it is about, so that its facts are true whichever request it belongs to.
+
+    A list of blocks does not name their type, and who accepts a time does not repeat it.
+    """
+    return head.group == GROUP_CPU or (head.group == GROUP_TIME and head.subfunction not in SETTING)
 
 
 def _records(payload: bytes) -> list[Part]:
