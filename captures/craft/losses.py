@@ -133,7 +133,9 @@ def certainty(case: Case) -> None:
     talk.send(CLIENT, dt(read(7, "DB1.DBB2", count=2)))
     talk.send(SERVER, dt(values(7, b"\x00\x07")))
     case.pair(READ)
-    case.unanswered(READ, "connection_closed")
+    case.unanswered(READ, "reference_reused")
+    case.find("transaction.unanswered")
+    case.find("session.shared_reference")
     case.pause(1_500)
     talk.close()
 

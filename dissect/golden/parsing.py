@@ -184,7 +184,7 @@ class _Reader:
             )
         transaction = Transaction(link, found[2], exchange, outcome, draft.reason)
         if draft.doubt and outcome != "answered":
-            raise _LineError(head, "'answer likely' belongs to a request with its answer")
+            raise _LineError(head, "'likely' belongs to a request with its answer")
         if draft.doubt or draft.perhaps:
             transaction.certainty, transaction.doubt = LIKELY, draft.doubt
         if pushed(transaction):
@@ -299,7 +299,7 @@ class _Draft:
 
     def _outcome(self, text: str) -> bool:
         said, _, reason = text.partition(": ")
-        if said == "answer likely":
+        if said == "likely":
             if reason not in DOUBT_TEXTS:
                 raise ValueError(f"{reason} is not a doubt; known doubts: {', '.join(DOUBT_TEXTS)}")
             self.doubt = reason

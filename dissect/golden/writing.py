@@ -178,7 +178,7 @@ def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
 
 def _outcome(transaction: Transaction) -> Iterator[str]:
     if transaction.doubt:
-        yield f"  answer likely: {transaction.doubt}  # {DOUBT_TEXTS[transaction.doubt]}"
+        yield f"  likely: {transaction.doubt}  # {DOUBT_TEXTS[transaction.doubt]}"
     if transaction.outcome == "unanswered":
         yield f"  no answer: {transaction.reason}{PERHAPS if transaction.certainty == LIKELY else ''}"
     elif transaction.outcome == "orphan_answer":

@@ -16,6 +16,7 @@ from mypy_extensions import i64
 from dissect.engine.pipeline import Pipeline
 from dissect.live.run import Companion
 from dissect.metrics.functions import OTHER, Functions
+from dissect.report.certainty import add_doubt
 from dissect.s7.errors import ERROR_CLASSES, ERROR_CODES
 from dissect.s7.tables import RETURN_CODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
@@ -42,7 +43,8 @@ class Metrics(Companion):
         super().__init__()
         self.functions: Functions = Functions()
         self.unanswered: dict[str, int] = {}  # by reason
-        self.not_captured: dict[str, int] = {}  # of these, answers in a gap of the capture, by certainty
+        self.likely: dict[str, int] = {}  # pairs that are only likely, by doubt; they are in no answer time
+        self.not_captured: dict[str, int] = {}  # of the unanswered: answers in a gap of the capture, by certainty
         self.errors: dict[str, int] = {}  # by part and class, joined by SEPARATOR
         self.operations: dict[str, int] = {}  # by kind and result, joined by SEPARATOR
         self.opened: int = 0
@@ -83,7 +85,7 @@ class Metrics(Companion):
         row.outcomes[outcome] = row.outcomes[outcome] + 1
         if outcome == ANSWERED:
             if transaction.is_likely:
-                row.likely += 1
+                add_doubt(self.likely, transaction)
             else:
                 row.add_latency(transaction.response_ns - transaction.request_ns)
         elif outcome == UNANSWERED:

@@ -49,19 +49,15 @@ _USEND_KEY: Final = -2
 
 
 class FunctionCounts:
-    """The transactions of one function: by outcome (`OUTCOMES`), with errors, and answer times by bucket.
+    """The transactions of one function: by outcome (`OUTCOMES`), with errors, and answer times by bucket."""
 
-    ``likely`` counts those of the answered that are only likely pairs; they are in no answer time.
-    """
-
-    __slots__ = ("buckets", "errors", "likely", "name", "outcomes", "protocol", "sum_ns")
+    __slots__ = ("buckets", "errors", "name", "outcomes", "protocol", "sum_ns")
 
     def __init__(self, protocol: str, name: str) -> None:
         self.protocol: str = protocol
         self.name: str = name
         self.outcomes: list[int] = [0] * len(OUTCOMES)
         self.errors: i64 = 0
-        self.likely: i64 = 0
         self.buckets: list[int] = [0] * (len(BOUNDS_NS) + 1)
         self.sum_ns: i64 = 0
 

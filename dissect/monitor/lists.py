@@ -9,10 +9,8 @@ from typing import Final, NamedTuple
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
 from dissect.findings.reporter import Finding
 from dissect.monitor.rate_history import SECONDS, RateHistory
-from dissect.report.certainty import add_doubt
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
-from dissect.transactions.transaction import Transaction
 
 #: Greatest number of listed connections.
 MAX_CONNECTIONS: Final = 500
@@ -89,13 +87,13 @@ class ConnectionList:
             self._closed[int(connection.number)] = None
             self._bound()
 
-    def transaction(self, transaction: Transaction, time_ns: int) -> None:
-        """Note a transaction on its connection."""
-        listed = self._find(transaction.connection)
-        self._listed.move_to_end(int(transaction.connection.number))
-        latency_ns = transaction.latency_ns
+    def transaction(self, connection: Connection, time_ns: int, latency_ns: int | None, doubt: str = "") -> None:
+        """Note a transaction on a connection; ``doubt`` is why its pair is only likely."""
+        listed = self._find(connection)
+        self._listed.move_to_end(int(connection.number))
         listed.pulse.add(time_ns, latency_ns)
-        add_doubt(listed.doubts, transaction)
+        if doubt:
+            listed.doubts[doubt] = listed.doubts.get(doubt, 0) + 1
         if latency_ns is not None:
             listed.latency_ns = latency_ns
 

@@ -20,8 +20,10 @@ from dissect.transactions.transaction import Transaction
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
 ERRORS: Final = str(CAPTURES / "item-errors.pcapng")
-#: Reads, writes, refusals, missing answers, transfers, SZL, cyclic services, SCD.
-NAMES: Final = ("item-errors", "answer-lost", "transfer", "szl", "many-open", "password", "read-areas", "scd/plant")
+#: Reads, writes, refusals, missing answers, pairs that are only likely, transfers, SZL, cyclic services, SCD.
+NAMES: Final = (
+    "item-errors", "answer-lost", "transfer", "szl", "many-open", "password", "read-areas", "scd/plant", "crafted/certainty",
+)  # fmt: skip
 
 
 class Gathered(Observer):

@@ -315,7 +315,7 @@ def items_of(event: Any) -> list[tuple[object, ...]]:
     """Return the items of a transaction that carry a value."""
     if not isinstance(event, Transaction) or event.function not in {4, 5} or event.is_plus or event.is_scd:
         return []
-    if event.outcome_name != "answered" or event.rosctr != 1:
+    if event.outcome_name != "answered" or event.rosctr != 1 or event.is_likely:
         return []
     wrote = event.function == 5
     frame = int(event.request_frame if wrote else event.response_frame)
