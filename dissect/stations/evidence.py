@@ -30,6 +30,7 @@ from dissect.s7.tables import (
     GROUP_CPU,
     GROUP_MODE,
     GROUP_TIME,
+    LIST_OF_TYPE,
     READ_SZL,
     SUCCESS,
     USERDATA,
@@ -113,7 +114,7 @@ class Evidence:
         head = operation.content_head
         if head is None or not operation.content:
             return []
-        if operation.likely and head.group == GROUP_BLOCKS:
+        if operation.likely and not _tells_by_itself(head):
             return []
         wanted = operation.subject if head.group == GROUP_BLOCKS else ""
         if len(operation.content) < operation.announced:
@@ -171,9 +172,11 @@ class Evidence:
 def _tells_by_itself(head: UserdataHead) -> bool:
     """Return whether an answer names what it is about, so that its facts are true whichever request it belongs to.
 
-    A list of blocks does not name their type, and who accepts a time does not repeat it.
+    The list of the blocks of a type does not name that type, and who accepts a time does not repeat it.
     """
-    return head.group == GROUP_CPU or (head.group == GROUP_TIME and head.subfunction not in SETTING)
+    if head.group == GROUP_BLOCKS:
+        return head.subfunction != LIST_OF_TYPE
+    return head.group != GROUP_TIME or head.subfunction not in SETTING
 
 
 def _records(payload: bytes) -> list[Part]:
