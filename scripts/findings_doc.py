@@ -28,6 +28,10 @@ def document() -> str:
         "The kind of a rule says what it is about:",
         "",
         *[f"- {kind}: {_OF_KINDS[kind]}" for kind in KINDS],
+        "",
+        "A request whose answer is, or may be, in a gap of the capture is no finding: its `reason` is `hole`, and `certainty`",
+        "tells the two apart. Where the capture does not show for sure which request an answer belongs to, the pair has the",
+        "`certainty` `likely`: it is not judged slow, nor is its answer said not to fit the request ([json.md](json.md)).",
     ]
     for severity in SEVERITIES:
         rules = [rule for rule in CATALOGUE.values() if rule.severity == severity]

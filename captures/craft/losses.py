@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from captures.craft.case import Case, crafts
-from captures.craft.pdus import READ, SETUP, WRITE, cc, cr, dt, pattern, read_bytes, setup, values, write, written
+from captures.craft.pdus import READ, SETUP, WRITE, cc, cr, dt, pattern, read, read_bytes, setup, values, write, written
 from captures.craft.talk import CLIENT, SERVER, Talk
 
 
@@ -95,6 +95,49 @@ def lose_fragments(case: Case, talk: Talk) -> None:
     talk.send(SERVER, dt(written(9)))
     case.orphan(WRITE)
     talk.poll(10)
+
+
+@crafts(
+    "Pairs that are sure and pairs that are only likely: octets of both directions are missing between request and "
+    "answer; one answer fits two requests with one reference. And answers that are missing, surely or perhaps."
+)
+def certainty(case: Case) -> None:
+    talk = Talk(case)
+    talk.begin()
+    talk.poll(3)
+    # The client acknowledges what is missing with its next request, and nothing else was pending: surely answered.
+    talk.send(CLIENT, dt(read_bytes(1, 2)))
+    lost(talk, SERVER, dt(values(1, b"\x00\x01")))
+    case.unanswered(READ, "hole")
+    talk.poll(3)
+    # Two requests were pending, and one answer is missing: either is perhaps answered.
+    talk.send(CLIENT, dt(read_bytes(2, 2)))
+    talk.send(CLIENT, dt(read_bytes(3, 2)))
+    lost(talk, SERVER, dt(values(2, b"\x00\x02")))
+    case.unanswered(READ, "hole")
+    case.unanswered(READ, "hole")
+    talk.poll(3)
+    # The answer of the first is missing, and so is the second request, which may have the same reference.
+    talk.send(CLIENT, dt(read_bytes(4, 2)))
+    lost(talk, SERVER, dt(values(4, b"\x00\x04")))
+    lost(talk, CLIENT, dt(read_bytes(4, 2)))
+    talk.send(SERVER, dt(values(4, b"\x00\x44")))
+    case.pair(READ)
+    talk.poll(3)
+    case.pause(1_500)
+    talk.close()
+    # Nothing is missing, and there are fewer answers than requests.
+    talk = Talk(case, client_port=49153)
+    talk.begin()
+    talk.send(CLIENT, dt(read_bytes(7, 2)))
+    talk.send(CLIENT, dt(read(7, "DB1.DBB2", count=2)))
+    talk.send(SERVER, dt(values(7, b"\x00\x07")))
+    case.pair(READ)
+    case.unanswered(READ, "reference_reused")
+    case.find("transaction.unanswered")
+    case.find("session.shared_reference")
+    case.pause(1_500)
+    talk.close()
 
 
 @crafts(

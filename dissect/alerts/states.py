@@ -18,7 +18,6 @@ from dissect.report import words
 from dissect.tcp.stream import address_text
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import (
-    ANSWERED,
     CONNECTION_CLOSED,
     REFERENCE_REUSED,
     UNANSWERED,
@@ -265,9 +264,9 @@ class LatencyWatch(StateWatch):
         self._answers.kept.clear()
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
-        """Take the answer time of a transaction."""
-        if transaction.outcome == ANSWERED:
-            latency_ns = int(transaction.response_ns) - int(transaction.request_ns)
+        """Take the answer time of a transaction, if it has one: that of a pair that is only likely is not known."""
+        latency_ns = transaction.latency_ns
+        if latency_ns is not None:
             self._answers.of(self.about(pair, transaction.connection)).add(moment(transaction), latency_ns)
 
     def look(self, now_ns: int) -> Iterator[Found]:

@@ -9,7 +9,7 @@ from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
 from dissect.engine.observer import Observer
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 
 MAX_PAIRS: Final = 1024
@@ -102,8 +102,9 @@ class Learner(Observer):
         self._begin_ns = now_ns if self._begin_ns < 0 else min(self._begin_ns, now_ns)
         self._end_ns = max(self._end_ns, now_ns)
         learned.pass_by(now_ns)
-        if transaction.outcome == ANSWERED:
-            learned.answers.add(int(transaction.response_ns) - int(transaction.request_ns))
+        latency_ns = transaction.latency_ns
+        if latency_ns is not None:  # that of a pair that is only likely is not known
+            learned.answers.add(latency_ns)
 
     def connection_closed(self, connection: Connection) -> None:
         """Learn the port and the TSAPs of a connection."""

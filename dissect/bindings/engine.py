@@ -308,7 +308,11 @@ class ScdCarrier(PayloadDecoder):
         asked: bool,
         accepted: bool,
     ) -> list[ScdMessage]:
-        """Return the messages in octets that an S7 transaction carried in its request (``asked``) or its answer."""
+        """Return the messages in octets that an S7 transaction carried in its request (``asked``) or its answer.
+
+        Where a pair is only likely, the answer may belong to another request: nothing was accepted for certain, and
+        what stands in the answer is not held against the device.
+        """
         connection = transaction.connection
         device = self.devices.at(connection.client if binding.device == "peer" else connection.server)
         told = []
@@ -318,7 +322,8 @@ class ScdCarrier(PayloadDecoder):
             found.connection = connection.number
             found.side = transaction.asked_by if asked else 1 - transaction.asked_by
             found.place = place
-            self._judge.content(device, found, accepted=accepted)
+            if asked or not transaction.is_likely:
+                self._judge.content(device, found, accepted=accepted and not transaction.is_likely)
             told.append(found)
         return told
 

@@ -159,7 +159,8 @@ class ScdJudge:
             if message.err > 0 and message.service != "pdo":
                 self._note("scd.status", found, f"{message.err} {self._dictionary.error_text(message.err)}")
             if message.service == "write" and message.phase == "request":
-                if transaction.outcome_name == "answered" and not transaction.has_errors:
+                answered = transaction.outcome_name == "answered" and not transaction.is_likely
+                if answered and not transaction.has_errors:
                     self._written(device, found)
             else:
                 self.content(device, found, accepted=True)

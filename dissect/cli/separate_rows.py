@@ -42,7 +42,8 @@ class RowsPart(NamedTuple):
 
     ``joint`` is that of the `Writer`, None where the rows have no index.
     The others are what is said of all files in the end: numbers of connections, those left out, transactions and packets,
-    packets without S7 by their kind, connections by protocol, findings by slug, and which variables asked for were seen.
+    packets without S7 by their kind, connections by protocol, findings by slug, which variables asked for were seen, and pairs
+    left out because they are only likely, by doubt.
     """
 
     about: About
@@ -58,6 +59,7 @@ class RowsPart(NamedTuple):
     protocols: Mapping[str, int]
     findings: Mapping[str, int]
     seen: frozenset[str]
+    doubts: Mapping[str, int]
 
 
 class Total:
@@ -70,6 +72,7 @@ class Total:
         self.protocols: Counter[str] = Counter()
         self.findings: Counter[str] = Counter()
         self.seen: set[str] = set()
+        self.doubts: Counter[str] = Counter()
 
     def add(self, part: RowsPart) -> None:
         """Add the part of a file."""
@@ -84,6 +87,7 @@ class Total:
         self.protocols.update(part.protocols)
         self.findings.update(part.findings)
         self.seen |= part.seen
+        self.doubts.update(part.doubts)
 
 
 class _Direct:
@@ -158,12 +162,12 @@ def rows_task(
     chosen: Chosen,
     writer: Writer,
     take: Callable[[], Sequence[Written]],
-    left: Callable[[], tuple[Mapping[str, int], Iterable[str]]],
+    left: Callable[[], tuple[Mapping[str, int], Iterable[str], Mapping[str, int]]],
 ) -> int:
     """Read the file of a task and hand on its rows: those that ``take`` returns, again and again.
 
-    ``left`` returns in the end the connections by protocol and the variables that were seen. ``writer`` has to have written
-    what the output begins with, which is written once, by whoever puts the rows together.
+    ``left`` returns in the end the connections by protocol, the variables that were seen, and the pairs that were left out.
+    ``writer`` has to have written what the output begins with, which is written once, by whoever puts the rows together.
     """
     writer.take()
     chosen.begin(run, of.files)
@@ -176,7 +180,7 @@ def rows_task(
         read_file(run, lambda: sink.write(take()))
         if spooler is not None:
             spooler.marks.over(pipeline)
-        protocols, seen = left()
+        protocols, seen, doubts = left()
         of.found = RowsPart(
             about=about(run),
             rows=None if spooler is None else spooler.spool.done(),
@@ -191,6 +195,7 @@ def rows_task(
             protocols=dict(protocols),
             findings=dict(chosen.findings if chosen.findings is not None else pipeline.finding_counts),
             seen=frozenset(seen),
+            doubts=dict(doubts),
         )
     except OverflowError as error:
         raise FileError(str(error)) from None

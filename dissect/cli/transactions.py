@@ -138,7 +138,7 @@ def _task(of: Task, writer: Writer, feed: TransactionFeed, chosen: Chosen, optio
         chosen,
         writer,
         lambda: feed.take(int(run.pipeline.timers.oldest_held())),
-        lambda: (feed.protocols, ()),
+        lambda: (feed.protocols, (), {}),
     )
 
 

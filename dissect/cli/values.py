@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -25,6 +25,7 @@ from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files
 from dissect.cli.task import Task, current
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
+from dissect.report.certainty import left_out
 from dissect.report.formats import VALUES, Format
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
@@ -34,6 +35,7 @@ from dissect.variables.summary import Summary, limits_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from dissect.cli.separate_rows import Total
     from dissect.report.styled import Written
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
@@ -75,6 +77,11 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
 @click.option(
     "--summary", is_flag=True, help="One row for each variable: how often, extremes, period, who reads, who writes."
 )
+@click.option(
+    "--likely",
+    is_flag=True,
+    help="Also values whose request and answer are only likely a pair, because packets are missing; each is marked.",
+)
 @select_options("transaction")
 @checksums_option
 @fail_on_option
@@ -89,6 +96,7 @@ def command(
     changes: bool,
     every_ns: int,
     summary: bool,
+    likely: bool,
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
@@ -102,7 +110,8 @@ def command(
 
     A row gives the time and packet of the value, who read or wrote it, how (read, write, push, modify, force, notification,
     pdo), address, tag, type, the value, and the one before it where that was different. A refused read or write has no value;
-    --summary counts it.
+    --summary counts it. Where packets are missing, it may be only likely that an answer belongs to its request: values of such
+    pairs are left out and counted; --likely lists them, marked.
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. ADDRESS (DB10.DBD4,
     DB10.DBD4:REAL, MW20, I0.1, 0x6041:0) and TAG (a name of the files of --tags, an element, or a structure for all of its
@@ -110,9 +119,13 @@ def command(
     """
     if summary and (changes or every_ns):
         raise click.UsageError("--summary covers all values; it cannot be combined with --changes or --every.")
+    if summary and likely:
+        raise click.UsageError(
+            "--summary only counts values that are only likely; --likely lists them without --summary."
+        )
     captures, wanted = _split(files, naming, decoder)
     writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
-    collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"))
+    collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"), likely=likely)
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     check_jobs(separate, jobs)
     of = current()
@@ -126,7 +139,12 @@ def command(
         captures = list(may_match(tuple(captures), chosen))
         writer.begin(no_places(captures))
         writer.values([])  # what the output begins with
-        return rows_separately(captures, jobs, writer, fail_on, lambda total: _miss(wanted, total.seen))
+
+        def say(total: Total) -> None:
+            _miss(wanted, total.seen)
+            _leave_out(total.doubts, likely)
+
+        return rows_separately(captures, jobs, writer, fail_on, say)
     run = Run(captures, chosen.sieve(collector) if fail_on else collector, chosen.narrow(options))
     chosen.begin(run, captures)
     writer.begin(places_of(run, captures))
@@ -148,6 +166,7 @@ def command(
             click.echo(f"s7dissect: {text}", err=True)
     complain(run, code)
     _miss(wanted, collector.found)
+    _leave_out(collector.doubts, likely)
     if wanted is None:
         shown.explain(run, chosen)
     return gate(run, fail_on, code, chosen.findings)
@@ -165,7 +184,14 @@ def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, o
 
     from dissect.cli.separate_rows import rows_task
 
-    return rows_task(of, run, chosen, writer, take, lambda: ({}, collector.found))
+    return rows_task(of, run, chosen, writer, take, lambda: ({}, collector.found, collector.doubts))
+
+
+def _leave_out(doubts: Mapping[str, int], likely: bool) -> None:
+    """Say how many pairs were left out because they are only likely, and why; nothing where they were asked for."""
+    said = "" if likely else left_out(doubts, "values")
+    if said:
+        click.echo(f"s7dissect: {said}; --likely lists them", err=True)
 
 
 def _split(

@@ -24,7 +24,7 @@ from dissect.select.things import Context
 from dissect.session import Run
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import LIKELY, Transaction
 from dissect.wire.text import Clock, encodable
 
 ECS_VERSION: Final = "9.4.0"
@@ -50,6 +50,9 @@ def index_template() -> dict[str, Any]:
         "function": {"properties": {"code": {"type": "long"}, "name": keyword}},
         "latency_ms": {"type": "double"},
         "outcome": keyword,
+        "reason": keyword,
+        "certainty": keyword,
+        "doubt": keyword,
         "errors": keyword,
         "about": {"type": "match_only_text"},
         "items": {"type": "long"},
@@ -188,7 +191,8 @@ class EcsExport(Export, Observer):
             "outcome": _outcome(row),
             "start": self._clock.iso(row["ts_ns"]),
         }
-        if row["response_ns"] is not None and asked:
+        likely = row["certainty"] == LIKELY
+        if row["response_ns"] is not None and asked and not likely:
             told["event"] |= {"end": self._clock.iso(row["response_ns"]), "duration": _duration(row["latency_ns"])}
         if row["errors"]:
             told["error"] = {"message": encodable("; ".join(row["errors"]))}
@@ -198,6 +202,9 @@ class EcsExport(Export, Observer):
             "function": {"code": row["function"], "name": row["function_name"]},
             "latency_ms": row["latency_ns"] / 1e6 if row["latency_ns"] is not None else None,
             "outcome": row["outcome"],
+            "reason": row["reason"],
+            "certainty": LIKELY if likely else None,  # without it, it is sure
+            "doubt": row["doubt"],
             "errors": row["errors"],
             "about": row["about"],
             "items": row["item_count"],
@@ -335,6 +342,8 @@ def _action(name: str | None) -> str:
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
+    if row["certainty"] == LIKELY:
+        return "unknown"
     if row["failed"]:
         return "failure"
     return "success" if row["outcome"] in {"answered", "unsolicited"} else "unknown"

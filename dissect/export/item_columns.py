@@ -37,14 +37,14 @@ from dissect.s7plus.items import WRITES
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import Naming
-from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
+from dissect.transactions.transaction import ANSWERED, CERTAINTIES, PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import encodable
 
 #: Groups of columns: `BEGIN` and `ROUTE` are shared by the items of a transaction, and those of `ROUTE` repeat; then the
 #: columns of the request item, and those of the return code.
 BEGIN: Final = ("transaction", "ts_ns")
-ROUTE: Final = ("connection", "server_host", "client_host", "operation")
+ROUTE: Final = ("connection", "server_host", "client_host", "operation", "certainty")
 ASKED: Final = ("area", "db", "byte", "bit", "address", "type", "count")
 CODE: Final = ("return_code", "return_name", "refused")
 
@@ -69,6 +69,8 @@ _READ: Final = 0
 _WRITE: Final = 1
 _NOTIFY: Final = 2
 _OPERATIONS: Final[list[str]] = ["read", "write", "notify"]
+#: What `Transaction.certainty` may be.
+_CERTAIN: Final[list[str]] = ["", *CERTAINTIES]
 
 
 class ItemColumns:
@@ -181,17 +183,19 @@ class ItemColumns:
         self.numbers.extend(_NUMBERS[count] if count < len(_NUMBERS) else array("q", range(1, count + 1)))
 
     def _route(self, transaction: Transaction) -> int:
-        """Return the index of the row with connection, hosts and operation of a transaction."""
+        """Return the index of the row with connection, hosts, operation and certainty of a transaction."""
         connection = transaction.connection
         does = _operation(transaction)
-        key: int = directed(connection) * len(_OPERATIONS) + does
+        certainty = transaction.certainty
+        key: int = (directed(connection) * len(_OPERATIONS) + does) * len(_CERTAIN) + _CERTAIN.index(certainty)
         known = self._route_at
         found = known.get(key)
         if found is None:
             if len(known) >= MOST_KNOWN:
                 known.clear()
             ends = self._rows.ends(connection)
-            found = known[key] = self.routes.at((int(connection.number), ends[2], ends[0], _OPERATIONS[does]))
+            row: Row = (int(connection.number), ends[2], ends[0], _OPERATIONS[does], certainty or None)
+            found = known[key] = self.routes.at(row)
         return found
 
     def _read(self, transaction: Transaction, answers: list[bytes]) -> int:

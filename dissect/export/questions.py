@@ -18,7 +18,8 @@ _ALL: Final = (
     Question(
         "slowest",
         "Which addresses of each PLC take longest to read or write?",
-        "The three slowest of each PLC; with `--tags` the column `name` says what they are.",
+        "The three slowest of each PLC; with `--tags` the column `name` says what they are. Pairs that are only likely have no "
+        "response time.",
         """
 SELECT i.server_host, i.address, any_value(i.name) AS name, count(*) AS times,
        round(avg(t.latency_ns) / 1e6, 3) AS mean_ms, round(max(t.latency_ns) / 1e6, 3) AS worst_ms
@@ -34,13 +35,14 @@ ORDER BY i.server_host, worst_ms DESC, i.address""",
         "Such a client polls faster than the PLC answers.",
         """
 WITH asked AS (
-  SELECT t.transaction, t.connection, t.ts_ns, t.response_ns, t.client_host, t.server_host,
+  SELECT t.transaction, t.connection, t.ts_ns, t.response_ns, t.client_host, t.server_host, t.certainty,
          string_agg(i.address || ' x' || coalesce(i.count, 1), ', ' ORDER BY i.item) AS what
   FROM transactions t JOIN items i USING (transaction)
   WHERE i.operation = 'read' GROUP BY ALL),
 polls AS (
   SELECT *, lead(ts_ns) OVER (PARTITION BY connection, what ORDER BY ts_ns, transaction) AS next_ns FROM asked)
-SELECT client_host, server_host, what, count(*) AS polls, count(*) FILTER (next_ns < response_ns) AS overlapping
+SELECT client_host, server_host, what, count(*) AS polls,
+       count(*) FILTER (next_ns < response_ns AND certainty = 'sure') AS overlapping
 FROM polls GROUP BY ALL HAVING overlapping > 0
 ORDER BY overlapping DESC, client_host, server_host, what""",
     ),
@@ -73,7 +75,7 @@ ORDER BY writes DESC, server_host, address""",
 SELECT i.server_host, i.client_host, i.address, coalesce(i.return_name, t.errors[1]) AS return_name, count(*) AS times,
        min(i.ts) AS first_time, max(i.ts) AS last_time
 FROM items i JOIN transactions t USING (transaction)
-WHERE i.refused
+WHERE i.refused AND i.certainty IS DISTINCT FROM 'likely'
 GROUP BY ALL ORDER BY times DESC, i.server_host, i.client_host, i.address""",
     ),
     Question(
@@ -106,11 +108,11 @@ ORDER BY period_ms, client_host, server_host, address""",
     Question(
         "changes",
         "Which values change, and within what bounds?",
-        "Numbers only; texts and arrays stand in the columns `text` and `data`.",
+        "Numbers only; texts and arrays stand in the columns `text` and `data`. Pairs that are only likely are left out.",
         """
 SELECT server_host, coalesce(name, address) AS what, count(*) AS seen, count(DISTINCT number) AS different,
        min(number) AS lowest, max(number) AS highest, arg_max(number, ts_ns) AS latest
-FROM items WHERE number IS NOT NULL AND NOT refused
+FROM items WHERE number IS NOT NULL AND NOT refused AND certainty IS DISTINCT FROM 'likely'
 GROUP BY server_host, what HAVING different > 1
 ORDER BY different DESC, server_host, what""",
     ),

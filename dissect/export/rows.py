@@ -168,6 +168,7 @@ class Rows:
             operation.parts,
             list(operation.transactions),
             operation.pushes,
+            int(operation.likely),
             operation.octets,
             operation.announced if operation.announced >= 0 else None,
             [odd.detail for odd in operation.oddities],

@@ -43,7 +43,17 @@ OWN: Final = (
     "response_bytes",
 )
 ENDS: Final = ("client_host", "client_port", "server_host", "server_port")
-STATE: Final = ("file", "response_file", "from_client", "outcome", "reason", "failed", "error_code")
+STATE: Final = (
+    "file",
+    "response_file",
+    "from_client",
+    "outcome",
+    "reason",
+    "certainty",
+    "doubt",
+    "failed",
+    "error_code",
+)
 FUNCTION: Final = ("protocol", "rosctr", "function", "function_name", "userdata_group", "subfunction")
 
 
@@ -168,6 +178,8 @@ class TransactionRows:
             transaction.asked_by == transaction.connection.client_side,
             OUTCOMES[transaction.outcome],
             transaction.reason or None,
+            transaction.certainty or None,
+            transaction.doubt or None,
             transaction.failed,
             int(transaction.error_code),
         )

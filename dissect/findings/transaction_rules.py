@@ -275,7 +275,12 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
 def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
     """Report a request without an answer, unless the capture has a gap or ends too soon to tell."""
     judge_written(reporter, transaction)
-    if transaction.outcome != UNANSWERED or transaction.reason == HOLE or transaction.flags & EXPECTED:
+    if transaction.outcome != UNANSWERED:
+        return
+    if transaction.reason == HOLE:
+        transaction.connection.not_captured += 1
+        return
+    if transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
         transaction.flags |= STILL_OPEN

@@ -14,6 +14,7 @@ from dissect.golden.phrases import Change, outcome
 from dissect.golden.plus_objects import Named, Objects, same_objects, with_objects
 from dissect.iso.tsap import Tsap
 from dissect.report import words
+from dissect.report.certainty import doubt_mark
 from dissect.wire.text import printable
 
 
@@ -119,7 +120,8 @@ def _match(
         about = change.subject or subject(a.exchange, change.item)
         if options.ignores(change.kind, *change.targets, about):
             continue
-        text = f"transaction {a.number}, {about}: {change.text}"
+        doubt = f" {doubt_mark(a.doubt or b.doubt)}" if a.doubt or b.doubt else ""
+        text = f"transaction {a.number}, {about}: {change.text}{doubt}"
         values = (change.was, change.is_)
         yield Difference(change.kind, text, connections, (a.number, b.number), about, change.address, values)
 

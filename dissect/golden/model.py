@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from dissect.golden.exchange import Exchange, ItemRecord
+from dissect.transactions.transaction import HOLE, SURE
 
 #: Transactions of a session, and octets of its distinct exchanges; what is longer is no test any more.
 MAX_TRANSACTIONS: Final = 1_000_000
@@ -52,15 +53,18 @@ class Transaction:
     """A request and its answer, either of which may be missing.
 
     ``number`` counts from 1 over the session, in its order; ``asked_by`` is ``client`` or ``server``; ``outcome`` and
-    ``reason`` are those of `dissect.transactions`. What belongs to one recording is None where it is not known: ``time_ns`` of
-    the request (of the answer when there is none), nanoseconds since 1970; ``latency_ns``; ``pdu_ref``; ``recorded``, both PDUs
+    ``reason`` are those of `dissect.transactions`. ``certainty`` and ``doubt``, which are too, belong to one recording, as does
+    what is None where it is not known: ``time_ns`` of the request (of the answer when there is none), nanoseconds since 1970;
+    ``latency_ns``; ``pdu_ref``; ``recorded``, both PDUs
     with their references. ``frame`` is the packet it began with, ``place`` the one by which it stands in order, ``last_frame``
     the one it was over with; 0 where not known.
     """
 
     __slots__ = (
         "asked_by",
+        "certainty",
         "connection",
+        "doubt",
         "exchange",
         "frame",
         "last_frame",
@@ -80,6 +84,8 @@ class Transaction:
         self.exchange = exchange
         self.outcome = outcome
         self.reason = reason
+        self.certainty = SURE if outcome == "answered" or (outcome == "unanswered" and reason == HOLE) else ""
+        self.doubt = ""
         self.number = 0
         self.frame = 0
         self.place = 0

@@ -19,10 +19,10 @@ from dissect.golden.forms import (
 )
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.values import hex_octets, unquoted
-from dissect.golden.writing import FORMAT, FORMS, OTHER_ROLE, pushed
+from dissect.golden.writing import FORMAT, FORMS, OTHER_ROLE, PERHAPS, pushed
 from dissect.s7.build import build_setup
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
-from dissect.transactions.transaction import REASON_TEXTS
+from dissect.transactions.transaction import DOUBT_TEXTS, HOLE, LIKELY, REASON_TEXTS
 from dissect.wire.text import printable
 
 #: What every golden of any version begins with.
@@ -183,6 +183,10 @@ class _Reader:
                 "request or answer is missing, and no line gives the reason, such as 'no answer: connection_closed'",
             )
         transaction = Transaction(link, found[2], exchange, outcome, draft.reason)
+        if draft.doubt and outcome != "answered":
+            raise _LineError(head, "'likely' belongs to a request with its answer")
+        if draft.doubt or draft.perhaps:
+            transaction.certainty, transaction.doubt = LIKELY, draft.doubt
         if pushed(transaction):
             transaction.asked_by = OTHER_ROLE[found[2]]
         transaction.time_ns, transaction.latency_ns, transaction.pdu_ref = (
@@ -274,6 +278,8 @@ class _Draft:
         self._scd: list[str] = []
         self.outcome = ""
         self.reason = ""
+        self.doubt = ""  # why the pair is only likely
+        self.perhaps = False  # of a request without an answer: it is not certain that there was one
         self.time_ns: int | None = None
         self.latency_ns: int | None = None
         self.pdu_ref: int | None = None
@@ -293,6 +299,13 @@ class _Draft:
 
     def _outcome(self, text: str) -> bool:
         said, _, reason = text.partition(": ")
+        if said == "likely":
+            if reason not in DOUBT_TEXTS:
+                raise ValueError(f"{reason} is not a doubt; known doubts: {', '.join(DOUBT_TEXTS)}")
+            self.doubt = reason
+            return True
+        if said == "no answer" and reason == f"{HOLE}{PERHAPS}":
+            reason, self.perhaps = HOLE, True
         outcomes = {
             "no answer": "unanswered",
             "answer without request": "orphan_answer",

@@ -9,7 +9,7 @@ from dissect.golden.model import Transaction
 from dissect.report import words
 from dissect.s7.message import NOT_REFUSED
 from dissect.s7.tables import BYTE, RETURN_CODES
-from dissect.transactions.transaction import REASON_TEXTS
+from dissect.transactions.transaction import HOLE, LIKELY, PERHAPS_ANSWERED, REASON_TEXTS
 from dissect.wire.text import printable, shortened
 
 #: Elements of an array that are named, octets shown around a change.
@@ -68,6 +68,8 @@ def outcome(transaction: Transaction) -> str:
     """Return how a transaction went, in short."""
     exchange = transaction.exchange
     if transaction.outcome == "unanswered":
+        if transaction.certainty:  # an answer that was not captured
+            return PERHAPS_ANSWERED if transaction.certainty == LIKELY else REASON_TEXTS[HOLE]
         return f"unanswered: {REASON_TEXTS.get(transaction.reason, transaction.reason)}"
     if exchange.error_code:
         return f"refused: {code_text(exchange.error_code, exchange.error, 4)}"

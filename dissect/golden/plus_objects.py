@@ -121,6 +121,7 @@ def with_objects(transaction: Transaction, numbers: Mapping[int, int]) -> Transa
     found = Transaction(transaction.connection, transaction.asked_by, exchange, transaction.outcome, transaction.reason)
     found.number = transaction.number
     found.latency_ns = transaction.latency_ns
+    found.certainty, found.doubt = transaction.certainty, transaction.doubt
     return found
 
 

@@ -130,6 +130,7 @@ class SessionReader(Observer):
         try:
             exchange = self._session.share(_exchange(transaction))
             kept = Transaction(link, "", exchange, transaction.outcome_name, transaction.reason)
+            kept.certainty, kept.doubt = transaction.certainty, transaction.doubt
             if self.wants_tpdus and exchange.kind == S7:
                 asked, told = transaction.request_octets, transaction.response_octets
                 kept.recorded = (self._session.keep(asked), self._session.keep(told))

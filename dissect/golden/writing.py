@@ -25,6 +25,7 @@ from dissect.s7.errors import errors_of
 from dissect.s7.message import NOT_REFUSED, Pdu
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.naming import Naming
+from dissect.transactions.transaction import DOUBT_TEXTS, LIKELY
 from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"
@@ -33,6 +34,8 @@ EXTRAS: Final = ("time", "addresses", "refs", "latency")
 #: Heads of transactions whose lines are items or sizes.
 FORMS: Final = {READ_VAR: "READ", WRITE_VAR: "WRITE", SETUP_COMMUNICATION: "SETUP"}
 
+#: What follows the reason `hole` where it is not certain that the request was answered.
+PERHAPS: Final = ", perhaps"
 #: Who speaks where nobody asked.
 OTHER_ROLE: Final = {"client": "server", "server": "client"}
 #: What begins a line of a message that answers nothing, but stands where an answer would.
@@ -63,7 +66,7 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
         yield f"connection {link.number}"
         yield from _link_lines(link, "addresses" in wanted)
         for transaction in link.transactions:
-            if plain and transaction.outcome == "answered":
+            if plain and transaction.outcome == "answered" and not transaction.doubt:
                 exchange = transaction.exchange
                 form = _form(exchange)
                 if form and not exchange.subscribed:
@@ -72,7 +75,7 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
                     continue
             yield ""
             yield f"{transaction.number} {_head(transaction)}"
-            if transaction.outcome != "answered":
+            if transaction.outcome != "answered" or transaction.doubt:
                 yield from _outcome(transaction)
             if transaction.exchange.subscribed or not transaction.exchange.form:
                 yield from _job(transaction, transaction.number, jobs)
@@ -174,8 +177,10 @@ def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
 
 
 def _outcome(transaction: Transaction) -> Iterator[str]:
+    if transaction.doubt:
+        yield f"  likely: {transaction.doubt}  # {DOUBT_TEXTS[transaction.doubt]}"
     if transaction.outcome == "unanswered":
-        yield f"  no answer: {transaction.reason}"
+        yield f"  no answer: {transaction.reason}{PERHAPS if transaction.certainty == LIKELY else ''}"
     elif transaction.outcome == "orphan_answer":
         yield f"  answer without request{f': {transaction.reason}' if transaction.reason else ''}"
     elif transaction.outcome == "unsolicited":

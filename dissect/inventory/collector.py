@@ -240,7 +240,9 @@ class Inventory(Observer):
             asked.answered += 1
             answering = 1 - transaction.asked_by
             latencies = traffic.latencies[answering]
-            if latencies is not None:
+            if transaction.is_likely:
+                asked.likely += 1
+            elif latencies is not None:
                 latencies.add(transaction.response_ns - transaction.request_ns)
             if not traffic.answer_frames[answering]:
                 traffic.answer_frames[answering] = transaction.response_frame
@@ -301,7 +303,7 @@ class Inventory(Observer):
         for name in _blocks_of(operation):
             names = device.block(name)
             if names is not None:
-                names.add(done)
+                names.add(f"{done} (only likely)" if operation.likely else done)
 
     def _take_code(self, device: Device, operation: Operation) -> None:
         for block in carve(operation):
@@ -472,6 +474,7 @@ def _add(talk: Talk, connection: Connection, traffic: Traffic) -> None:
     for asked in traffic.asked:
         talk.answered += asked.answered
         talk.errors += asked.errors
+        talk.likely += asked.likely
         talk.missed += asked.missed
     talk.back.add(traffic.asked[1 - connection.client_side])
     talk.pushes += traffic.pushes

@@ -97,6 +97,7 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
         "connections": sum(talk.connections for talk in talks),
         "transactions": sum(talk.transactions for talk in talks),
         "answered": asked.answered,
+        **({"likely": asked.likely} if asked.likely else {}),
         "unanswered": asked.missed,
         "with_errors": asked.errors,
         "answer_time_ns": device.latencies.as_dict(),

@@ -227,19 +227,24 @@ class Area:
 
 
 class Asked:
-    """What happened to requests: how many were answered, how many lack an answer, and how many got an error."""
+    """What happened to requests: how many were answered, how many lack an answer, and how many got an error.
 
-    __slots__ = ("answered", "errors", "missed")
+    ``likely`` counts those of the answered that are only likely pairs, which no answer time includes.
+    """
+
+    __slots__ = ("answered", "errors", "likely", "missed")
 
     def __init__(self) -> None:
         self.answered = 0
         self.errors = 0
+        self.likely = 0
         self.missed = 0
 
     def add(self, other: Asked, sign: int = 1) -> None:
         """Add the counts of ``other``; subtract them if ``sign`` is -1."""
         self.answered += sign * other.answered
         self.errors += sign * other.errors
+        self.likely += sign * other.likely
         self.missed += sign * other.missed
 
     def __bool__(self) -> bool:
@@ -255,7 +260,8 @@ class Talk:
 
     __slots__ = (
         "answered", "areas", "back", "client", "connections", "errors", "first_frame", "first_ns", "last_frame", "last_ns",
-        "missed", "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "vlan", "writes",
+        "likely", "missed", "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "vlan",
+        "writes",
     )  # fmt: skip
 
     def __init__(self, client: str, server: str, vlan: int = 0) -> None:
@@ -269,6 +275,7 @@ class Talk:
         self.writes = 0
         self.answered = 0
         self.errors = 0
+        self.likely = 0
         self.missed = 0
         self.pushes = 0
         self.back = Asked()
@@ -304,6 +311,7 @@ class Talk:
         self.writes += later.writes
         self.answered += later.answered
         self.errors += later.errors
+        self.likely += later.likely
         self.missed += later.missed
         self.pushes += later.pushes
         self.back.add(later.back)
@@ -385,6 +393,7 @@ class Device:
         for talk in self.asked_by:
             found.answered += talk.answered
             found.errors += talk.errors
+            found.likely += talk.likely
             found.missed += talk.missed
             found.add(talk.back, -1)
         for talk in self.asks:

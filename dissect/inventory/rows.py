@@ -17,7 +17,7 @@ COLUMNS: Final = (
     "address", "host_name", "role", "certainty", "mac", "vendor", "order_number", "hardware", "firmware", "serial_number",
     "station_name", "module_name", "module_type", "plant", "location", "operating_mode", "protection_level", "max_connections",
     "max_pdu_length", "pdu_lengths", "parallel_jobs", "modules", "clock_offset_ns", "blocks", "connections", "transactions",
-    "answered", "unanswered", "with_errors", "median_ns", "p95_ns", "asked_by", "asks", "first_frame", "first_time",
+    "answered", "unanswered", "with_errors", "median_ns", "p95_ns", "likely", "asked_by", "asks", "first_frame", "first_time",
     "last_frame", "last_time", "vlan",
 )  # fmt: skip
 FILE_COLUMNS: Final = ("first_file", "last_file")
@@ -56,6 +56,7 @@ def device_row(device: Device, places: Places) -> dict[str, str]:
         "with_errors": str(asked.errors),
         "median_ns": _number(times["median"]),
         "p95_ns": _number(times["p95"]),
+        "likely": str(asked.likely),
         "asked_by": " ".join([talk.client for talk in talks]),
         "asks": " ".join([talk.server for talk in device.asks]),
         "first_frame": str(places.number(device.first_frame)),

@@ -267,7 +267,8 @@ def _natural(name: str) -> tuple[str, int, str]:
 def _answers(device: Device) -> str:
     times = device.latencies
     asked = device.asked
-    said = [f"{asked.answered} answered"]
+    likely = f" ({asked.likely} only likely, left out of answer times)" if asked.likely else ""
+    said = [f"{asked.answered} answered{likely}"]
     if asked.missed:
         said.append(f"{asked.missed} unanswered")
     if asked.errors:

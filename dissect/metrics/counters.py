@@ -16,6 +16,7 @@ from mypy_extensions import i64
 from dissect.engine.pipeline import Pipeline
 from dissect.live.run import Companion
 from dissect.metrics.functions import OTHER, Functions
+from dissect.report.certainty import add_doubt
 from dissect.s7.errors import ERROR_CLASSES, ERROR_CODES
 from dissect.s7.tables import RETURN_CODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
@@ -23,7 +24,7 @@ from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import MESSAGE, RETURN_VALUE, SHORT_CODES, TransactionError
-from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, HOLE, UNANSWERED, Transaction
 
 #: Separates several labels in one key.
 SEPARATOR: Final = "\0"
@@ -42,6 +43,8 @@ class Metrics(Companion):
         super().__init__()
         self.functions: Functions = Functions()
         self.unanswered: dict[str, int] = {}  # by reason
+        self.likely: dict[str, int] = {}  # pairs that are only likely, by doubt; they are in no answer time
+        self.not_captured: dict[str, int] = {}  # of the unanswered: answers in a gap of the capture, by certainty
         self.errors: dict[str, int] = {}  # by part and class, joined by SEPARATOR
         self.operations: dict[str, int] = {}  # by kind and result, joined by SEPARATOR
         self.opened: int = 0
@@ -81,8 +84,14 @@ class Metrics(Companion):
         outcome: i64 = transaction.outcome
         row.outcomes[outcome] = row.outcomes[outcome] + 1
         if outcome == ANSWERED:
-            row.add_latency(transaction.response_ns - transaction.request_ns)
+            if transaction.is_likely:
+                add_doubt(self.likely, transaction)
+            else:
+                row.add_latency(transaction.response_ns - transaction.request_ns)
         elif outcome == UNANSWERED:
+            if transaction.reason == HOLE:
+                certainty = transaction.certainty
+                self.not_captured[certainty] = self.not_captured.get(certainty, 0) + 1
             self.unanswered[transaction.reason] = self.unanswered.get(transaction.reason, 0) + 1
         if transaction.has_errors:
             row.errors += 1

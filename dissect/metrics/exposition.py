@@ -30,7 +30,7 @@ from dissect.transactions import ending
 from dissect.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
 from dissect.transactions.operation import KINDS as OPERATIONS
 from dissect.transactions.operation import RESULTS
-from dissect.transactions.transaction import OPEN, OUTCOMES, REASON_TEXTS
+from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, OPEN, OUTCOMES, REASON_TEXTS
 from dissect.wire.build import COMPILED
 
 COUNTER: Final = "counter"
@@ -94,7 +94,9 @@ FAMILIES: Final[tuple[Family, ...]] = (
     Family("ibh_packets", COUNTER, ("kind",), "IBH-NetLink packets by kind."),
     Family("transactions", COUNTER, ("protocol", "function", "outcome"), "Transactions by function and outcome."),
     Family("transactions_with_errors", COUNTER, ("protocol", "function"), "Transactions whose answer reports an error."),
+    Family("likely_pairs", COUNTER, ("doubt",), "Requests and answers that are only likely a pair; in no answer time."),
     Family("unanswered", COUNTER, ("reason",), "Unanswered requests, by reason."),
+    Family("answers_not_captured", COUNTER, ("certainty",), "Of these those with reason hole, by certainty."),
     Family("errors", COUNTER, ("where", "class"), "Errors in answers, by place and class of code."),
     Family("latency_seconds", HISTOGRAM, ("protocol", "function"), "Answer times, from request to answer."),
     Family("open_requests", GAUGE, (), "Requests waiting for an answer."),
@@ -160,7 +162,9 @@ def _transactions(metrics: Metrics) -> dict[str, list[Sample]]:
             if outcome != OPEN
         ],
         "transactions_with_errors": [Sample((row.protocol, row.name), int(row.errors)) for row in rows],
+        "likely_pairs": _from_zero(DOUBT_TEXTS, metrics.likely),
         "unanswered": _from_zero(REASON_TEXTS, metrics.unanswered),
+        "answers_not_captured": _from_zero(CERTAINTIES, metrics.not_captured),
         "errors": _from_zero((), metrics.errors),
         "operations": _from_zero(_OPERATIONS, metrics.operations),
     }

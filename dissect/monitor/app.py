@@ -230,6 +230,7 @@ class MonitorApp(App[bool]):
         facts = watched.facts
         parts = [f"{watched.refused} refused"] if watched.refused else []
         parts += [f"{watched.not_listed} of others"] if watched.not_listed else []
+        parts += [f"{watched.likely} only likely, left out"] if watched.likely else []
         title = f"VALUES {len(facts)}" + (f" ({', '.join(parts)})" if parts else "")
         screen.pane.update_values(facts, title, status.now_ns)
 

@@ -12,6 +12,7 @@ from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.watched import WatchedFacts
 from dissect.report import facets, words
+from dissect.report.certainty import left_out
 from dissect.report.plus import item_text
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
@@ -22,7 +23,7 @@ from dissect.report.writers.text import pdu_line, plus_line
 from dissect.s7plus.hiding import shown_answer
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import PUSH, Transaction
+from dissect.transactions.transaction import DOUBT_TEXTS, PUSH, Transaction
 from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 
@@ -66,6 +67,8 @@ def _transaction(transaction: Transaction, clock: Clock, places: Places) -> Iter
         numbered = list(enumerate(facets.items(transaction), 1))
     for number, text in numbered:
         yield Line(f"  item {number}  {text}", PLAIN, 4)
+    if transaction.doubt:
+        yield Line(f"  only likely: {DOUBT_TEXTS[transaction.doubt]}", "warning", 4)
     for error in transaction.errors:
         said = f"  {error.where}: {facets.error_text(error)}. {error.text}" if error.text else ""
         yield Line(printable(said or f"  {error.where}: {facets.error_text(error)}"), "error", 4)
@@ -113,6 +116,8 @@ def connection_details(
     lines = list(connection_lines(facts.connection, places))
     if facts.waiting:
         lines.append(Line(f"     {words.count(facts.waiting, 'request')} pending now", PLAIN, 5))
+    if facts.doubts:
+        lines.append(Line(f"     {left_out(facts.doubts)}", "warning", 5))
     if facts.failed and facts.connection.last_error is not None:
         when = clock.moment(facts.connection.last_error_ns)
         lines.append(
@@ -149,6 +154,8 @@ def watched_details(facts: WatchedFacts, clock: Clock | None = None, places: Pla
     row = facts.latest
     lines.append(Line(f"  {shown(variable, row.value, row.data, row.text)}", PLAIN, 4))
     lines.append(Line(f"  {words.count(facts.count, 'value')}, {words.count(facts.changes, 'change')}", PLAIN, 4))
+    if variable.likely:
+        lines.append(Line(f"  {words.count(int(variable.likely), 'value')} only likely, left out", "warning", 4))
     refused = variable.refused_reads + variable.refused_writes
     if refused or variable.unconfirmed:
         lines.append(

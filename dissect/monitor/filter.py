@@ -12,6 +12,7 @@ from typing import Final
 
 from dissect.monitor.entries import What
 from dissect.report import facets
+from dissect.report.certainty import mark
 from dissect.report.operations import NAMES, result
 from dissect.s7.parameters import Parameters
 from dissect.select import Where
@@ -111,6 +112,8 @@ class Wanted:
                 return False
             if what.failed:
                 said = f"{said} {facets.outcome(what)} {facets.gist(what)}".casefold()
+            if what.is_likely:
+                said = f"{said} {mark(what)}".casefold()
         elif isinstance(what, Operation):
             said = f"{NAMES[what.kind]} {what.subject} {result(what)}".casefold()
         else:

@@ -34,6 +34,7 @@ class ConnectionFacts(NamedTuple):
     """The state of a connection at one moment.
 
     ``waiting`` is the number of open requests; ``worst`` has the longest answer time of each of the last seconds, -1 for none.
+    ``doubts`` has how many pairs are only likely, by `Transaction.doubt`; they are in no answer time.
     """
 
     connection: Connection
@@ -47,6 +48,7 @@ class ConnectionFacts(NamedTuple):
     unanswered: int
     errors: int
     waiting: int
+    doubts: Mapping[str, int]
 
     @property
     def key(self) -> int:
@@ -60,12 +62,13 @@ class ConnectionFacts(NamedTuple):
 
 
 class _Listed:
-    __slots__ = ("connection", "latency_ns", "pulse")
+    __slots__ = ("connection", "doubts", "latency_ns", "pulse")
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
         self.pulse = RateHistory()
         self.latency_ns: int | None = None
+        self.doubts: dict[str, int] = {}
 
 
 class ConnectionList:
@@ -84,11 +87,13 @@ class ConnectionList:
             self._closed[int(connection.number)] = None
             self._bound()
 
-    def transaction(self, connection: Connection, time_ns: int, latency_ns: int | None) -> None:
-        """Note a transaction on a connection."""
+    def transaction(self, connection: Connection, time_ns: int, latency_ns: int | None, doubt: str = "") -> None:
+        """Note a transaction on a connection; ``doubt`` is why its pair is only likely."""
         listed = self._find(connection)
         self._listed.move_to_end(int(connection.number))
         listed.pulse.add(time_ns, latency_ns)
+        if doubt:
+            listed.doubts[doubt] = listed.doubts.get(doubt, 0) + 1
         if latency_ns is not None:
             listed.latency_ns = latency_ns
 
@@ -128,6 +133,7 @@ def _facts(listed: _Listed, now_ns: int) -> ConnectionFacts:
         int(connection.missed),
         int(connection.errors),
         sum([int(side.count) for side in connection.open_requests]),
+        dict(listed.doubts),
     )
 
 

@@ -56,7 +56,7 @@ class Model:
         for event in events:
             what = event.what
             if isinstance(what, Transaction):
-                self._connections.transaction(what.connection, event.time_ns, what.latency_ns)
+                self._connections.transaction(what.connection, event.time_ns, what.latency_ns, what.doubt)
                 fresh.append((event.time_ns, what))
             elif isinstance(what, Connection):
                 self._connections.note(what)

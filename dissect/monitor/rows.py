@@ -16,6 +16,7 @@ from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rate_history import SECONDS, level
 from dissect.monitor.watched import WatchedFacts
 from dissect.report import facets, words
+from dissect.report.certainty import mark
 from dissect.report.operations import NAMES, operation_line, result
 from dissect.report.scd import scd_summary
 from dissect.report.words import Places
@@ -256,7 +257,7 @@ def _said(entry: Entry, narrow: bool = False) -> str:
         if narrow and head is not None and name == f"{head.group_name}: {head.subfunction_name}":
             name = head.subfunction_name if head.subfunction_name[:1].isalpha() else name
         about = facets.gist(what) if what.has_errors else facets.subject(what)  # refused items must not be cut off
-        parts = [name, facets.outcome(what), about]
+        parts = [name, mark(what), facets.outcome(what), about]  # the mark first: the end of a row may be cut off
     elif isinstance(what, Operation):
         parts = [NAMES[what.kind], what.subject[:_LONG], result(what)]
     else:

@@ -101,6 +101,11 @@ class Watched:
         return int(self._collector.refused)
 
     @property
+    def likely(self) -> int:
+        """The number of pairs whose values were left out because they are only likely."""
+        return sum(self._collector.doubts.values())
+
+    @property
     def facts(self) -> list[WatchedFacts]:
         """Return the variables: those with a name first, in the order in which they were first seen."""
         return sorted(self._facts.values(), key=lambda one: not one.variable.tag)

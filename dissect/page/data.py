@@ -128,8 +128,12 @@ class Data:
         """Return the slowest answers one by one: (seconds, nanoseconds, key of the row, description)."""
         return [
             [self._seconds(row["cells"][1]), row["cells"][4], row["key"], f"#{row['cells'][0]} {row['cells'][5]}"]
-            for row in self._of.slowest()[: max(_LEAST_POINTS, int(self._of.analysis.answered) // _ONE_IN)]
+            for row in self._of.slowest()[: max(_LEAST_POINTS, self._timed() // _ONE_IN)]
         ]
+
+    def _timed(self) -> int:
+        """Return how many answers have an answer time: all but those of pairs that are only likely."""
+        return int(self._of.analysis.answered) - sum(self._of.analysis.likely.values())
 
     def _spreads(self) -> dict[str, Any]:
         answered = [entry for entry in self._of.spreads.items() if entry[1].times.count]
@@ -241,6 +245,7 @@ class Data:
             "missing": [printable(name) for name in self._of.tags.missing()],
             "not_numbers": [printable(name) for (name, _), steps in found if steps.not_a_number],
             "refused": [printable(name) for name in self._of.tags.refused()],
+            "likely": self._of.tags.left_out(),
             "total": len(found),
         }
 
@@ -315,7 +320,7 @@ class Data:
         listed = len(of.connections)
         return [
             self._table("failed", "Failed transactions", transactions, of.failed, of.failed_in_all),
-            self._table("slowest", "Slowest transactions", transactions, of.slowest(), int(of.analysis.answered)),
+            self._table("slowest", "Slowest transactions", transactions, of.slowest(), self._timed()),
             self._table(
                 "connections",
                 "Connections",
@@ -423,8 +428,8 @@ class Data:
                 {
                     "key": f"f{len(rows) + 1}",
                     "cells": [
-                        self._of.rows.station(host), function, spread.total, times.count, spread.errors, spread.missed,
-                        spread.still_open, spread.orphans, spread.alone,
+                        self._of.rows.station(host), function, spread.total, times.count + spread.likely, spread.errors,
+                        spread.missed, spread.still_open, spread.not_captured, spread.likely, spread.orphans, spread.alone,
                         spread.latencies.quantile(0.5), spread.latencies.quantile(0.95),
                         times.largest if times.count else None,
                     ],
@@ -434,7 +439,8 @@ class Data:
             )  # fmt: skip
         columns = [
             ("answered by", TEXT), ("function", TEXT), ("count", NUMBER), ("answered", NUMBER), ("with errors", NUMBER),
-            ("no answer", NUMBER), ("still open", RARE), ("no request", RARE), ("push or one-way", RARE),
+            ("no answer", NUMBER), ("still open", RARE), ("not captured", RARE), ("only likely", RARE), ("no request", RARE),
+            ("push or one-way", RARE),
             ("median", DURATION), ("95 %", DURATION), ("longest", DURATION),
         ]  # fmt: skip
         return self._table("functions", "Functions by device", columns, rows, len(rows) + len(self._of.further))

@@ -28,7 +28,7 @@ from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.operation import CONNECT, Operation
-from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import HOLE, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
 
 #: Greatest number of rows of each table.
@@ -105,11 +105,14 @@ class SpreadOf:
     """All transactions of one function of one PLC: their answer times, and counts of the other outcomes.
 
     ``times`` is the distribution of answer times, ``latencies`` has the quantiles that `analyze` reports, too. ``still_open``
-    are requests whose answer was not due yet when the capture ended, ``orphans`` answers without a request, ``alone`` pushes
-    and requests that want no answer.
+    are requests whose answer was not due yet when the capture ended, ``not_captured`` those whose answer is, or may be, in a
+    gap, ``likely`` pairs that are only likely, which are in no answer time, ``orphans`` answers without a request, ``alone``
+    pushes and requests that want no answer.
     """
 
-    __slots__ = ("alone", "errors", "latencies", "missed", "orphans", "still_open", "times", "total")
+    __slots__ = (
+        "alone", "errors", "latencies", "likely", "missed", "not_captured", "orphans", "still_open", "times", "total",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.times = Spread()
@@ -118,6 +121,8 @@ class SpreadOf:
         self.errors = 0
         self.missed = 0
         self.still_open = 0
+        self.not_captured = 0
+        self.likely = 0
         self.orphans = 0
         self.alone = 0
 
@@ -365,12 +370,16 @@ class Gathered(Observer):
         if latency is not None:
             spread.times.add(latency)
             spread.latencies.add(latency)
+        elif transaction.is_likely:
+            spread.likely += 1
         if transaction.has_errors:
             spread.errors += 1
         outcome = transaction.outcome
         if outcome == UNANSWERED:
             if transaction.missed:
                 spread.missed += 1
+            elif transaction.reason == HOLE:
+                spread.not_captured += 1
             else:
                 spread.still_open += 1
         elif outcome == ORPHAN:

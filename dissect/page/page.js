@@ -747,6 +747,7 @@
     if (session.tags.missing.length) said.push(`The capture holds no value of ${session.tags.missing.join(", ")}.`);
     if (session.tags.not_numbers.length) said.push(`Values that are not single numbers are not drawn: ${session.tags.not_numbers.join(", ")}.`);
     if (session.tags.refused.length) said.push(`Reads or writes of ${session.tags.refused.join(", ")} were refused.`);
+    if (session.tags.likely) said.push(`${session.tags.likely}.`);
     if (session.tags.total > session.tags.series.length + session.tags.not_numbers.length) said.push(`${integer(session.tags.total)} tags were found; the first 12 are drawn.`);
     if (said.length) figure(`${prefixes[side]}tags`, name("Tags"), said.join(" "), () => []);
   });

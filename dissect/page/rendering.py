@@ -16,6 +16,7 @@ from dissect.page.numbers import counted, grouped
 from dissect.page.rows import Rows, file_title
 from dissect.page.verdict import verdict
 from dissect.report import words
+from dissect.report.certainty import left_out
 from dissect.report.text import completeness
 from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, printable
@@ -88,6 +89,10 @@ class Side:
             told += [printable(note) for note in file.notes[:10]]
         if analysis.pipeline is not None:
             told += [grouped(text) for text, _ in completeness(analysis.pipeline, gathered.rows.places)]
+        if analysis.not_captured:
+            told.append(f"{counted(int(analysis.not_captured), 'answer', 'answers')} not captured")
+        if analysis.likely:
+            told.append(left_out(analysis.likely))
         limits = (
             (gathered.gaps_not_drawn, "gap that is not drawn", "gaps that are not drawn"),
             (

@@ -9,6 +9,7 @@ from typing import Any, Final, TypeAlias
 
 from dissect.program.carved import CarvedBlock
 from dissect.report import endings, facets, words
+from dissect.report.certainty import mark
 from dissect.report.operations import NAMES as KINDS
 from dissect.report.operations import result as result_of
 from dissect.report.words import Places
@@ -136,7 +137,7 @@ class Rows:
         """Return the row of a transaction."""
         frames = [int(transaction.request_frame), int(transaction.response_frame)]
         show, display = self.packets(frames)
-        said = [facets.outcome(transaction), facets.gist(transaction)]
+        said = [facets.outcome(transaction), facets.gist(transaction), mark(transaction)]
         return {
             "key": f"t{transaction.number}",
             "cells": [
@@ -245,7 +246,7 @@ MISSED: Final = 2
 PUSHED: Final = 3
 OTHER: Final = 4
 #: Their names.
-OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "still open, or without request")
+OUTCOME_NAMES: Final = ("answered", "with errors", "no answer", "push", "still open, or half of it not captured")
 
 
 def outcome_of(transaction: Transaction) -> int:

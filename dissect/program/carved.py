@@ -15,6 +15,7 @@ from dissect.s7.blocks import HEADER as HEADER_LAYOUT
 from dissect.s7.blocks import is_header
 from dissect.transactions.operation import DONE, NAMELESS, NOT_CAPTURED, TRANSFERS, Activation, Operation
 from dissect.wire.part import Part
+from dissect.wire.text import count
 
 S7COMM: Final = "s7comm"
 S7COMM_PLUS: Final = "s7comm_plus"
@@ -219,6 +220,9 @@ def _classic_name(operation: Operation) -> bool:
 def _missing(operation: Operation, block: CarvedBlock) -> str:
     """Return what a transferred block lacks, as text."""
     lacks = _lacks(operation, block)
+    if not lacks and operation.likely:
+        number = count(int(operation.likely), "pair of request and answer is", "pairs of request and answer are")
+        lacks = f"{number} only likely, so its pieces may not belong together"
     if not block.behind_gap:
         return lacks
     lacks = lacks or f"{len(block.octets)} bytes"

@@ -12,6 +12,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
+from dissect.report.certainty import add_doubt
 from dissect.report.kept import FIRST, Findings
 from dissect.report.latencies import Latencies
 from dissect.report.words import Places
@@ -23,7 +24,8 @@ from dissect.stations.facts import Book, Fact
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.transactions.results import DOUBTS
+from dissect.transactions.transaction import ANSWERED, HOLE, ORPHAN, PUSH, UNANSWERED, Transaction
 
 #: Connections that are kept and described one by one; further ones are only counted.
 MAX_CONNECTIONS: Final = 1000
@@ -45,7 +47,9 @@ class FunctionStatistics:
         "answered",
         "errors",
         "latencies",
+        "likely",
         "name",
+        "not_captured",
         "one_way",
         "orphans",
         "pushes",
@@ -60,6 +64,8 @@ class FunctionStatistics:
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due
+        self.not_captured: i64 = 0  # of the unanswered: their answer is, or may be, in a gap of the capture
+        self.likely: i64 = 0  # of the answered: pairs that are only likely; `latencies` has none of them
         self.orphans: i64 = 0
         self.pushes: i64 = 0
         self.one_way: i64 = 0
@@ -69,7 +75,7 @@ class FunctionStatistics:
     @property
     def missed(self) -> int:
         """Requests whose answer was due and did not come (`Transaction.missed`)."""
-        return int(self.unanswered - self.still_open)
+        return int(self.unanswered - self.still_open - self.not_captured)
 
     def merge(self, other: FunctionStatistics) -> None:
         """Add the transactions of ``other``."""
@@ -77,6 +83,8 @@ class FunctionStatistics:
         self.answered += other.answered
         self.unanswered += other.unanswered
         self.still_open += other.still_open
+        self.not_captured += other.not_captured
+        self.likely += other.likely
         self.orphans += other.orphans
         self.pushes += other.pushes
         self.one_way += other.one_way
@@ -198,6 +206,10 @@ class Analysis(Observer):
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due, so nothing failed
+        self.not_captured: i64 = 0  # of the unanswered: their answer is, or may be, in a gap of the capture
+        self.likely: dict[
+            str, int
+        ] = {}  # of the answered: pairs that are only likely, by doubt; they are in no answer time
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.one_way: i64 = 0  # of the unsolicited: requests that want no answer
@@ -236,6 +248,11 @@ class Analysis(Observer):
         self.pipeline = pipeline
         self.files = files
         self._shared = Shared()
+
+    @property
+    def missed(self) -> int:
+        """Requests whose answer was due and did not come (`Transaction.missed`)."""
+        return int(self.unanswered - self.still_open - self.not_captured)
 
     @property
     def finding_counts(self) -> dict[str, int]:
@@ -298,16 +315,23 @@ class Analysis(Observer):
         if outcome == ANSWERED:
             self.answered += 1
             statistics.answered += 1
-            latency: i64 = transaction.response_ns - transaction.request_ns
-            statistics.latencies.add(latency)
-            if latency > self._slow_floor:
-                self._keep_slow(latency, transaction)
+            if transaction.flags & DOUBTS:
+                statistics.likely += 1
+                add_doubt(self.likely, transaction)
+            else:
+                latency: i64 = transaction.response_ns - transaction.request_ns
+                statistics.latencies.add(latency)
+                if latency > self._slow_floor:
+                    self._keep_slow(latency, transaction)
         elif outcome == UNANSWERED:
             self.unanswered += 1
             statistics.unanswered += 1
             self.unanswered_reasons[transaction.reason] = self.unanswered_reasons.get(transaction.reason, 0) + 1
             if transaction.missed:
                 self._keep_failed(transaction)
+            elif transaction.reason == HOLE:
+                self.not_captured += 1
+                statistics.not_captured += 1
             else:
                 self.still_open += 1
                 statistics.still_open += 1
@@ -368,6 +392,8 @@ class Analysis(Observer):
         self.answered += later.answered
         self.unanswered += later.unanswered
         self.still_open += later.still_open
+        self.not_captured += later.not_captured
+        add_counts(self.likely, later.likely)
         self.orphans += later.orphans
         self.unsolicited += later.unsolicited
         self.one_way += later.one_way

@@ -36,6 +36,7 @@ class Plc:
         self.errors = 0
         self.missed = 0
         self.still_open = 0
+        self.not_captured = 0
 
 
 def brief_lines(
@@ -81,8 +82,10 @@ def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line
     counts = [
         (analysis.total, "transactions"),
         (analysis.with_errors, "with errors"),
-        (analysis.unanswered - analysis.still_open, "unanswered"),
+        (analysis.missed, "unanswered"),
         (analysis.still_open, "still open"),
+        (analysis.not_captured, "without a captured answer"),
+        (sum(analysis.likely.values()), "pairs only likely"),
     ]
     said.append(", ".join([f"{number} {what}" for number, what in counts if number or what == "transactions"]))
     yield Line(f"  {'; '.join(said)}", "warning" if interrupted or analysis.part is not None else PLAIN, 4)
@@ -126,6 +129,7 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
             plc.errors += int(connection.errors)
             plc.missed += int(connection.missed)
             plc.still_open += int(connection.still_open)
+            plc.not_captured += int(connection.not_captured)
     if not found:
         return
     for connection in analysis.connections:
@@ -136,8 +140,9 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
     yield Line("PLCs", HEADING)
     stations = analysis.stations.stations
     some_open = any([plc.still_open for plc in found.values()])
+    some_lost = any([plc.not_captured for plc in found.values()])
     head = ["", "", "", "", "connections", "PDUs", "answered", "errors", "no answer"]
-    rows = [[*head, "still open"] if some_open else head]
+    rows = [[*head, *(["still open"] if some_open else []), *(["not captured"] if some_lost else [])]]
     order = sorted(found, key=lambda host: (-found[host].missed - found[host].errors, -found[host].pdus, host))
     for host in order[:_PLCS]:
         plc, station = found[host], stations.get(host)
@@ -148,8 +153,10 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
         numbers = [plc.connections, plc.pdus, plc.answered, plc.errors, plc.missed]
         if some_open:
             numbers.append(plc.still_open)
+        if some_lost:
+            numbers.append(plc.not_captured)
         rows.append([shown[host], *told, *[str(number) if number else "." for number in numbers]])
-    yield from table(rows, frozenset(range(4, 10)))
+    yield from table(rows, frozenset(range(4, 11)))
     if len(order) > _PLCS:
         yield Line(f"  and {len(order) - _PLCS} more; `s7dissect devices` lists them", DIM)
 
@@ -176,6 +183,8 @@ def _row(connection: Connection, places: Places) -> list[str]:
         said.append(f"{connection.missed} unanswered")
     if connection.still_open:
         said.append(f"{connection.still_open} still open")
+    if connection.not_captured:
+        said.append(words.count(int(connection.not_captured), "answer not captured", "answers not captured"))
     if connection.refused:
         said.append(f"REFUSED: {connection.refused}")
     elif ended := endings.short(connection):

@@ -11,6 +11,7 @@ from dissect.findings.catalogue import SEVERITIES
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
 from dissect.report.analysis import Analysis, FunctionStatistics
+from dissect.report.certainty import left_out
 from dissect.report.endings import ending_as_dict
 from dissect.report.facets import facet_of_row
 from dissect.report.stations import station_as_dict, stations_that_state
@@ -85,12 +86,25 @@ def _transactions(analysis: Analysis) -> dict[str, object]:
         "answered": analysis.answered,
         "unanswered": analysis.unanswered,
         "still_open": analysis.still_open,
+        **_likely(analysis),
         "orphan_answers": analysis.orphans,
         "unsolicited": analysis.unsolicited,
         "one_way": analysis.one_way,
         "with_errors": analysis.with_errors,
         "unanswered_reasons": dict(sorted(analysis.unanswered_reasons.items())),
     }
+
+
+def _likely(analysis: Analysis) -> dict[str, object]:
+    """Return the keys for answers that were not captured, and for pairs that are only likely; none where there are none."""
+    told: dict[str, object] = {}
+    if analysis.not_captured:
+        told["answers_not_captured"] = analysis.not_captured
+    if analysis.likely:
+        told["likely"] = sum(analysis.likely.values())
+        told["likely_doubts"] = dict(sorted(analysis.likely.items()))
+        told["likely_text"] = f"{left_out(analysis.likely)}."
+    return told
 
 
 def _number(connection: Connection) -> int:
@@ -138,6 +152,10 @@ def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
     values["answered"] = statistics.answered
     values["unanswered"] = statistics.unanswered
     values["still_open"] = statistics.still_open
+    if statistics.not_captured:
+        values["answers_not_captured"] = statistics.not_captured
+    if statistics.likely:
+        values["likely"] = statistics.likely
     values["with_errors"] = statistics.errors
     values["latency_ns"] = statistics.latencies.as_dict()
     return values
@@ -188,6 +206,7 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "answered": connection.answered,
         "unanswered": connection.unanswered,
         "still_open": connection.still_open,
+        **({"answers_not_captured": connection.not_captured} if connection.not_captured else {}),
         "orphan_answers": connection.orphans,
         "unsolicited": connection.unsolicited,
         "one_way": connection.one_way,

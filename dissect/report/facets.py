@@ -39,10 +39,10 @@ from dissect.transactions.results import (
     COUNT_MISMATCH,
     FUNCTION_MISMATCH,
     MESSAGE,
-    MISMATCHES,
     SIZE_MISMATCH,
     UNCONFIRMED,
     TransactionError,
+    mismatches,
 )
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -226,12 +226,14 @@ def outcome(transaction: Transaction) -> str:
         said = "one way" if transaction.request_frame else "push"
     elif transaction.outcome == ANSWERED:
         said = ""
+    elif transaction.reason == HOLE:
+        said = transaction.reason_text
     else:
         said = "answer not captured" if transaction.unseen else f"NO ANSWER{why}"
     if transaction.again is not None:
         again = transaction.again.text(transaction.request_ns)
         said = f"{said}, {again}" if said else again
-    if transaction.flags & MISMATCHES:
+    if mismatches(transaction):
         said = ", ".join([text for text in (said, f"MISMATCH ({_mismatch(transaction)})") if text])
     if transaction.refused and transaction.has_errors:
         error = transaction.errors[0]

@@ -99,12 +99,13 @@ def result(operation: Operation) -> str:
     shout = shouted(operation.result)
     if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
         return "ended with the connection"
+    likely = f"{words.count(operation.likely, 'pair')} only likely" if operation.likely else ""
     if operation.error is not None:
-        return f"{shout} {operation.error.coded}"
+        return f"{shout} {operation.error.coded}{f' ({likely})' if likely else ''}"
     why = facets.REASONS.get(operation.reason, operation.reason)
     odd = "; ".join([shortened(oddity.detail, _SUBJECT) for oddity in operation.oddities])
     late = "" if operation.begun else "beginning not captured"
-    told = ", ".join([text for text in (why, late, odd) if text])
+    told = ", ".join([text for text in (why, late, likely, odd) if text])
     return f"{shout} ({told})" if told else shout
 
 
@@ -133,6 +134,7 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "transaction_count": operation.parts,
         "transactions": operation.transactions,
         "pushes": operation.pushes,
+        **({"likely": operation.likely} if operation.likely else {}),
         "octets": operation.octets,
         "announced": operation.announced if operation.announced >= 0 else None,
         "tells": [part.note for part in operation.content_parts() if part.note],

@@ -13,6 +13,7 @@ from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
 from dissect.findings.reporter import Finding
 from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis, FunctionStatistics, Part
+from dissect.report.certainty import left_out, mark
 from dissect.report.operations import NAMES, shouted
 from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
@@ -299,6 +300,8 @@ def _counts(connection: Connection) -> str:
         parts.append(f"{connection.missed} unanswered")
     if connection.still_open:
         parts.append(f"{connection.still_open} still open")
+    if connection.not_captured:
+        parts.append(words.count(int(connection.not_captured), "answer not captured", "answers not captured"))
     parts += _unpaired(connection.orphans, connection.unsolicited, connection.one_way)
     if connection.system_events:
         parts.append(words.count(connection.system_events, "system event"))
@@ -347,22 +350,29 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
     if not analysis.total:
         return
     yield Line("")
-    said = [f"{analysis.answered} answered"]
-    if analysis.unanswered > analysis.still_open:
-        said.append(f"{analysis.unanswered - analysis.still_open} unanswered")
+    likely = sum(analysis.likely.values())
+    said = [f"{analysis.answered} answered{f' ({likely} only likely)' if likely else ''}"]
+    if analysis.missed:
+        said.append(f"{analysis.missed} unanswered")
     if analysis.still_open:
         said.append(f"{analysis.still_open} still open at the end")
+    if analysis.not_captured:
+        said.append(words.count(int(analysis.not_captured), "answer not captured", "answers not captured"))
     said += _unpaired(analysis.orphans, analysis.unsolicited, analysis.one_way)
     if analysis.with_errors:
         said.append(f"{analysis.with_errors} with errors")
     yield Line(f"Transactions: {', '.join(said)}", HEADING)
     yield from _function_rows(list(analysis.functions.values()))
+    if likely:
+        yield Line(f"  {left_out(analysis.likely)}", _WARNING, 4)
 
 
 def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
     """Yield a row for each function; the columns for messages without a partner only where there are any."""
     columns: list[tuple[str, Callable[[FunctionStatistics], int]]] = [
         ("still open", lambda one: int(one.still_open)),
+        ("not captured", lambda one: int(one.not_captured)),
+        ("only likely", lambda one: int(one.likely)),
         ("no request", lambda one: int(one.orphans)),
         ("pushes", lambda one: int(one.pushes)),
         ("one-way", lambda one: int(one.one_way)),
@@ -433,7 +443,7 @@ def _failed(analysis: Analysis, places: Places) -> Iterator[Line]:
     if not analysis.failed:
         return
     shown = analysis.failed[:_FAILED]
-    total = int(analysis.with_errors + analysis.unanswered - analysis.still_open)
+    total = int(analysis.with_errors + analysis.missed)
     yield Line("")
     yield Line("Failed transactions" + (f" (first {len(shown)} of {total})" if total > len(shown) else ""), HEADING)
     yield from _rows(shown, places)
@@ -451,7 +461,7 @@ def _slowest(analysis: Analysis, places: Places) -> Iterator[Line]:
 def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]:
     rows = []
     for transaction in transactions:
-        said = [part for part in (facets.outcome(transaction), facets.gist(transaction)) if part]
+        said = [part for part in (facets.outcome(transaction), facets.gist(transaction), mark(transaction)) if part]
         rows.append(
             [
                 f"#{transaction.number}",

@@ -51,7 +51,7 @@ from dissect.transactions import ending
 from dissect.transactions.operation import KINDS as OPERATION_KINDS
 from dissect.transactions.operation import RESULTS
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
+from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, OUTCOMES, REASON_TEXTS
 
 
 class Field:
@@ -245,7 +245,7 @@ _ROWS: Final = (
     Field("request_time", Time(), "When the request came.", "request_time < 2016-02-08T14:51:37.5",
           {TRANSACTION: of.request_time}),
     Field("response_time", Time(), "When the answer came.", "response_time > 90s", {TRANSACTION: of.response_time}),
-    Field("latency", Duration(), "Time from request to answer.", "latency > 20ms",
+    Field("latency", Duration(), "Time from request to answer; a pair that is only likely has none.", "latency > 20ms",
           {TRANSACTION: lambda thing, _context: thing.latency_ns}),
     Field("latency_ns", Duration(bare=True), "The same; a number without a unit counts nanoseconds.", "latency_ns > 20000000",
           {TRANSACTION: lambda thing, _context: thing.latency_ns}),
@@ -281,6 +281,10 @@ _ROWS: Final = (
           {TRANSACTION: _word("outcome_name")}),
     Field("reason", Code(lambda: REASON_TEXTS, also=""), "Why there is no answer, or why the end is missing.",
           "reason == connection_closed", _all(_word("reason"), _TALK)),
+    Field("certainty", Code(lambda: CERTAINTIES),
+          "Whether request and answer surely belong together, or a `hole` was surely answered.", "certainty == likely",
+          {TRANSACTION: _word("certainty")}),
+    Field("doubt", Code(lambda: DOUBT_TEXTS), "Why a pair is only likely.", "doubt == gaps", {TRANSACTION: _word("doubt")}),
     Field("failed", Truth(), "Something was refused, or an answer is missing.", "failed", _all(of.failed, _TALK)),
     Field("error", Code(_error_names), "Errors of the answer, by name or code; alone: there is one.", "error == 0x0a",
           _all(of.errors, (TRANSACTION, OPERATION, MESSAGE)), ("errors.code", "errors.name", "error.code", "error.name")),

@@ -30,6 +30,7 @@ from dissect.s7.tables import (
     GROUP_CPU,
     GROUP_MODE,
     GROUP_TIME,
+    LIST_OF_TYPE,
     READ_SZL,
     SUCCESS,
     USERDATA,
@@ -98,6 +99,8 @@ class Evidence:
             return _facts(transaction, said, "mode transition")
         if transaction.has_errors or not transaction.response_frame:
             return []
+        if transaction.is_likely and not _tells_by_itself(head):
+            return []
         if head.group == GROUP_TIME:
             return _clock(transaction, head)
         if head.group == GROUP_CPU and head.subfunction == READ_SZL:
@@ -110,6 +113,8 @@ class Evidence:
         """Return the facts in an answer in several parts that is complete now."""
         head = operation.content_head
         if head is None or not operation.content:
+            return []
+        if operation.likely and not _tells_by_itself(head):
             return []
         wanted = operation.subject if head.group == GROUP_BLOCKS else ""
         if len(operation.content) < operation.announced:
@@ -162,6 +167,16 @@ class Evidence:
                 del self._answers[next(iter(self._answers))]
             self._answers[key] = said
         return said
+
+
+def _tells_by_itself(head: UserdataHead) -> bool:
+    """Return whether an answer names what it is about, so that its facts are true whichever request it belongs to.
+
+    The list of the blocks of a type does not name that type, and who accepts a time does not repeat it.
+    """
+    if head.group == GROUP_BLOCKS:
+        return head.subfunction != LIST_OF_TYPE
+    return head.group != GROUP_TIME or head.subfunction not in SETTING
 
 
 def _records(payload: bytes) -> list[Part]:

@@ -223,6 +223,7 @@ class Connection:
         "last_request_ns",
         "mid_stream",
         "naming",
+        "not_captured",
         "number",
         "one_way",
         "open_at_end",
@@ -254,6 +255,10 @@ class Connection:
         "unanswered",
         "unsolicited",
     )
+
+    #: Of the unanswered: the capture ended before their answer was due; their answer is, or may be, in a gap of the capture.
+    still_open: i64
+    not_captured: i64
 
     def __init__(self, number: i64, tcp: TcpConnection) -> None:
         self.number: i64 = number
@@ -309,7 +314,7 @@ class Connection:
         self.pdus: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
-        self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due
+        self.still_open = self.not_captured = 0
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.one_way: i64 = 0  # of the unsolicited: requests that want no answer
@@ -352,7 +357,7 @@ class Connection:
     @property
     def missed(self) -> i64:
         """Requests whose answer was due and did not come (`Transaction.missed`)."""
-        return self.unanswered - self.still_open
+        return self.unanswered - self.still_open - self.not_captured
 
     @property
     def operations(self) -> OpenOperations:

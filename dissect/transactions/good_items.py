@@ -8,6 +8,7 @@ from mypy_extensions import i64
 from dissect.s7.items import DATA_HEAD, Item, data_size_within, item_fill
 from dissect.s7.parameters import ACK_HEADER_SIZE
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
+from dissect.transactions.results import DOUBTS
 from dissect.transactions.transaction import ANSWERED, Transaction
 
 
@@ -27,7 +28,7 @@ class GoodItems:
     """Steps over the items of a read without errors, without making an object of any item.
 
     Item ``index`` is ``buf[at:at + size]``. ``whole`` is True once all items were good. Reads with tags are not stepped over,
-    nor items that ask for several areas.
+    nor items that ask for several areas, nor pairs that are only likely.
     """
 
     __slots__ = ("_end", "_items", "_judged", "_next", "at", "buf", "index", "size", "whole")
@@ -61,10 +62,13 @@ class GoodItems:
             or answer.item_count != len(asked.items)
         ):
             return False
+        flags: i64 = transaction.flags
+        if flags & DOUBTS:
+            return False  # every output marks a pair that is only likely, or leaves it out
         self.buf = transaction.response_buf
         self.index = -1
         self._items = asked.items
-        self._judged = transaction.flags == 0
+        self._judged = flags == 0
         self._next = transaction.response_offset + ACK_HEADER_SIZE + len(answer.octets)
         self._end = transaction.response_offset + transaction.response_size
         return True

@@ -136,8 +136,9 @@ class Operation:
 
     ``asked_by`` is the side of ``connection`` that began it; ``subject`` says what it is about (text from the wire, not
     escaped). ``parts`` counts the transactions; ``transactions`` keeps the numbers of the first thousand; ``pushes`` counts
-    those that are pushes. Times are nanoseconds since 1970. ``begun`` is False when the beginning of a transfer is not in the
-    capture; ``half_captured`` is True when requests or answers of it are not, because only one direction was captured.
+    those that are pushes, ``likely`` pairs that are only likely. Times are nanoseconds since 1970. ``begun`` is False when the
+    beginning of a transfer is not in the capture; ``half_captured`` is True when requests or answers of it are not, because
+    only one direction was captured.
 
     ``octets`` is the size of what was carried: block content, joined answer, values. ``announced`` is the size stated
     beforehand, -1 for none. ``content`` depends on the kind. For a long answer or a BSEND it is the joined payload, once that
@@ -172,6 +173,7 @@ class Operation:
         "lacking",
         "last_frame",
         "last_push_ns",
+        "likely",
         "number",
         "octets",
         "oddities",
@@ -198,6 +200,7 @@ class Operation:
         self.last_frame: i64 = frame
         self.transactions: list[int] = []
         self.parts: i64 = 0
+        self.likely: i64 = 0
         self.pushes: i64 = 0
         self.first_push_ns: i64 = 0
         self.last_push_ns: i64 = 0
@@ -251,6 +254,8 @@ class Operation:
     def add(self, transaction: Transaction) -> None:
         """Count a transaction as part of this operation."""
         self.parts += 1
+        if transaction.is_likely:
+            self.likely += 1
         if len(self.transactions) < _KEPT:
             self.transactions.append(int(transaction.number))
         self._reach(transaction.request_frame, transaction.request_ns)

@@ -78,7 +78,13 @@ ASKED_JUDGED: Final = 32768  # what is wrong with the data of a write was report
 
 def went_wrong(transaction: Transaction) -> bool:
     """Return whether a transaction failed, or has an answer that does not fit its request."""
-    return transaction.failed or transaction.flags & MISMATCHES != 0
+    return transaction.failed or mismatches(transaction) != 0
+
+
+def mismatches(transaction: Transaction) -> i64:
+    """Return in what an answer does not fit its request (`MISMATCHES`); 0 for a pair that is only likely: it may be none."""
+    flags: i64 = transaction.flags
+    return flags & MISMATCHES if flags & DOUBTS == 0 else 0
 
 
 def wants_answer(transaction: Transaction) -> bool:

@@ -13,6 +13,7 @@ from mypy_extensions import i64
 from dissect.s7.parameters import UserdataHead
 from dissect.s7.tables import CHANGE_DRIVEN_MODIFY, GROUP_CYCLIC, GROUP_TEST, REPLACE_JOB, SUCCESS
 from dissect.transactions.results import (
+    DOUBTS,
     UNCHANGED,
     Subscription,
     has_items,
@@ -45,7 +46,8 @@ def follow(transaction: Transaction) -> None:
         job = head.sequence if changes or told is None else told.sequence
         key = _key(transaction, head, job)
         jobs.pop(key, None)
-        jobs[key] = Subscription(head, transaction.request_octets)
+        if not transaction.flags & DOUBTS:  # else the job exists, but which items it sends is only likely
+            jobs[key] = Subscription(head, transaction.request_octets)
         while len(jobs) > MAX_JOBS:
             for oldest in jobs:
                 del jobs[oldest]

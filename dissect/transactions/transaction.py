@@ -91,6 +91,7 @@ PERHAPS_ANSWERED: Final = "perhaps answered: bytes from the answering side are m
 #: How certain a pair of request and answer is, or that a request was answered although the answer was not captured.
 SURE: Final = "sure"
 LIKELY: Final = "likely"
+CERTAINTIES: Final = (SURE, LIKELY)
 #: Why a pair is only likely: a code and a sentence for each of the flags `GAPS` and `ALIKE`.
 DOUBT_TEXTS: Final[dict[str, str]] = {
     "gaps": "bytes of both directions are missing from the capture between request and answer",
@@ -239,13 +240,13 @@ class Transaction:
 
     @property
     def latency_ns(self) -> int | None:
-        """Time from the request's last packet to the answer's last packet, None unless both are there."""
-        return self.response_ns - self.request_ns if self.outcome == ANSWERED else None
+        """Time from the request's last packet to the answer's last packet; None without either, or if the pair `is_likely`."""
+        return self.response_ns - self.request_ns if self.outcome == ANSWERED and not self.flags & DOUBTS else None
 
     @property
     def certainty(self) -> str:
         """``sure`` or ``likely``: of a pair, and of an answer that was sent but not captured; else empty."""
-        if self.outcome == ANSWERED or self.reason == HOLE:
+        if self.outcome == ANSWERED or (self.outcome == UNANSWERED and self.reason == HOLE):
             return LIKELY if self.flags & DOUBTS else SURE
         return ""
 
@@ -263,15 +264,20 @@ class Transaction:
 
     @property
     def reason_text(self) -> str:
-        """One sentence that says why there is no answer; empty where there is one."""
+        """One sentence that says why a request has no answer; empty where it has one, and for an answer without a request."""
+        if self.outcome != UNANSWERED:
+            return ""
         if self.reason == HOLE and self.flags & DOUBTS:
             return PERHAPS_ANSWERED
         return REASON_TEXTS.get(self.reason, "")
 
     @property
     def missed(self) -> bool:
-        """True when no answer came though one was due. This is the only rule for what counts as unanswered."""
-        return self.outcome == UNANSWERED and not self.flags & STILL_OPEN
+        """True when no answer came though one was due. This is the only rule for what counts as unanswered.
+
+        An answer that is, or may be, in a gap of the capture is not missed: only the capture lacks it.
+        """
+        return self.outcome == UNANSWERED and not self.flags & STILL_OPEN and self.reason != HOLE
 
     @property
     def unseen(self) -> bool:
@@ -280,8 +286,8 @@ class Transaction:
 
     @property
     def failed(self) -> bool:
-        """True when the answer refuses anything, or was `missed` and is not in a gap of the capture."""
-        return self.has_errors or (self.missed and self.reason != HOLE)
+        """True when the answer refuses anything, or was `missed`."""
+        return self.has_errors or self.missed
 
     @property
     def request_octets(self) -> bytes:

@@ -37,7 +37,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import TEST_WRITES, has_items
+from dissect.transactions.results import DOUBTS, TEST_WRITES, has_items
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.transactions.transaction import PUSH as OUTCOME_PUSH
 from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, ValueRow, Variable
@@ -57,6 +57,8 @@ class Collector(Observer):
     ``wanted`` are the wanted places and names, None for everything. ``changes`` leaves out values equal to the one before.
     ``every_ns`` keeps only the first value of a variable in each interval of so many nanoseconds (counted from 1970); other
     values are ignored. ``choose`` returns which transactions are wanted; ``most`` is how many variables are remembered.
+    Pairs that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely`` their values make
+    rows as well, each with its ``doubt``; they are never the value before another one, and are not added up.
     """
 
     def __init__(
@@ -67,10 +69,12 @@ class Collector(Observer):
         sums: bool = False,
         choose: Choice | None = None,
         most: i64 = MAX_VARIABLES,
+        likely: bool = False,
     ) -> None:
         super().__init__()
         self.found: set[str] = set()  # texts of the wanted places for which a value or a refusal was seen
-        self._store: Tracker = Tracker(changes, every_ns, sums, most)
+        self.doubts: dict[str, int] = {}
+        self._store: Tracker = Tracker(changes, every_ns, sums, most, likely)
         self._wanted: WantedSet | None = wanted
         self._choose: Choice | None = choose
         self._plans: i64 = 0
@@ -130,6 +134,22 @@ class Collector(Observer):
         choose = self._choose
         if choose is not None and not choose(transaction):
             return
+        if transaction.flags & DOUBTS and transaction.outcome == ANSWERED:
+            self._take_likely(transaction)
+        else:
+            self._take(transaction)
+
+    def _take_likely(self, transaction: Transaction) -> None:
+        """Take the values of a pair that is only likely."""
+        store = self._store
+        store.doubt = transaction.doubt
+        store.aside, store.left_out = True, False
+        self._take(transaction)
+        store.doubt, store.aside = "", False
+        if store.left_out:
+            self.doubts[transaction.doubt] = self.doubts.get(transaction.doubt, 0) + 1
+
+    def _take(self, transaction: Transaction) -> None:
         kind: i64 = transaction.rosctr
         if kind == JOB:
             function: i64 = transaction.parameters.function
@@ -352,6 +372,8 @@ class Collector(Observer):
                 naming = transaction.connection.naming
                 image = Image(wanted, naming if isinstance(naming, TagNaming) else None)
                 plc.images[wanted] = image
+            if self._store.aside:
+                image = image.copy()
             exact: bool = plan.start == wanted.start and plan.bits == wanted.bits
             if exact and image.part is None and image.transport_size != item.transport_size:
                 image.transport_size = item.transport_size

@@ -8,6 +8,7 @@ from mypy_extensions import i64
 
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import LIKELY, SURE
 
 if TYPE_CHECKING:
     from dissect.variables.statistics import Statistics
@@ -29,7 +30,8 @@ class Variable:
     ``plc`` is the end of the connection that has the variable, in VLAN ``vlan`` (`vlan_ids`). ``address`` is where it begins
     ("DB10.DBD4", "0x6041:0"), ``type`` its type ("REAL", "10 x BYTE"), ``tag`` its name, empty if none is known. ``data``,
     ``value`` and ``text`` are the latest ones, once a value was ``seen``. ``refused_reads`` and ``refused_writes`` count what
-    the PLC refused, ``unconfirmed`` writes whose result was not captured. Texts are not escaped.
+    the PLC refused, ``unconfirmed`` writes whose result was not captured. ``likely`` counts values and refusals of pairs that
+    are only likely (`Transaction.is_likely`), which count for nothing else. Texts are not escaped.
     """
 
     __slots__ = (
@@ -37,6 +39,7 @@ class Variable:
         "bytes_only",
         "comment",
         "data",
+        "likely",
         "next_ns",
         "plc",
         "refused_reads",
@@ -68,6 +71,7 @@ class Variable:
         self.refused_reads: i64 = 0
         self.refused_writes: i64 = 0
         self.unconfirmed: i64 = 0
+        self.likely: i64 = 0
         self.next_ns: i64 = 0  # with ``--every``: there is no further row before this time
         self.statistics: Statistics | None = None
 
@@ -90,13 +94,15 @@ class ValueRow:
     ``previous`` is the value before it, whoever read or wrote that, ``before`` its octets, ``previous_text`` its name.
     ``first``: there was none.
     ``changed``: it was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen
-    before. ``text`` is what an SCD dictionary or S7comm-plus calls the value, ``remark`` what is odd about it.
+    before. ``text`` is what an SCD dictionary or S7comm-plus calls the value, ``remark`` what is odd about it. ``doubt`` says
+    why the pair is only likely that the value is from (`Transaction.doubt`); it is empty for all others.
     """
 
     __slots__ = (
         "before",
         "changed",
         "data",
+        "doubt",
         "first",
         "frame",
         "how",
@@ -131,6 +137,12 @@ class ValueRow:
         self.pieced: bool = False
         self.text: str = ""
         self.remark: str = ""
+        self.doubt: str = ""
+
+    @property
+    def certainty(self) -> str:
+        """``likely`` for the value of a pair that is only likely, ``sure`` for all others."""
+        return LIKELY if self.doubt else SURE
 
     @property
     def connection(self) -> int:

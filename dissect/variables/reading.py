@@ -29,6 +29,7 @@ def values(
     of: str | Sequence[str] = (),
     changes: bool = False,
     every: timedelta | None = None,
+    likely: bool = False,
     where: str | Where | None = None,
     tags: Tags = None,
     scd: str | os.PathLike[str] | Dictionary | None = None,
@@ -39,7 +40,8 @@ def values(
     """Iterate the values of variables that were read, written or pushed in one capture or several.
 
     ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are there. ``changes``
-    leaves out what is as before, ``every`` all but the first value of a variable in each such stretch of time. The others
+    leaves out what is as before, ``every`` all but the first value of a variable in each such stretch of time. ``likely`` adds
+    the values of pairs of request and answer that are only likely; `ValueRow.doubt` of these says why. The others
     are as for `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were
     complete; at most 20,000 variables have a value before (`dissect.variables.tracker.MAX_VARIABLES`).
     Raises `dissect.variables.choosing.WantedError` for a name that is neither an address nor a tag, ValueError for a time that
@@ -60,7 +62,8 @@ def values(
 
         wanted = choose(names, Known(naming, scd_names(decoder), of_command=False))
     chosen = where_of(where, options)
-    collector = Collector(wanted, changes, every_ns, False, chosen.predicate("transaction") if chosen else None)
+    wants = chosen.predicate("transaction") if chosen else None
+    collector = Collector(wanted, changes, every_ns, False, wants, likely=likely)
     run = Run([path, *more], collector, options)
     if chosen is not None:
         chosen.context.start = lambda: int(run.pipeline.first_ns)
@@ -81,8 +84,8 @@ def value_tables(rows: Iterable[ValueRow]) -> dict[str, pyarrow.Table]:
 
     Where several variables have a name the type stands behind it, and the PLC where that is not enough. Columns: ``time``
     (nanoseconds, UTC), ``value`` (of the type of the values: bool, int64, double, string, or lists of these; as text where
-    they differ), ``how``, ``client``, ``connection``, ``frame``; rows are in order of time. What is known of the variable is
-    in the metadata of the schema: ``plc``, ``address``, ``tag``, ``type``, ``unit``. All values are in memory at once.
+    they differ), ``how``, ``client``, ``connection``, ``frame``, ``certainty``; rows are in order of time. What is known of the
+    variable is in the metadata of the schema: ``plc``, ``address``, ``tag``, ``type``, ``unit``. All values are in memory.
     Raises ImportError with what to install where pyarrow is missing.
     """
     try:
@@ -136,6 +139,7 @@ def _table(pa: Any, variable: Variable, rows: list[ValueRow]) -> pyarrow.Table:
         "client": pa.array([row.host for row in rows]),
         "connection": pa.array([row.connection for row in rows], pa.int64()),
         "frame": pa.array([int(row.frame) for row in rows], pa.int64()),
+        "certainty": pa.array([row.certainty for row in rows]),
     }
     table: pyarrow.Table = pa.table(
         columns, metadata={key: text.encode("utf-8", "replace") for key, text in about.items()}

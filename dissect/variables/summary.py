@@ -27,7 +27,7 @@ _EXACT: Final = 17
 CSV_COLUMNS: Final = (
     "plc", "address", "tag", "type", "unit", "count", "changes", "distinct", "distinct_more", "first_time", "first",
     "last_time", "last", "min", "max", "mean", "period_ns", "jitter_ns", "readers", "writers", "other_clients",
-    "refused_reads", "refused_writes", "unconfirmed_writes",
+    "refused_reads", "refused_writes", "unconfirmed_writes", "likely",
 )  # fmt: skip
 
 
@@ -43,7 +43,7 @@ class Summary:
 
 def _told(variable: Variable) -> bool:
     statistics = variable.statistics
-    counted = variable.refused_reads + variable.refused_writes + variable.unconfirmed
+    counted = variable.refused_reads + variable.refused_writes + variable.unconfirmed + variable.likely
     return (statistics is not None and statistics.count > 0) or counted > 0
 
 
@@ -73,9 +73,9 @@ def sparkline(points: Sequence[float], levels: str = LEVELS) -> str:
 
 _HEADS: Final = (
     "variable", "type", "count", "first", "last", "min", "max", "mean", "period", "distinct", "read by", "written by",
-    "refused",
+    "refused", "only likely",
 )  # fmt: skip
-_RIGHT: Final = frozenset(("count", "min", "max", "mean", "distinct"))
+_RIGHT: Final = frozenset(("count", "min", "max", "mean", "distinct", "only likely"))
 
 
 def text_lines(summary: Summary, _clock: Clock, places: Places) -> list[Line]:
@@ -119,6 +119,7 @@ def _cells(variable: Variable, places: Places, spark: bool) -> list[str]:
         _clients(found.readers, places),
         _clients(found.writers, places),
         _refused(variable),
+        str(variable.likely) if variable.likely else "",
     ]
     return [*cells, sparkline(found.trend) if found.numbers > 1 else ""] if spark else cells
 
@@ -211,6 +212,7 @@ def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
         "refused_reads": int(variable.refused_reads),
         "refused_writes": int(variable.refused_writes),
         "unconfirmed_writes": int(variable.unconfirmed),
+        **({"likely": int(variable.likely)} if variable.likely else {}),
     }
 
 
@@ -235,7 +237,7 @@ def csv_rows(summary: Summary) -> Iterable[list[str]]:
         statistics = _statistics(variable)
         row = []
         for name in CSV_COLUMNS:
-            value = found[name]
+            value = found.get(name, 0)
             if name in {"first", "last"}:
                 given = statistics.first if name == "first" else statistics.last
                 row.append(

@@ -58,15 +58,20 @@ class Tracker:
     """Remembers variables, and makes ``rows`` of their values; with ``sums`` it only adds them up.
 
     ``untracked`` counts values of variables beyond ``most``, or beyond `MAX_KEPT`; ``refused`` and ``unconfirmed`` count items
-    without a value. ``changes`` and ``every_ns`` as for `Collector`.
+    without a value. ``changes``, ``every_ns`` and ``likely`` as for `Collector`. While ``doubt`` is set, to that of a pair that
+    is only likely, values make rows at most: nothing of them is remembered, added up or compared with later.
     """
 
-    def __init__(self, changes: bool, every_ns: i64, sums: bool, most: i64) -> None:
+    def __init__(self, changes: bool, every_ns: i64, sums: bool, most: i64, likely: bool = False) -> None:
         self.rows: list[ValueRow] = []
         self.untracked: i64 = 0
         self.refused: i64 = 0
         self.unconfirmed: i64 = 0
         self.most: i64 = most
+        self.doubt: str = ""
+        self.aside: bool = False  # ``doubt`` is set
+        self.left_out: bool = False  # a value was left out since ``doubt`` was set
+        self._likely: bool = likely
         self.count: i64 = 0
         self.plcs: dict[str, Plc] = {}
         self._changes: bool = changes
@@ -118,6 +123,10 @@ class Tracker:
 
     def refuse(self, variable: Variable, code: i64, writes: bool) -> None:
         """Count an item without a value: refused or, if ``code`` is `NO_ANSWER`, a write whose result was not captured."""
+        if self.aside:
+            variable.likely += 1
+            self.left_out = True
+            return
         if code == NO_ANSWER:
             if writes:
                 variable.unconfirmed += 1
@@ -133,7 +142,7 @@ class Tracker:
         self, transaction: Transaction, variable: Variable, item: Item, how: str, writes: bool, data: bytes
     ) -> None:
         """Take the octets of an S7comm item; they are only decoded if they are different from those before."""
-        if self._adds:
+        if self._adds and not self.aside:
             self._add(transaction, variable, item, writes, data)
             return
         row = self.row(transaction, variable, how, writes, data)
@@ -183,7 +192,12 @@ class Tracker:
         if writes and transaction.request_frame:
             time_ns = transaction.request_ns
             frame = transaction.request_frame
-        if variable.next_ns < 0:
+        if self.aside:
+            variable.likely += 1
+            if not self._likely or time_ns < variable.next_ns:
+                self.left_out = True
+                return None
+        elif variable.next_ns < 0:
             self.untracked += 1
         elif self._every_ns:
             if time_ns < variable.next_ns:
@@ -202,11 +216,15 @@ class Tracker:
         row.previous = variable.value
         row.before = variable.data
         row.previous_text = variable.text
+        row.doubt = self.doubt
         return row
 
     def finish(self, row: ValueRow) -> None:
         """Remember the value of a row as the latest one, and keep the row or add it up."""
         variable = row.variable
+        if row.doubt:
+            self.rows.append(row)
+            return
         if variable.next_ns >= 0 and row.changed:
             self._keep(variable, row.data, row.value, row.text)
         statistics = variable.statistics

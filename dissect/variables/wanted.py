@@ -100,6 +100,17 @@ class Image:
         if self.part is None and wanted.area in _COUNTING and wanted.bits == NUMBERED_BITS:
             self.transport_size = wanted.area  # for timers and counters, both have the same number
 
+    def copy(self) -> Image:
+        """Return an image that may take octets which are not certain, and leaves this one as it is."""
+        made = Image(self.wanted, None)
+        made.octets = bytearray(self.octets)
+        made.known = bytearray(self.known)
+        made.missing = self.missing
+        made.variable = self.variable
+        made.transport_size = self.transport_size
+        made.part = self.part
+        return made
+
     def take(self, data: bytes, start: i64, bits: i64) -> bool:
         """Take octets that begin at bit ``start``; return whether they cover the whole place."""
         wanted = self.wanted

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.report import words
+from dissect.report.certainty import doubt_mark
 from dissect.report.item_json import value_text
 from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
@@ -42,6 +43,8 @@ CSV_COLUMNS: Final[list[str]] = [
     "changed",
     "octets",
     "remark",
+    "certainty",
+    "doubt",
 ]
 FILE_COLUMN: Final = "file"
 #: Bytes as JSON numbers: most lists are lists of bytes.
@@ -154,11 +157,12 @@ class Written:
             and not row.pieced
             and not row.text
             and not row.remark
+            and not row.doubt
         )
 
     def keep(self, row: ValueRow, repeated: str) -> None:
         """Keep the end of a row without a change, unless it has a text or remark of its own."""
-        if not (row.pieced or row.text or row.remark):
+        if not (row.pieced or row.text or row.remark or row.doubt):
             self.data = row.data
             self.repeated = repeated
 
@@ -285,7 +289,8 @@ def line_end(row: ValueRow, what: str) -> str:
     remark = f"  [{shortened(row.remark, _NAME)}]" if odd else ""
     if row.pieced:
         remark = f"  [{PIECED}]"
-    return f"{what} = {shown(variable, row.value, row.data, row.text)}{was}{remark}"
+    mark = f"  {doubt_mark(row.doubt)}" if row.doubt else ""
+    return f"{what} = {shown(variable, row.value, row.data, row.text)}{was}{remark}{mark}"
 
 
 # ---- JSON -----------------------------------------------------------------------------------------------------------
@@ -373,9 +378,10 @@ class ValueJsonl(RowWriter):
         octets = f'"{data.hex()}"' if data is not None else "null"
         remark = _or_null(row.remark) if not row.pieced else f'"{PIECED}"'
         text = f',"text":{json_text(row.text)}' if row.text else ""
+        likely = f',"certainty":"{row.certainty}","doubt":"{row.doubt}"' if row.doubt else ""
         return (
             f'{written.names},"value":{value}{text},"previous":{was},"changed":{changed}'
-            f',"octets":{octets},"remark":{remark}}}'
+            f',"octets":{octets},"remark":{remark}{likely}}}'
         )
 
 
@@ -440,7 +446,8 @@ class ValueCsv(RowWriter):
         text = quoted(cell(row.text)) if row.text else ""
         remark = PIECED if row.pieced else quoted(cell(row.remark)) if row.remark else ""
         octets = data.hex() if data is not None else ""
-        return f"{written.names},{written.text},{text},{unit},{was},{changed},{octets},{remark}"
+        likely = f"{row.certainty},{row.doubt}"
+        return f"{written.names},{written.text},{text},{unit},{was},{changed},{octets},{remark},{likely}"
 
 
 def value_cell(variable: Variable, value: object, data: bytes | None) -> str:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import pytest
 
 from dissect.alerts import states
+from dissect.baseline import Learner
+from dissect.transactions.results import GAPS
 from tests.alerts.rules_of import Kept
 from tests.baseline.wire import Client
+from tests.transactions.talk import SECOND, Talk, dbw, read, words
 
 RULES = (
     'when = "rate"\nabove = 100',
@@ -45,3 +48,23 @@ def test_what_was_seen_last_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     first.read(3.3)
     engine.over()
     assert {alert.pair for alert in engine.alerts} == {("10.0.1.1", "10.0.0.2")}
+
+
+def test_an_answer_that_is_only_likely_has_no_answer_time() -> None:
+    """Neither for a rule about answer times, nor for the baseline that it compares with."""
+    (watch,) = Kept('when = "latency"\nabove = "1ms"')._states
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.wait(SECOND)
+    talk.tell(words(1, 1))
+    transaction = talk.transactions[-1]
+    pair = ("10.0.0.1", "10.0.0.2")
+    for flags, alerts in ((GAPS, False), (0, True)):
+        transaction.flags = flags
+        watch.take(pair, transaction, talk.now_ns)
+        assert any(make is not None for _, make in watch.look(talk.now_ns)) is alerts
+        learner = Learner()
+        learner.transaction(transaction)
+        (norm,) = learner.baseline().pairs.values()
+        assert (norm.median_ms is not None, norm.transactions) == (alerts, 1)

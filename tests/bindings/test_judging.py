@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 
 from dissect.bindings.engine import ScdCarrier
-from dissect.bindings.judging import MAX_COUNTERS, MAX_COUNTERS_ALL
-from dissect.transactions.transaction import Transaction
+from dissect.bindings.judging import MAX_COUNTERS, MAX_COUNTERS_ALL, ScdJudge
+from dissect.transactions.results import ALIKE, GAPS
+from dissect.transactions.transaction import ANSWERED, Transaction
 from tests.bindings import plant
 from tests.findings.scd_scenarios import remap
-from tests.transactions.talk import CLIENT, SERVER, Talk, ack_data, item, write, written
+from tests.transactions.talk import CLIENT, SERVER, Talk, ack_data, good, item, read, write, written
 
 
 def listening() -> Talk:
@@ -63,6 +64,43 @@ def test_counters_are_bounded_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     talk.pipeline.finish()
     assert carrier._judge._counters == {}
     assert carrier._judge._kept == 0
+
+
+@pytest.mark.parametrize(("flags", "mapped"), [(0, True), (GAPS, False), (ALIKE, False)])
+def test_a_write_is_acknowledged_where_the_pair_is_sure(flags: int, mapped: bool) -> None:
+    """The answer to a likely pair may belong to another request: the device may still map as it did."""
+    talk = listening()
+    talk.datagram(CLIENT, plant.ask("0x1a00:0", 0))
+    talk.pipeline.finish()
+    (write_,) = [one for one in talk.transactions if one.function_name == "SCD write"]
+    write_.outcome, write_.flags, write_.response_frame = ANSWERED, write_.flags | flags, 2
+    carrier = talk.pipeline.exchange.decoder
+    assert isinstance(carrier, ScdCarrier)
+    carrier.transaction(write_)
+    assert ("scd.remapped" in [slug for slug, _ in details(talk)]) is mapped
+
+
+@pytest.mark.parametrize("flags", [0, GAPS, ALIKE])
+@pytest.mark.parametrize("wrote", [False, True])
+def test_contents_of_a_likely_pair_are_not_held_against_the_device(
+    monkeypatch: pytest.MonkeyPatch, flags: int, wrote: bool
+) -> None:
+    """What a client wrote is known whoever answered it; what a server answered may be the content of another place."""
+    talk = listening()
+    talk.open()
+    octets = bytes.fromhex("01C805")
+    place = item(0x84, 10, 0, 2, 3)
+    talk.ask(write(1, [place], written(4, octets)) if wrote else read(1, place))
+    talk.tell(ack_data(1, b"\x05\x01", b"\xff") if wrote else ack_data(1, b"\x04\x01", good(4, octets)))
+    pair = talk.transactions[-1]
+    pair.flags |= flags
+    judged: list[bool] = []
+    monkeypatch.setattr(ScdJudge, "content", lambda _self, _device, _found, *, accepted: judged.append(accepted))
+    carrier = talk.pipeline.exchange.decoder
+    assert isinstance(carrier, ScdCarrier)
+    carrier.transaction(pair)
+    assert len(pair.scd) == 1
+    assert judged == ([not flags] if wrote else [True] * (not flags))
 
 
 def test_a_mapping_is_told_with_what_it_holds() -> None:

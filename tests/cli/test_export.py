@@ -63,7 +63,7 @@ def test_a_selection_and_tags(capfdbinary: Capture, tmp_path: Path) -> None:
     assert (ran.code, ran.out) == (0, "")
     lines = out.read_text(encoding="utf-8").splitlines()
     assert f"{len(lines) - 1} items written to" in ran.err
-    assert any(",write,Valve.pressure,DB," in line for line in lines)
+    assert any(",write,sure,Valve.pressure,DB," in line for line in lines)
     assert not any(",read," in line for line in lines)
 
 

@@ -81,9 +81,7 @@ def test_counts_are_those_of_analyze() -> None:
         assert len(rows["connections"]) == len(analysis.connections)
         assert len(rows["findings"]) == len(analysis.findings) + len(analysis.explained)
         assert len(rows["operations"]) == sum(sum(counts.values()) for counts in analysis.operations.values())
-        assert sum(row["failed"] for row in rows["transactions"]) == analysis.with_errors + analysis.unanswered - (
-            analysis.still_open
-        )
+        assert sum(row["failed"] for row in rows["transactions"]) == analysis.with_errors + analysis.missed
         assert sum(row["item_count"] for row in rows["transactions"]) == len(rows["items"])
 
 

@@ -84,9 +84,9 @@ def _lines(head: str, rest: list[str]) -> list[str]:
             fact = _fact(head, found[1])
             lines += [f"# {fact}"] if fact else []
         elif re.match(r"  (?:  )?[^ #]", line) and not line.startswith(
-            ("  scd ", "  job of ")
+            ("  scd ", "  job of ", "  likely: ")
         ):  # which tshark does not say
-            said = re.sub(r"  # .*", "", line).strip()
+            said = re.sub(r"  # .*", "", line).strip().removesuffix(", perhaps")
             said = re.sub(r'= (".*")$', _text, re.sub(r'= (".*") (?=refused|as )', _text, said))
             lines.append(re.sub(r"(L?REAL)( x[0-9]+)? = (\[.*\]|[^\s<]\S*)", _octets, said))
     return lines

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dissect.golden import DiffOptions, Session, diff_sessions, golden_text, parse_golden, read_session
 from dissect.s7.errors import ERROR_CODES
-from dissect.transactions.transaction import HOLE, REASON_TEXTS
+from dissect.transactions.transaction import HOLE, PERHAPS_ANSWERED, REASON_TEXTS
 from tests.cases import each
 from tests.golden.support import RECORDED, ROOT, WRITTEN, edited, place, reads, session, told
 from tests.properties import messages
@@ -54,7 +54,9 @@ WHO = "connection 1, TSAPs: was TSAP 01.00 (PG) → 01.%02d (PG, rack 0 slot %d)
         ("  no answer: connection_closed\n  DB10.DBW6 WORD", "  DB10.DBW6 WORD = 7", "answers",
          f"{OPEN}, is 7"),
         ("no answer: connection_closed", "no answer: hole", "answers",
-         f"{OPEN}, is unanswered: {REASON_TEXTS[HOLE]}"),
+         f"{OPEN}, is {REASON_TEXTS[HOLE]}"),
+        ("no answer: connection_closed", "no answer: hole, perhaps", "answers",
+         f"{OPEN}, is {PERHAPS_ANSWERED}"),
         ("DB10.DBW6 WORD", "DB10.DBW8 WORD", "requests",
          "transaction 5, READ DB10.DBW6: requests DB10.DBW8 instead of DB10.DBW6"),
         ("3 client WRITE\n  DB10.DBW4 INT = 5\n", "", "missing", "transaction 3, WRITE DB10.DBW4: missing (was 5)"),

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -188,3 +189,33 @@ def test_what_is_no_golden_is_refused_before_it_fills_the_memory(tmp_path: Path,
     path.write_bytes(b"s7dissect golden 1\n" + below)
     with pytest.raises(GoldenError, match=why):
         read_session(path)
+
+
+def test_how_certain_a_pair_is_is_read_and_written() -> None:
+    doubtful = WRITTEN.replace("3 client WRITE\n", "3 client WRITE\n  likely: alike  # why\n", 1)
+    doubtful = doubtful.replace("no answer: connection_closed", "no answer: hole, perhaps")
+    found = parse_golden(doubtful)
+    told = [(one.certainty, one.doubt) for one in found.transactions]
+    assert told == [("sure", ""), ("sure", ""), ("likely", "alike"), ("sure", ""), ("likely", "")]
+    assert golden_text(parse_golden(golden_text(found))) == golden_text(found)
+    assert "  likely: alike  # the answer fits several pending requests with the same reference\n" in golden_text(found)
+    sure = parse_golden(WRITTEN.replace("no answer: connection_closed", "no answer: hole"))
+    assert [(one.certainty, one.doubt) for one in sure.transactions] == [("sure", "")] * 5
+    assert "likely" not in golden_text(sure)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("no answer: connection_closed", "no answer: connection_closed, perhaps", "is not a reason"),
+        (
+            "no answer: connection_closed",
+            "no answer: connection_closed\n  likely: gaps",
+            "belongs to a request with its answer",
+        ),
+        ("3 client WRITE", "3 client WRITE\n  likely: so", "so is not a doubt; known doubts: gaps, alike"),
+    ],
+)
+def test_what_is_wrong_with_a_certainty(old: str, new: str, why: str) -> None:
+    with pytest.raises(GoldenError, match=re.escape(why)):
+        parse_golden(WRITTEN.replace(old, new))

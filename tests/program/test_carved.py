@@ -274,3 +274,15 @@ def test_know_how_protection_of_s7comm_plus(value: Value, protected: bool) -> No
     block = plus_block(build_object(PlusObject(0x8A320001, 2647, 0, 0, 0, [Attribute(2524, value)])))
     assert block is not None
     assert block.protected == protected
+
+
+@pytest.mark.parametrize("said", [upload(OB1, "_0800001A", 7, 33), download(FC3, "_0C00003P", 17)])
+def test_a_block_with_pieces_from_pairs_that_are_only_likely_is_not_complete(said: list[Said]) -> None:
+    (sure,) = carved(said)
+    assert sure.complete
+    one = sure.operation
+    assert one is not None
+    one.likely = 2
+    (block,) = carve(one)
+    assert (block.octets, block.complete) == (sure.octets, False)
+    assert block.missing == ("2 pairs of request and answer are only likely, so its pieces may not belong together")

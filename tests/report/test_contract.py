@@ -69,7 +69,11 @@ def consistent(told: Told) -> None:
         assert told["slowest"][0]["latency_ns"] == times["max"]
     else:
         assert {times[key] for key in ("min", "median", "p95", "p99", "max")} == {None}
-    assert len(told["failed"]) == min(100, counts["with_errors"] + counts["unanswered"] - counts["still_open"])
+    missed = counts["unanswered"] - counts["still_open"] - counts.get("answers_not_captured", 0)
+    assert len(told["failed"]) == min(100, counts["with_errors"] + missed)
+    assert counts.get("answers_not_captured", 0) == counts["unanswered_reasons"].get("hole", 0)
+    assert counts.get("likely", 0) == sum(counts.get("likely_doubts", {}).values())
+    assert counts.get("likely", 0) == sum(function.get("likely", 0) for function in told["functions"])
     found = told["finding_details"]
     details = [finding["slug"] for finding in found if finding["because_of"] is None]
     assert set(details) <= set(told["findings"]) <= set(CATALOGUE)

@@ -80,6 +80,8 @@ def test_a_read_of_one_item() -> None:
             "latency_ns": "1000000",
             "outcome": "answered",
             "reason": "",
+            "certainty": "sure",
+            "doubt": "",
             "item": "1",
             "address": "DB10.DBW4",
             "name": "",

@@ -21,8 +21,10 @@ from dissect.s7.message import parse_pdu
 from dissect.s7.tables import SUCCESS
 from dissect.s7.values import Value, decode_value
 from dissect.session import Run
+from dissect.transactions.results import ALIKE, GAPS
 from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import HOLE, Transaction
+from dissect.wire.text import Clock
 from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
@@ -498,3 +500,57 @@ def test_a_request_that_tcp_sent_again(plus: bool, locate: bool) -> None:
     where = {"frame": 1, "file": "two.pcap"} if locate else {"frame": 9}
     assert line["sent_again"] == {"times": 1, "after_ns": 300_000_000} | where
     assert not any("sent_again" in other for other in found.lines[:-1])
+
+
+@pytest.mark.parametrize("locate", [False, True])
+@pytest.mark.parametrize("plus", [False, True])
+@pytest.mark.parametrize(("flag", "doubt"), [(GAPS, "gaps"), (ALIKE, "alike")])
+def test_a_pair_that_is_only_likely(plus: bool, locate: bool, flag: int, doubt: str) -> None:
+    """It has the time of its answer, as it has no answer time by which that could be found."""
+    talk = begun()
+    if plus:
+        talk.send(0, dt(framed(asked(5)))).send(1, dt(framed(told(5))))
+    else:
+        read(talk, 5)
+    found = Both(locate)
+    observed(found, talk.packets())
+    transaction, sure = found.transactions[-1], found.lines[-1]
+    assert not {"certainty", "doubt", "response_time"} & sure.keys()
+    transaction.flags |= flag
+    found.transaction(transaction)
+    line = found.lines[-1]
+    assert complaints("transaction", line, exact=True) == []
+    clock = Clock()
+    assert line == sure | {
+        "certainty": "likely", "doubt": doubt, "latency_ns": None, "response_time": clock.iso(transaction.response_ns),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("write", [False, True])
+def test_a_setup_or_a_write_that_is_only_likely(write: bool) -> None:
+    talk = begun()
+    if write:
+        talk.send(0, dt(messages.write_job(1, [WORD], [b"\x00\x01"]))).send(1, dt(messages.write_answer(1, [0xFF])))
+    found = Both()
+    observed(found, talk.packets())
+    transaction, sure = found.transactions[-1], found.lines[-1]
+    transaction.flags |= ALIKE
+    found.transaction(transaction)
+    line = found.lines[-1]
+    assert complaints("transaction", line, exact=True) == []
+    assert {key for key in line if line[key] != sure.get(key)} == {"certainty", "doubt", "latency_ns", "response_time"}
+
+
+def test_an_answer_that_was_not_captured_says_perhaps() -> None:
+    talk = begun().send(0, dt(messages.read_job(1, [WORD])))
+    found = Both()
+    observed(found, talk.packets())
+    transaction = found.transactions[-1]
+    transaction.reason = HOLE
+    found.transaction(transaction)
+    transaction.flags |= GAPS
+    found.transaction(transaction)
+    sure, perhaps = found.lines[-2:]
+    assert (sure["reason"], "certainty" in sure) == ("hole", False)
+    assert perhaps == sure | {"certainty": "likely"}
+    assert complaints("transaction", perhaps, exact=True) == []

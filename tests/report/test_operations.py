@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dissect.report.operations import operation_line
+import json
+
+from dissect.report.operations import operation_json, operation_line
 from dissect.report.words import Places
 from dissect.report.writers.text import transaction_line
 from dissect.source.packet import SourceFile
 from dissect.transactions.operation import Operation
+from dissect.transactions.results import GAPS
 from dissect.wire.text import Clock
 from tests.findings import events
+from tests.report.schemas import complaints
 from tests.transactions.talk import Talk
 
 PLACES = Places([SourceFile("a.pcap", 1)], False)
@@ -109,3 +113,23 @@ def test_what_a_clock_that_ran_backwards_cannot_tell_is_left_out() -> None:
     assert "on average" not in said
     operation.end_ns = operation.begin_ns - 1
     assert line(operation).partition(":102")[2].startswith("         ?  cyclic reading")
+
+
+def test_an_operation_says_how_many_of_its_pairs_are_only_likely() -> None:
+    talk = begun()
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1, 7, 300))
+    step = talk.transactions[-1]
+    talk.close()
+    operation = only(talk)
+    assert "likely" not in line(operation)
+    assert "likely" not in json.loads(operation_json(operation, Clock(), PLACES))
+    step.flags |= GAPS
+    operation.add(step)
+    assert (operation.likely, operation.parts) == (1, 2)
+    assert line(operation).endswith("UNFINISHED (connection closed, 1 pair only likely)")
+    told = json.loads(operation_json(operation, Clock(), PLACES))
+    assert told["likely"] == 1
+    assert complaints("operation", told, exact=True) == []
+    operation.error_code = 0xD401
+    assert line(operation).endswith("(1 pair only likely)")

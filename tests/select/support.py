@@ -20,7 +20,7 @@ from dissect.transactions.transaction import Transaction
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
 ERRORS: Final = str(CAPTURES / "item-errors.pcapng")
-#: Reads, writes, refusals, missing answers, transfers, SZL, cyclic services, causes, SCD.
+#: Reads, writes, refusals, missing answers, pairs that are only likely, transfers, SZL, cyclic services, causes, SCD.
 NAMES: Final = (
     "item-errors",
     "answer-lost",
@@ -30,6 +30,7 @@ NAMES: Final = (
     "password",
     "read-areas",
     "crafted/causes",
+    "crafted/certainty",
     "scd/plant",
 )
 

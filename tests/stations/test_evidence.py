@@ -10,8 +10,10 @@ import pytest
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.stations import facts
-from dissect.stations.evidence import clock_time
+from dissect.stations.evidence import Evidence, clock_time
 from dissect.stations.facts import Fact
+from dissect.transactions.results import GAPS
+from tests.cases import each
 from tests.findings import events
 from tests.findings.plus_scenarios import begun, opened
 from tests.stations.answers import (
@@ -214,3 +216,27 @@ def test_an_old_answer_is_not_read_again_but_said_again() -> None:
     for number in range(3):
         szl(talk, number + 1, mode(8))
     assert [fact.fresh for fact in talk.facts] == [True, False, False]
+
+
+CLOCK: Final = bytes.fromhex("0019" + "20091312264500" + "01")
+#: What was asked and told, and what of it is a fact of the station whichever request the answer belongs to.
+DOUBTFUL: Final = [
+    (4, 1, identification(ORDER, (3, 2, 6))[:4], identification(ORDER, (3, 2, 6)), True),
+    (7, 1, b"", CLOCK, True),
+    (7, 2, CLOCK, b"", False),
+    (3, 1, b"", b"08\x00\x02", True),
+    (3, 2, b"0A", struct.pack(">HBB", 1, 0x22, 5), False),
+]
+
+
+@each(("group", "subfunction", "asked", "answer", "stays"), DOUBTFUL)
+def test_of_a_pair_that_is_only_likely_only_what_the_answer_itself_says_is_a_fact(
+    group: int, subfunction: int, asked: bytes, answer: bytes, stays: bool
+) -> None:
+    talk = told()
+    answered(talk, 1, group, subfunction, asked, answer)
+    transaction = talk.transactions[-1]
+    sure = Evidence().of_transaction(transaction)
+    assert sure
+    transaction.flags |= GAPS
+    assert len(Evidence().of_transaction(transaction)) == (len(sure) if stays else 0)

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import pytest
+
 from dissect.transactions.good_items import good_octets
+from dissect.transactions.results import ALIKE, GAPS
 from dissect.transactions.transaction import Transaction
 from tests.transactions.talk import Talk, ack_data, dbw, good, item, read, refused, write, written
 
@@ -35,3 +38,13 @@ def test_no_good_octets_where_anything_is_odd() -> None:
     talk.tell(ack_data(2, b"\x05\x01", b"\xff"))
     talk.close()
     assert [good_octets(found) for found in talk.transactions] == [None, None]
+
+
+@pytest.mark.parametrize("flag", [GAPS, ALIKE])
+def test_a_read_that_is_only_likely_is_not_taken_for_an_ordinary_one(flag: int) -> None:
+    """What steps over the items writes no mark."""
+    found = read_of(good(4, b"\x00\x2a"), request=(dbw(1, 0),))
+    assert good_octets(found) == [b"\x00\x2a"]
+    found.flags |= flag
+    assert good_octets(found) is None
+    assert [result.data for result in found.results()] == [b"\x00\x2a"]

@@ -7,10 +7,11 @@ import struct
 import pytest
 
 from dissect.findings.reporter import Finding
-from dissect.transactions.results import UNCHANGED
-from dissect.transactions.subscriptions import MAX_JOBS
+from dissect.transactions.results import GAPS, UNCHANGED
+from dissect.transactions.subscriptions import MAX_JOBS, follow
 from dissect.transactions.transaction import Transaction
 from tests.cases import each
+from tests.findings import events
 from tests.transactions.talk import Talk, ack_data, dbw, head, item, job, read, userdata, write
 
 #: Two areas: DB68 from octet 352 on two octets, DB72 octet 48.
@@ -346,3 +347,19 @@ def test_an_answer_of_which_the_request_is_missing_is_refused_as_well() -> None:
     talk.tell(userdata(7, head(RESPONSE, 4, ALARM_ACK, 1, 0), content(bytes.fromhex("0901 0a"))))
     talk.finish()
     assert [(error.where, error.address) for error in talk.transactions[-1].errors] == [("alarm 1", "")]
+
+
+def test_a_subscription_that_is_only_likely_gives_its_pushes_no_addresses() -> None:
+    """The job exists, as its pushes show, but which items it sends is only likely; what was known of its number is over."""
+    talk = Talk()
+    talk.open()
+    talk.ask(events.asks(1, CYCLIC, TRANSFER, events.CYCLIC))
+    talk.tell(events.tells(1, CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
+    subscribed = talk.transactions[-1]
+    jobs = subscribed.connection.subscriptions
+    assert len(jobs) == 1
+    subscribed.flags |= GAPS
+    follow(subscribed)
+    assert jobs == {}
+    talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
+    assert talk.transactions[-1].subscribed is None

@@ -9,8 +9,18 @@ from dissect.s7.items import ItemResult
 from dissect.s7.values import Value
 from dissect.transactions import results as checks
 from dissect.transactions import transaction as module
-from dissect.transactions.results import HEADER, ITEM, MESSAGE, PARAMETER, STILL_OPEN, UNCONFIRMED
-from dissect.transactions.transaction import LIKELY, OUTCOMES, REASON_TEXTS, SURE, Transaction
+from dissect.transactions.results import ALIKE, GAPS, HEADER, ITEM, MESSAGE, PARAMETER, STILL_OPEN, UNCONFIRMED
+from dissect.transactions.transaction import (
+    CONNECTION_CLOSED,
+    HOLE,
+    LIKELY,
+    ORPHAN,
+    OUTCOMES,
+    REASON_TEXTS,
+    SURE,
+    UNANSWERED,
+    Transaction,
+)
 from tests.layers.examples import BY_NUMBER
 from tests.transactions.talk import (
     Talk,
@@ -452,3 +462,46 @@ def test_granted_values_come_from_the_answer() -> None:
     assert answer is not None
     assert answer.setup is not None
     assert (transaction.parameters.setup.pdu_length, answer.setup.pdu_length) == (960, 240)
+
+
+def answered_read() -> Transaction:
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 42))
+    talk.close()
+    return talk.transactions[-1]
+
+
+@pytest.mark.parametrize(("flag", "doubt"), [(GAPS, "gaps"), (ALIKE, "alike"), (GAPS | ALIKE, "gaps")])
+def test_a_pair_that_is_only_likely_has_no_answer_time_and_no_mismatch(flag: int, doubt: str) -> None:
+    found = answered_read()
+    assert (found.certainty, found.doubt, found.is_likely, found.latency_ns) == (SURE, "", False, 1_000_000)
+    found.flags |= checks.SIZE_MISMATCH
+    assert (checks.mismatches(found), checks.went_wrong(found)) == (checks.SIZE_MISMATCH, True)
+    found.flags |= flag
+    assert (found.certainty, found.doubt, found.is_likely, found.latency_ns) == (LIKELY, doubt, True, None)
+    assert (checks.mismatches(found), checks.went_wrong(found), found.failed) == (0, False, False)
+    assert found.reason_text == ""
+    found.has_errors = True  # what an answer refuses is refused, whichever request it belongs to
+    assert checks.went_wrong(found)
+
+
+def test_an_answer_that_was_not_captured_is_neither_missed_nor_failed() -> None:
+    found = answered_read()
+    found.outcome, found.reason = UNANSWERED, CONNECTION_CLOSED
+    assert (found.certainty, found.missed, found.failed) == ("", True, True)
+    assert found.reason_text == REASON_TEXTS[CONNECTION_CLOSED]
+    found.reason = HOLE
+    assert (found.certainty, found.missed, found.failed, found.unseen) == (SURE, False, False, True)
+    assert found.reason_text == "answered, but the answer was not captured"
+    found.flags |= GAPS
+    assert (found.certainty, found.missed, found.failed, found.unseen) == (LIKELY, False, False, True)
+    assert found.reason_text == "perhaps answered: bytes from the answering side are missing from the capture"
+    assert (found.is_likely, found.doubt) == (False, "")  # it is no pair
+
+
+def test_an_answer_without_a_request_is_no_pair() -> None:
+    found = answered_read()
+    found.outcome, found.reason = ORPHAN, HOLE
+    assert (found.certainty, found.doubt, found.reason_text) == ("", "", "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import struct
 from fractions import Fraction
@@ -24,13 +25,17 @@ from dissect.s7plus.value_tables import REAL as PLUS_REAL
 from dissect.s7plus.values import Struct, Value
 from dissect.tags import load_tags
 from dissect.tcp.stream import Endpoint
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.results import ALIKE, GAPS
+from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.variables.choosing import Known, choose
 from dissect.variables.collector import Collector, item_type
 from dissect.variables.model import Variable
-from dissect.variables.summary import mean_text
+from dissect.variables.summary import Summary, csv_rows, mean_text, variable_json
 from dissect.variables.writers import line_end, shown
+from dissect.wire.text import Clock
 from tests.properties.messages import Item, dt
-from tests.report.support import ROOT, begun
+from tests.report.schemas import complaints
+from tests.report.support import ROOT, Kept, begun, observed
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_program import type_of, variable
@@ -315,7 +320,7 @@ def items_of(event: Any) -> list[tuple[object, ...]]:
     """Return the items of a transaction that carry a value."""
     if not isinstance(event, Transaction) or event.function not in {4, 5} or event.is_plus or event.is_scd:
         return []
-    if event.outcome_name != "answered" or event.rosctr != 1:
+    if event.outcome_name != "answered" or event.rosctr != 1 or event.is_likely:
         return []
     wrote = event.function == 5
     frame = int(event.request_frame if wrote else event.response_frame)
@@ -416,3 +421,95 @@ def test_the_same_address_in_another_vlan_is_another_plc() -> None:
     ]  # fmt: skip
     assert rows[1].variable is rows[2].variable
     assert rows[0].variable is not rows[1].variable
+
+
+# ---- pairs that are only likely -------------------------------------------------------------------------------------
+
+
+def doubtful(collector: Collector, talk: Any, *numbers: int, flag: int = GAPS) -> list[Any]:
+    """Give a collector the transactions of a talk, those of these numbers as pairs that are only likely; return its rows."""
+    kept = Kept()
+    observed(kept, talk.packets())
+    for transaction in kept.transactions:
+        if transaction.number in numbers:
+            transaction.flags |= flag
+        collector.transaction(transaction)
+    return collector.take()
+
+
+def thrice() -> Any:
+    talk = begun()
+    for ref, value in ((1, 7), (2, 8), (3, 7)):
+        reads(talk, ref, (db(WORD, 0), bytes((0, value))))
+    return talk
+
+
+@pytest.mark.parametrize("flag", [GAPS, ALIKE])
+def test_a_value_that_is_only_likely_is_left_out_or_marked_and_never_remembered(flag: int) -> None:
+    left = Collector()
+    rows = doubtful(left, thrice(), 3, flag=flag)
+    assert [(row.value, row.previous, row.changed) for row in rows] == [(7, None, True), (7, 7, False)]
+    assert left.doubts == {"gaps" if flag == GAPS else "alike": 1}
+    marked = Collector(likely=True)
+    rows = doubtful(marked, thrice(), 3, flag=flag)
+    assert [(row.value, row.previous, row.changed, bool(row.doubt)) for row in rows] == [
+        (7, None, True, False), (8, 7, True, True), (7, 7, False, False),
+    ]  # fmt: skip
+    assert marked.doubts == {}
+
+
+def test_one_that_is_only_likely_takes_no_interval_and_is_no_change() -> None:
+    first = 2  # the first read of all, behind the setup
+    rows = doubtful(Collector(every_ns=3_600_000_000_000, likely=True), thrice(), first)
+    assert [(row.value, bool(row.doubt)) for row in rows] == [(7, True), (8, False)]
+    rows = doubtful(Collector(changes=True, likely=True), thrice(), 3)
+    assert [(row.value, row.previous, bool(row.doubt)) for row in rows] == [(7, None, False), (8, 7, True)]
+
+
+def test_a_place_is_not_put_together_from_what_is_only_likely() -> None:
+    talk = begun()
+    reads(talk, 1, (db(BYTE, 0, 2), b"\x01\x02"))
+    reads(talk, 2, (db(BYTE, 1, 2), b"\x09\x09"))  # the second octet of the place, and one behind it
+    reads(talk, 3, (db(BYTE, 0), b"\x05"))
+    wanted = choose(["DB1.DBW0"], Known(None))
+    rows = doubtful(Collector(wanted, likely=True), talk, 3)
+    assert [(row.data, bool(row.doubt)) for row in rows] == [
+        (b"\x01\x02", False),
+        (b"\x01\x09", True),
+        (b"\x05\x02", False),
+    ]
+    assert [row.data for row in doubtful(Collector(wanted), talk, 3)] == [b"\x01\x02", b"\x05\x02"]
+
+
+def test_a_summary_counts_what_is_only_likely_apart() -> None:
+    talk = begun()
+    reads(talk, 1, (db(WORD, 0), b"\0\7"))
+    reads(talk, 2, (db(WORD, 0), b"\1\0"))
+    reads(talk, 3, (db(WORD, 0), 0x0A))
+    writes(talk, 4, (db(WORD, 2), b"\0\1", 0xFF))
+    collector = Collector(sums=True)
+    doubtful(collector, talk, 3, 4, 5)
+    assert (collector.refused, collector.unconfirmed, collector.doubts) == (0, 0, {"gaps": 3})
+    word, other = Summary(collector).variables
+    told = variable_json(word, Clock())
+    assert (told["count"], told["max"], told["refused_reads"], told["likely"]) == (1, 7, 0, 2)
+    assert complaints("variable", json.loads(json.dumps(told)), exact=True) == []
+    assert (variable_json(other, Clock())["count"], other.likely) == (0, 1)
+    heads, *rows = csv_rows(Summary(collector))
+    assert [row[heads.index("likely")] for row in rows] == ["2", "1"]
+
+
+def test_values_of_s7comm_plus_that_are_only_likely() -> None:
+    path = CRAFTED / "plus-plant.pcapng"
+    kept = [event for event in dissect.open(path, pdus=False) if isinstance(event, Transaction)]
+    plain, none, all_of_them = Collector(), Collector(), Collector(likely=True)
+    for transaction in kept:
+        plain.transaction(transaction)
+        if transaction.outcome == ANSWERED:
+            transaction.flags |= GAPS
+        none.transaction(transaction)
+        all_of_them.transaction(transaction)
+    pairs = [row for row in plain.take() if row.how in {"read", "write"}]
+    assert pairs
+    assert [row for row in none.take() if row.how in {"read", "write"}] == []
+    assert len([row for row in all_of_them.take() if row.doubt]) == len(pairs)

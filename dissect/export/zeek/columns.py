@@ -39,7 +39,7 @@ LOGS: Final[dict[str, Columns]] = {
     # Our own log, named so that it is not taken for one of ICSNPP's.
     "s7comm_transaction": _columns(
         "community_id:string transaction:count protocol:string function_code:string function_name:string outcome:string "
-        "reason:string latency:interval failed:bool errors:vector[string] items:count request_bytes:count response_bytes:count "
-        "request_frame:count response_frame:count"
+        "reason:string certainty:string doubt:string latency:interval failed:bool errors:vector[string] items:count "
+        "request_bytes:count response_bytes:count request_frame:count response_frame:count"
     ),
 }

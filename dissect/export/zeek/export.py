@@ -141,6 +141,8 @@ class ZeekExport(Export, Observer):
                 transaction.function_name or None,
                 transaction.outcome_name,
                 transaction.reason or None,
+                transaction.certainty or None,
+                transaction.doubt or None,
                 transaction.latency_ns,
                 bool(transaction.failed),
                 [f"{error.where}: {error.name}" for error in transaction.errors],

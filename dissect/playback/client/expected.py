@@ -101,4 +101,5 @@ def _copy(transaction: Transaction, link: Link, source: Transaction) -> Transact
     copy = Transaction(link, transaction.asked_by, source.exchange, source.outcome, reason)
     copy.number = transaction.number
     copy.time_ns, copy.latency_ns = transaction.time_ns, transaction.latency_ns
+    copy.doubt = source.doubt
     return copy

@@ -22,7 +22,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import TransactionError
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
+from dissect.transactions.transaction import ANSWERED, OUTCOMES, SURE, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import Times, write_decimal, write_hexadecimal
 from dissect.wire.text import SHORT, Clock, cell, decimal, hexadecimal
@@ -44,6 +44,8 @@ _COLUMNS: Final[list[str]] = [
     "latency_ns",
     "outcome",
     "reason",
+    "certainty",
+    "doubt",
 ]
 FILE_COLUMNS: Final[list[str]] = ["request_file", "response_file"]
 _FILES_AT: Final = 10  # index in `_COLUMNS`, after "response_frame"
@@ -73,8 +75,8 @@ _JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)
 _NO_NUMBERS: Final[dict[str, str]] = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
 #: In the row of a transaction without items: the empty cells between those of the transaction and errors, subject.
 _NO_ITEM: Final = "," * 9
-#: The cells after the latency of an answered transaction, with an empty reason.
-_ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,".encode("ascii")
+#: The cells after the latency of an answered transaction: without a reason, sure, and so without a doubt.
+_ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,{SURE},,".encode("ascii")
 #: How characters are written that UTF-8 cannot encode; all outputs do so.
 _ERRORS: Final = "backslashreplace"
 _COMMA: Final = 0x2C
@@ -234,7 +236,9 @@ class CsvRows:
         asked_ns: i64 = transaction.request_ns
         told_ns: i64 = transaction.response_ns
         rosctr = SHORT[transaction.rosctr] if transaction.rosctr <= USERDATA else ""
-        latency = decimal(told_ns - asked_ns) if transaction.outcome == ANSWERED else ""
+        latency = ""
+        if transaction.outcome == ANSWERED and not transaction.is_likely:
+            latency = decimal(told_ns - asked_ns)
         frames = (
             f"{self._places.number(int(asked)) if asked else ''},{self._places.number(int(told)) if told else ''}"
             if self._places.several
@@ -248,7 +252,7 @@ class CsvRows:
             f",{facet.reference(transaction)},{rosctr},{facet.function_number(transaction)}"
             f",{self._cell(transaction.function_name)},{frames}"
             f",{self._clock.iso(asked_ns) if asked else ''},{self._clock.iso(told_ns) if told else ''}"
-            f",{latency},{OUTCOMES[transaction.outcome]},{transaction.reason}"
+            f",{latency},{OUTCOMES[transaction.outcome]},{transaction.reason},{transaction.certainty},{transaction.doubt}"
         )
 
     def _both(self, connection: Connection, asked_by: i64) -> str:

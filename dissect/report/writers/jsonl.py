@@ -47,7 +47,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import FUNCTION_MISMATCH
+from dissect.transactions.results import DOUBTS, FUNCTION_MISMATCH
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
@@ -215,9 +215,11 @@ class TransactionLines(Observer):
         out.write(b'","latency_ns":')
         write_decimal(out, transaction.response_ns - transaction.request_ns)
         function: i64 = transaction.parameters.function
-        plain: bool = not transaction.has_errors and transaction.flags & FUNCTION_MISMATCH == 0
+        plain: bool = not transaction.has_errors and transaction.flags & (FUNCTION_MISMATCH | DOUBTS) == 0
         if plain and (function == READ_VAR or function == WRITE_VAR):
             self._write_polled(out, transaction)
+        elif transaction.flags & DOUBTS:
+            return self._any_line(transaction).encode("ascii")
         else:
             out.write(_ANSWERED)
             about = self._setup(transaction) + self._notes(transaction)
@@ -257,16 +259,20 @@ class TransactionLines(Observer):
         else:  # without a request, the time of the answer has to be given
             out.write(b',"request_time":null,"response_time":"')
             self._times.write(out, transaction.response_ns)
+        likely: bool = transaction.is_likely
+        if likely:
+            out.write(b'","response_time":"')
+            self._times.write(out, transaction.response_ns)
         out.write(b'","latency_ns":')
-        if transaction.outcome == ANSWERED and not transaction.reason and transaction.again is None:
+        answered: bool = transaction.outcome == ANSWERED and not likely
+        if answered and not transaction.reason and transaction.again is None:
             write_decimal(out, transaction.response_ns - transaction.request_ns)
             out.write(_ANSWERED)
             return
-        latency = (
-            decimal(transaction.response_ns - transaction.request_ns) if transaction.outcome == ANSWERED else "null"
-        )
+        latency = decimal(transaction.response_ns - transaction.request_ns) if answered else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
-        out.write(f'{latency},"outcome":"{OUTCOMES[transaction.outcome]}","reason":{reason}'.encode("ascii"))
+        ending = f'{latency},"outcome":"{OUTCOMES[transaction.outcome]}","reason":{reason}{_certainty(transaction)}'
+        out.write(ending.encode("ascii"))
         out.write(self._again(transaction).encode("ascii"))
 
     def _write_polled(self, out: BytesWriter, transaction: Transaction) -> None:
@@ -326,7 +332,12 @@ class TransactionLines(Observer):
             time_ns = transaction.response_ns
             at = 'null,"response_time":"'
         rest: i64 = time_ns % _SECOND_NS
-        latency = decimal(transaction.response_ns - transaction.request_ns) if outcome == ANSWERED else "null"
+        latency = "null"
+        told_at = ""
+        if transaction.is_likely:
+            told_at = f',"response_time":"{self._clock.iso(transaction.response_ns)}"'
+        elif outcome == ANSWERED:
+            latency = decimal(transaction.response_ns - transaction.request_ns)
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
         opening = _ITEMS
         closing = "]"
@@ -354,8 +365,9 @@ class TransactionLines(Observer):
             f"{_HEAD}{decimal(transaction.number)}{self._connection(transaction.connection, transaction.asked_by)}"
             f'{reference},"rosctr":{rosctr},"function":{function}'
             f',"request_frame":{frames},"request_time":{at}{self._clock.iso_second(time_ns)}'
-            f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z","latency_ns":{latency}'
-            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{self._again(transaction)}{opening}{body}{closing}'
+            f'{THREE[rest // 1_000_000]}{THREE[rest // 1000 % 1000]}{THREE[rest % 1000]}Z"{told_at},"latency_ns":{latency}'
+            f',"outcome":"{OUTCOMES[outcome]}","reason":{reason}{_certainty(transaction)}{self._again(transaction)}'
+            f"{opening}{body}{closing}"
             f',"errors":[{self._errors(transaction)}]{tail}}}'
         )
 
@@ -448,6 +460,14 @@ class TransactionLines(Observer):
             items = transaction.parameters.items
             return ",".join([item_json(items[index], SUCCESS, good[index]) for index in range(len(good))])
         return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.results()])
+
+
+def _certainty(transaction: Transaction) -> str:
+    """Return the keys ``certainty`` and ``doubt`` of what is only likely; empty for nearly all: what is sure has none."""
+    if transaction.flags & DOUBTS == 0:
+        return ""
+    doubt = transaction.doubt
+    return f',"certainty":"{transaction.certainty}"' + (f',"doubt":"{doubt}"' if doubt else "")
 
 
 def _write_number(out: BytesWriter, packet: i64) -> None:

@@ -13,6 +13,7 @@ from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.tables import CC, CR, DR, DT, ED, ER
 from dissect.iso.upper import classify, is_rdp_connect
 from dissect.report import facets, words
+from dissect.report.certainty import mark
 from dissect.report.facets import facet_of
 from dissect.report.line_octets import ERRORS, LineOctets
 from dissect.report.operations import styled_operation
@@ -60,6 +61,8 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     said = f"  {ending}" if ending else ""
     if subject:
         said += f"  {subject}"
+    if transaction.is_likely:
+        said += f"  {mark(transaction)}"
     number = decimal(transaction.number)
     latency = words.answer_time(transaction.latency_ns)
     return (

@@ -1,0 +1,52 @@
+"""How certain a pair of request and answer is, in words: the mark on a line, and the sentence on what was left out.
+
+`Transaction.certainty` and `Transaction.doubt` are the facts (docs/decisions/0004-pairing.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from dissect.transactions.transaction import DOUBT_TEXTS, Transaction
+from dissect.wire.text import count
+
+#: Why a pair is only likely, in a few words for the end of a line.
+SHORT: Final[dict[str, str]] = {"gaps": "gaps in both directions", "alike": "fits several requests"}
+
+
+def mark(transaction: Transaction) -> str:
+    """Return the mark of a pair that is only likely, ``(likely: gaps in both directions)``; empty for all others."""
+    doubt = transaction.doubt
+    return doubt_mark(doubt) if doubt else ""
+
+
+def doubt_mark(doubt: str) -> str:
+    """Return the mark for a key of `DOUBT_TEXTS`; empty for none."""
+    return f"(likely: {SHORT[doubt]})" if doubt else ""
+
+
+def add_doubt(doubts: dict[str, int], transaction: Transaction) -> None:
+    """Count a pair that is only likely by its doubt; do nothing for all others."""
+    doubt = transaction.doubt
+    if doubt:
+        doubts[doubt] = doubts.get(doubt, 0) + 1
+
+
+def left_out(doubts: Mapping[str, int], of: str = "answer times") -> str:
+    """Return the sentence, without a full stop, on pairs that are only likely and left out of something; empty for none.
+
+    ``doubts`` is how many there are, by key of `DOUBT_TEXTS`.
+    """
+    total = sum(doubts.values())
+    if not total:
+        return ""
+    return f"{count(total, 'pair is', 'pairs are')} only likely and left out of {of}: {why(doubts)}"
+
+
+def why(doubts: Mapping[str, int]) -> str:
+    """Return why pairs are only likely; with several reasons, how many have each."""
+    said = [(DOUBT_TEXTS[doubt], doubts[doubt]) for doubt in DOUBT_TEXTS if doubts.get(doubt)]
+    if len(said) == 1:
+        return said[0][0]
+    return "; ".join([f"{text} ({number})" for text, number in said])
