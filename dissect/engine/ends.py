@@ -91,7 +91,7 @@ def note_unseen(counters: Counters, side: Side, peer: Side) -> bool:
     look(counters, side)
     for end in (side, peer):
         missing: i64 = _unseen(end)
-        if missing > 1 and end.stream.next_seq >= 0:
+        if missing > 0 and end.stream.next_seq >= 0:
             end.stream.skip(missing, end.tcp.last_frame, end.tcp.last_ns)
     return bool(side.stream.ready or peer.stream.ready)
 

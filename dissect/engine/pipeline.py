@@ -214,7 +214,6 @@ class Pipeline(PacketSink):
         """Set the clock by the first packet, by one older than the packet before it, or by one at which something is due."""
         counters = self.counters
         if time_ns < counters.now_ns:
-            counters.note_step_back(time_ns)
             self.timers.step_back(time_ns)
         elif counters.frames == 1:
             counters.first_ns = time_ns
@@ -299,11 +298,10 @@ class Pipeline(PacketSink):
             return datagrams.take(found)
         side = self.table.sides.get(found.key)
         if side is None or found.word & 7:
-            flags: i64 = found.word & 0x3F
             macs = found.macs
             self._link = macs if macs is not None else buf[start : start + 12] if link_type == 1 else b""
             return self._lifecycle(
-                side, found.key, found.vlan, found.seq, found.ack, flags, found.octets, found.missing
+                side, found.key, found.vlan, found.seq, found.ack, found.word & 0x3F, found.octets, found.missing
             )
         return self._segment(side, found.seq, found.ack, found.word, found.octets, found.missing)
 
@@ -371,8 +369,7 @@ class Pipeline(PacketSink):
         self._give_way(side)
         macs: bytes = side.tcp.macs
         self._link = macs[6:] + macs[:6] if side.index == 0 else macs
-        fresh = self._open(side.key, side.tcp.vlan)
-        return self._segment(fresh, seq, ack, ACK if ack >= 0 else 0, octets, missing)
+        return self._segment(self._open(side.key, side.tcp.vlan), seq, ack, ACK if ack >= 0 else 0, octets, missing)
 
     def _open(self, key: bytes, vlan: i64) -> Side:
         for idle in self.table.overflow():
@@ -530,8 +527,7 @@ class Pipeline(PacketSink):
             timers.give_up_waiting()
             self._forget_closed()
             timers.look_overdue()
-            if self.exchange.causes.waiting:
-                self.exchange.causes.tick(self.counters.now_ns)
+            self.exchange.causes.tick(self.counters.now_ns)
         except Exception as bug:
             if self._strict:
                 raise

@@ -250,6 +250,7 @@ class Timers:
 
     def step_back(self, time_ns: i64) -> None:
         """The clock of the capture went back to ``time_ns``: so does the deadline, or whatever waits would wait too long."""
+        self._counters.note_step_back(time_ns)
         if self.deadline_ns != FAR_FUTURE:
             self.deadline_ns = min(self.deadline_ns, next_tick(time_ns))
 

@@ -57,14 +57,6 @@ def is_repeat(request: Transaction, before: Transaction) -> bool:
     return request.request_ns - before.request_ns <= REPEAT_NS and request.request_octets == before.request_octets
 
 
-def in_turn(fits: list[Transaction]) -> bool:
-    """Return whether an answer goes to the first of ``fits`` at once: the same octets, sent one soon after the other."""
-    for index in range(1, len(fits)):
-        if not is_repeat(fits[index], fits[index - 1]) or no_answer(fits[index], fits[index - 1]):
-            return False
-    return True
-
-
 def is_complete(row: Row) -> bool:
     """Return whether a row holds as many answers as there are requests that they may belong to."""
     return len(row.answers) >= len(row.wanted)

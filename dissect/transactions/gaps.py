@@ -33,6 +33,12 @@ def has_gaps(side: Side) -> bool:
     return peer is None or side.holes > 0 or peer.holes > 0 or peer.is_ahead(side.last_ack)
 
 
+def begins_open(side: Side) -> bool:
+    """Return whether ``side``, which turns out to repeat its reference, may have had requests open that were not captured."""
+    peer = side.peer
+    return side.connection.mid_stream or side.holes > 0 or peer is None or peer.holes > 0
+
+
 def perhaps_answered(request: Transaction, answering: Side) -> bool:
     """Return whether octets of the answering side are missing that may be the answer to an open request."""
     ack: i64 = request.request_ack

@@ -31,6 +31,8 @@ ORPHAN_HOLD_FRAMES: Final = 50
 UNFINISHED_HOLD: Final = 10
 #: A client that repeats a request within this time got no answer in between and asks anew.
 REPEAT_NS: Final = 1_000_000_000
+#: The shortest time without an open request after which the next one does not wait for anything.
+SHORT_REST_NS: Final = 100_000_000
 #: A client that got nothing for this long and asks again gave its request up: clients that have several open send one soon
 #: after the other, or after an answer.
 BESIDE_NS: Final = 200_000_000
@@ -152,6 +154,7 @@ class OpenRequests:
         "orphan_frame",
         "orphans",
         "repeats",
+        "rest_ns",
         "undecided",
     )
 
@@ -169,6 +172,9 @@ class OpenRequests:
         self.orphan_frame: i64 = 0  # packet of the latest answer that was given up because no request came
         self.count: i64 = 0  # may be more than len(table): several requests may share a key
         self.repeats: i64 = 0  # how often two requests in a row had the same key
+        self.rest_ns: i64 = (
+            SHORT_REST_NS  # how long no request has to be open until what comes next is no longer doubtful
+        )
         self.doubtful: bool = False  # an answer could not be told from another one, so the later ones may be shifted
         self.lost: list[Transaction] = (
             _NONE  # requests that were answered in the latest gap, as the next answer will show

@@ -19,10 +19,8 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
 from dissect.s7plus.parameters import PLUS
 from dissect.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.alike import (
-    REST_NS,
     assign,
     fitting,
-    in_turn,
     is_complete,
     is_due,
     is_over,
@@ -33,6 +31,7 @@ from dissect.transactions.checks import check_answer, check_data_codes
 from dissect.transactions.contradictions import contradicts, is_strange
 from dissect.transactions.gaps import (
     answered_in,
+    begins_open,
     between,
     has_gaps,
     missing_since,
@@ -45,10 +44,12 @@ from dissect.transactions.gaps import (
 from dissect.transactions.open_requests import (
     GIVEN_UP_NS,
     NEVER_NS,
+    SHORT_REST_NS,
     HeldAnswer,
     OpenRequests,
     Row,
     acknowledged,
+    excludes,
     key_of,
 )
 from dissect.transactions.results import (
@@ -85,6 +86,8 @@ MAX_OPEN: Final = 4096
 #: Requests open at once on all connections. Beyond that, each new request of a side with more than `FEW_OPEN` drops its oldest.
 MAX_OPEN_ALL: Final = 65536
 FEW_OPEN: Final = 16
+#: A client of one reference rests when no request is open for `SHORT_REST_NS`, and so many times as long as it last waited.
+_MANY_TIMES: Final = 4
 #: When `Dialogue.asking` has so many sides, those of closed connections are removed. It is more than can be open at once.
 _MANY_ASKING: Final = MAX_OPEN_ALL
 
@@ -140,6 +143,10 @@ class Dialogue:
         self.several = requests.count > 0
         if side.holes:
             self._ask_after_gap(side, requests, key, transaction)
+        if key == requests.latest_key:
+            self._repeat(side, requests, time_ns)
+        elif requests.latest is None:
+            requests.latest_key = key
         requests.asked_frame = frame
         requests.asked_seq = transaction.request_seq
         if requests.orphans is not None and self._find_answer(side, requests, key, transaction):
@@ -148,10 +155,6 @@ class Dialogue:
         if self.watching and not side.watched:
             self._watch(side)
         if requests.count == 0:  # nearly always
-            if key == requests.latest_key:
-                requests.repeats += 1
-                if requests.doubtful and time_ns - connection.last_answer_ns > REST_NS:
-                    requests.doubtful = False
             requests.count = 1
             requests.latest = transaction
             requests.latest_key = key
@@ -172,6 +175,18 @@ class Dialogue:
         elif unasked_before(side, requests, key):
             transaction.flags |= ALIKE
 
+    def _repeat(self, side: Side, requests: OpenRequests, time_ns: i64) -> None:
+        """Two requests in a row have one reference: note that, and whether it is known which of them are open."""
+        if requests.repeats == 0:
+            requests.doubtful = begins_open(side)
+        if (
+            requests.count == 0
+            and side.connection.answered
+            and time_ns - side.connection.last_answer_ns > requests.rest_ns
+        ):
+            requests.doubtful = False
+        requests.repeats += 1
+
     def _find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
         """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
         orphan = requests.find_orphan(key, side.end_seq)
@@ -182,6 +197,8 @@ class Dialogue:
             requests.release_orphan(orphan)
             if orphan.transaction.response_frame < transaction.request_frame:
                 transaction.flags |= REORDERED
+            if requests.doubtful:
+                transaction.flags |= ALIKE
             self._join(transaction, orphan.transaction)
             requests.answered = transaction.number
             return True
@@ -194,7 +211,6 @@ class Dialogue:
         self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction, before: Transaction
     ) -> None:
         """Open a request whose reference is that of ``before``, which is still open; give up those that nobody answers now."""
-        requests.repeats += 1
         row = requests.join(key, transaction, before)
         if row.answers and requests.full:
             self._settle(side, requests, row, False)
@@ -246,6 +262,8 @@ class Dialogue:
                     side, requests, row, HeldAnswer(key, answer, side.last_ack, side.tcp.packets), data_at
                 )
             waiting = requests.find(key)
+        if waiting is not None and requests.repeats and excludes(waiting, side.end_seq, side.last_ack):
+            waiting = None
         if (
             waiting is not None
             and (waiting.request_ack - side.end_seq) & MASK < HALF_SPACE  # part of `acknowledged`: enough for most
@@ -276,9 +294,11 @@ class Dialogue:
         self.open -= 1
         if gaps:
             self._note_gaps(side, requests, waiting)
-        if requests.doubtful:
+        if requests.doubtful or (requests.answered == 0 and excludes(waiting, side.end_seq, side.last_ack)):
             waiting.flags |= ALIKE
         requests.answered = waiting.number
+        if requests.repeats:
+            requests.rest_ns = max(SHORT_REST_NS, _MANY_TIMES * (time_ns - waiting.request_ns))
         if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
             if mismatch(waiting.parameters, parameters):
                 waiting.flags |= FUNCTION_MISMATCH
@@ -314,7 +334,7 @@ class Dialogue:
         if not fits:
             self._orphan(side, row.key, told)
             return None
-        if row.answers or not (len(fits) == 1 or (in_turn(fits) and not (gaps and missing_since(side, fits[0])))):
+        if row.answers or len(fits) > 1:
             answer.fits = fits
             requests.hold(row, answer)
             if not side.waiting:
@@ -370,11 +390,17 @@ class Dialogue:
         requests.doubtful = requests.doubtful or not complete
 
     def lost(self, side: Side, size: i64) -> None:
-        """``size`` octets of ``side`` were not captured: remember the requests that were answered in them."""
+        """``size`` octets of ``side`` were not captured: remember the requests that were answered in them.
+
+        If it is not certain which were, or requests may be among them, a client of one reference may be shifted from here on.
+        """
         self.lossy = True
-        requests = side.connection.open_requests[1 - side.index]
-        if requests.count:
-            requests.lost = answered_in(side, size, requests)
+        first, second = side.connection.open_requests
+        asked = first if side.index == 1 else second
+        asked.lost = answered_in(side, size, asked) if asked.count else []
+        asked.doubtful = asked.doubtful or (asked.repeats > 0 and not asked.lost)
+        asks = second if side.index == 1 else first
+        asks.doubtful = asks.doubtful or asks.repeats > 0
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """The transaction has its answer, with ``parameters``: check the answer and count it."""
@@ -570,7 +596,7 @@ class Dialogue:
             transaction.error_code = error_code(transaction.response_rosctr, octets, transaction.parameters)
             transaction.has_errors = parse_pdu(octets).refused
         asking = side.peer
-        if asking is not None and (asking.holes or asking.is_ahead(orphan.ack)):
+        if asking is not None and (asking.holes or (asking.captured and asking.is_ahead(orphan.ack))):
             transaction.flags |= EXPECTED
             transaction.reason = HOLE
         side.connection.orphans += 1

@@ -8,7 +8,7 @@ from mypy_extensions import i64
 
 from dissect.ibh.framer import PacketFramer
 from dissect.iso.cotp import Assembler
-from dissect.iso.tpkt import Framer
+from dissect.iso.tpkt import MIN_LENGTH, Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
 from dissect.tcp.connection import TcpConnection
@@ -181,7 +181,10 @@ class Side:
 
     @property
     def unseen(self) -> i64:
-        """How many octets of this side the other side acknowledged that were not passed on; 0 for one, which may be a FIN."""
+        """How many octets of this side the other side acknowledged that were not passed on.
+
+        0 for so few that they are no message, but the numbers that FINs take; for one, also where a message is begun.
+        """
         peer = self.peer
         if peer is None or peer.acked < 0:
             return 0
@@ -189,7 +192,8 @@ class Side:
         if self.stream.next_seq < 0:
             known = peer.first_ack
         ahead: i64 = (peer.acked - known) & MASK
-        return ahead if 1 < ahead < _MOST_UNSEEN else 0
+        least: i64 = 2 if self.unfinished else MIN_LENGTH
+        return ahead if least <= ahead < _MOST_UNSEEN else 0
 
     @property
     def at_rest(self) -> bool:

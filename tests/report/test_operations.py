@@ -9,7 +9,7 @@ from dissect.report.words import Places
 from dissect.report.writers.text import transaction_line
 from dissect.source.packet import SourceFile
 from dissect.transactions.operation import Operation
-from dissect.transactions.results import GAPS
+from dissect.transactions.results import GAPS, HEADER, TransactionError
 from dissect.wire.text import Clock
 from tests.findings import events
 from tests.report.schemas import complaints
@@ -131,5 +131,5 @@ def test_an_operation_says_how_many_of_its_pairs_are_only_likely() -> None:
     told = json.loads(operation_json(operation, Clock(), PLACES))
     assert told["likely"] == 1
     assert complaints("operation", told, exact=True) == []
-    operation.error_code = 0xD401
+    operation.error = TransactionError(HEADER, 0xD401, "no such block", "The block does not exist.")
     assert line(operation).endswith("(1 pair only likely)")

@@ -24,7 +24,8 @@ from tests.transactions.talk import (
     written,
 )
 
-#: With a setup that grants so many jobs, or (0) without one that was captured.
+#: With a setup that grants so many jobs, or (0) without one that was captured: then the first pairs of a client that repeats
+#: its reference are only likely, because a request that was sent before the capture may be open.
 JOBS = [0, 1, 3]
 
 
@@ -55,7 +56,7 @@ def asks(number: int) -> bytes:
 
 @pytest.mark.parametrize("jobs", JOBS)
 def test_two_threads_on_one_connection(jobs: int) -> None:
-    talk = begun(jobs)
+    talk = begun(jobs or 1)
     for number in range(0, 8, 2):
         talk.ask(asks(number))
         talk.ask(asks(number + 1))
@@ -78,7 +79,7 @@ def test_a_read_and_a_write(jobs: int) -> None:
     assert talk.pairs() == [(asked[0], answered[0])]
     answered.append(talk.tell(ack_data(0, b"\x05\x01", b"\xff")))
     assert talk.pairs() == [*zip(asked, answered, strict=True)]
-    assert {one.certainty for one in talk.transactions} == {SURE}
+    assert {one.certainty for one in talk.transactions} == {SURE if jobs else LIKELY}
 
 
 @pytest.mark.parametrize("jobs", JOBS)
@@ -89,7 +90,7 @@ def test_the_shape_of_the_answer_tells(sizes: tuple[int, ...], jobs: int) -> Non
     answered = [talk.tell(words(0, *range(size))) for size in sizes]
     talk.close()
     assert sorted(talk.pairs()) == [*zip(asked, answered, strict=True)]
-    assert {one.certainty for one in talk.transactions} == {SURE}
+    assert {one.certainty for one in talk.transactions} == {SURE if jobs else LIKELY}
 
 
 @pytest.mark.parametrize("jobs", JOBS)
@@ -103,7 +104,7 @@ def test_answers_after_the_timeout_of_the_client(timeout_ms: int, jobs: int) -> 
     talk.tell(words(0, 0))
     talk.tell(words(0, 1), after_ns=50 * MS)
     talk.close()
-    assert truth(talk) == right(range(2), SURE)
+    assert truth(talk) == right(range(2), SURE if jobs else LIKELY)
 
 
 @pytest.mark.parametrize("jobs", JOBS)
@@ -145,9 +146,9 @@ def test_the_same_request_repeated_with_one_answer() -> None:
     talk = begun(1)
     asked = [talk.ask(asks(0)), talk.ask(asks(0))]
     answered = talk.tell(words(0, 0))
-    assert talk.pairs() == [(asked[0], answered)]
     talk.close()
     assert talk.pairs() == [(asked[0], answered), (asked[1], 0)]
+    assert talk.transactions[0].certainty == LIKELY
     assert "session.shared_reference" not in talk.slugs()
 
 

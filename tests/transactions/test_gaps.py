@@ -194,7 +194,8 @@ def test_a_stream_does_not_begin_at_its_first_captured_packet(reference: int, it
     for _ in range(12):
         talk.packet(CLIENT)
     talk.finish()
-    assert told(talk) == [(first, 0, HOLE, SURE), (second, answered, "", SURE)]
+    # A client that repeats its reference may have had another request open when the capture began.
+    assert told(talk) == [(first, 0, HOLE, SURE), (second, answered, "", SURE if reference else LIKELY)]
     assert blames(talk) == []
 
 
