@@ -240,8 +240,8 @@ class SecurityWatch:
         # If other items of the request succeeded, access is not denied as a whole, only these addresses are refused.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
         code = int(transaction.error_code)
-        perhaps = may_protect(code, transaction.function)
-        if protects(code) or perhaps or denied:
+        perhaps = code != 0 and may_protect(code, transaction.function)
+        if denied or perhaps or (code and protects(code)):
             why = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             if perhaps:
                 why = " (protected, or not supported)"
