@@ -99,8 +99,8 @@ def note_unseen(counters: Counters, side: Side, peer: Side) -> bool:
 def _unseen(side: Side) -> i64:
     missing: i64 = side.unseen
     tcp = side.tcp
-    if missing > 1 and tcp.ended_by == side.index and tcp.ended == "fin":
-        missing -= 1  # its FIN
+    if missing > 1 and tcp.finished(side.index):
+        missing -= 1  # the number of its FIN
     doubt = tcp.doubt
     asked: bool = side.connection.open_requests[1 - side.index].count > 0
     if doubt is not None and asked and doubt.side == side.index and side.is_ahead(doubt.seq):

@@ -276,21 +276,8 @@ class Exchange:
             try:
                 if transaction.outcome == ANSWERED:  # it waited until its answer was known
                     self._complete(transaction)
-                    continue
-                self.causes.begin(transaction, now_ns)
-                if transaction.has_errors:
-                    transaction.connection.note_error(
-                        transaction.parameters, transaction.response_ns, transaction.error_code
-                    )
-                self._judge_command(transaction)
-                if transaction.outcome == UNANSWERED:
-                    judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
                 else:
-                    judge_transaction(self.reporter, transaction, self._slow_ns)
-                if self.decoder is not None:
-                    self.decoder.transaction(transaction)
-                self.observer.transaction(transaction)
-                self._watch(transaction)
+                    self._end_beside(transaction, now_ns)
             except Exception as bug:
                 if self.strict:
                     raise
@@ -298,12 +285,20 @@ class Exchange:
             finally:
                 self.causes.close()
 
-    def _judge_command(self, transaction: Transaction) -> None:
-        """Judge what a command or service that failed says, before what became of it: the one may explain the other."""
-        head = transaction.parameters.userdata
-        if (transaction.has_errors or transaction.outcome == UNANSWERED) and (head is None or head.group != GROUP_CPU):
-            if transaction.rosctr <= USERDATA:
-                judge_body(self.reporter, transaction)
+    def _end_beside(self, transaction: Transaction, now_ns: i64) -> None:
+        """Judge and report a transaction that has no answer, or no request."""
+        self.causes.begin(transaction, now_ns)
+        if transaction.has_errors:
+            transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
+        self._judge_command(transaction)
+        if transaction.outcome == UNANSWERED:
+            judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
+        else:
+            judge_transaction(self.reporter, transaction, self._slow_ns)
+        if self.decoder is not None:
+            self.decoder.transaction(transaction)
+        self.observer.transaction(transaction)
+        self._watch(transaction)
 
     def _look_inside(self, decoder: PayloadDecoder, transaction: Transaction) -> None:
         if transaction.rosctr == SCD:
