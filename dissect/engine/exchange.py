@@ -300,6 +300,13 @@ class Exchange:
         self.observer.transaction(transaction)
         self._watch(transaction)
 
+    def _judge_command(self, transaction: Transaction) -> None:
+        """Judge what a command or service that failed says, before what became of it: the one may explain the other."""
+        head = transaction.parameters.userdata
+        if (transaction.has_errors or transaction.outcome == UNANSWERED) and (head is None or head.group != GROUP_CPU):
+            if transaction.rosctr <= USERDATA:
+                judge_body(self.reporter, transaction)
+
     def _look_inside(self, decoder: PayloadDecoder, transaction: Transaction) -> None:
         if transaction.rosctr == SCD:
             parameters = transaction.parameters
