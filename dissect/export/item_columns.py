@@ -152,7 +152,8 @@ class ItemColumns:
             return 0
         self._begin(transaction, count)
         naming = transaction.connection.naming
-        no_code = _WHOLE_AT if transaction.outcome == ANSWERED and transaction.refused else _NO_CODE_AT
+        whole = transaction.has_errors and transaction.outcome == ANSWERED and transaction.refused
+        no_code = _WHOLE_AT if whole else _NO_CODE_AT
         for result in results:
             item = result.item
             data = result.data

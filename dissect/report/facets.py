@@ -235,7 +235,7 @@ def outcome(transaction: Transaction) -> str:
         said = f"{said}, {again}" if said else again
     if mismatches(transaction):
         said = ", ".join([text for text in (said, f"MISMATCH ({_mismatch(transaction)})") if text])
-    if transaction.refused and transaction.has_errors:
+    if transaction.has_errors and transaction.refused:
         error = transaction.errors[0]
         word = "PARTLY REFUSED" if transaction.is_plus and error.code == PARTIAL_ERROR else "REFUSED"
         refused = f"{word} {error_text(error)}"
