@@ -25,7 +25,7 @@ from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files
 from dissect.cli.task import Task, current
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Options
-from dissect.report.certainty import left_out
+from dissect.report.certainty import values_left_out
 from dissect.report.formats import VALUES, Format
 from dissect.session import Run
 from dissect.tls.key_log import KeyLog
@@ -188,8 +188,8 @@ def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, o
 
 
 def _leave_out(doubts: Mapping[str, int], likely: bool) -> None:
-    """Say how many pairs were left out because they are only likely, and why; nothing where they were asked for."""
-    said = "" if likely else left_out(doubts, "values")
+    """Say how many transactions were left out that are only likely, and why; nothing where they were asked for."""
+    said = "" if likely else values_left_out(doubts)
     if said:
         click.echo(f"s7dissect: {said}; --likely lists them", err=True)
 

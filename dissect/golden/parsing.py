@@ -183,8 +183,8 @@ class _Reader:
                 "request or answer is missing, and no line gives the reason, such as 'no answer: connection_closed'",
             )
         transaction = Transaction(link, found[2], exchange, outcome, draft.reason)
-        if draft.doubt and outcome != "answered":
-            raise _LineError(head, "'likely' belongs to a request with its answer")
+        if draft.doubt and outcome not in {"answered", "unsolicited"}:
+            raise _LineError(head, "'likely' belongs to a request with its answer, or to a push of a job")
         if draft.doubt or draft.perhaps:
             transaction.certainty, transaction.doubt = LIKELY, draft.doubt
         if pushed(transaction):

@@ -112,7 +112,7 @@ class Wanted:
                 return False
             if what.failed:
                 said = f"{said} {facets.outcome(what)} {facets.gist(what)}".casefold()
-            if what.is_likely:
+            if what.doubt:
                 said = f"{said} {mark(what)}".casefold()
         elif isinstance(what, Operation):
             said = f"{NAMES[what.kind]} {what.subject} {result(what)}".casefold()

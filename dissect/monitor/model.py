@@ -56,7 +56,8 @@ class Model:
         for event in events:
             what = event.what
             if isinstance(what, Transaction):
-                self._connections.transaction(what.connection, event.time_ns, what.latency_ns, what.doubt)
+                doubt = what.doubt if what.is_likely else ""
+                self._connections.transaction(what.connection, event.time_ns, what.latency_ns, doubt)
                 fresh.append((event.time_ns, what))
             elif isinstance(what, Connection):
                 self._connections.note(what)

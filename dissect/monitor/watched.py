@@ -102,7 +102,7 @@ class Watched:
 
     @property
     def likely(self) -> int:
-        """The number of pairs whose values were left out because they are only likely."""
+        """The number of transactions whose values were left out because they are only likely."""
         return sum(self._collector.doubts.values())
 
     @property

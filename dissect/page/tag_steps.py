@@ -6,7 +6,7 @@ from typing import Final
 
 from dissect.page.bins import WIDTHS
 from dissect.page.rows import Station
-from dissect.report.certainty import left_out
+from dissect.report.certainty import values_left_out
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
@@ -171,8 +171,8 @@ class Tags:
         return [one.text for one in self._wanted.all if one.text not in self._collector.found]
 
     def left_out(self) -> str:
-        """Return the sentence on values that are not drawn because their pairs are only likely; empty for none."""
-        return left_out(self._collector.doubts, "the plots of values") if self._collector is not None else ""
+        """Return the sentence on values that are not drawn because they are only likely those of a tag; empty for none."""
+        return values_left_out(self._collector.doubts, "the plots of values") if self._collector is not None else ""
 
     def refused(self) -> list[str]:
         """Return the names of variables for which a read or write was refused."""

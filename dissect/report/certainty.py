@@ -16,7 +16,7 @@ SHORT: Final[dict[str, str]] = {"gaps": "gaps in both directions", "alike": "fit
 
 
 def mark(transaction: Transaction) -> str:
-    """Return the mark of a pair that is only likely, ``(likely: gaps in both directions)``; empty for all others."""
+    """Return the mark of a transaction that is only likely, ``(likely: fits several requests)``; empty for all others."""
     doubt = transaction.doubt
     return doubt_mark(doubt) if doubt else ""
 
@@ -27,25 +27,34 @@ def doubt_mark(doubt: str) -> str:
 
 
 def add_doubt(doubts: dict[str, int], transaction: Transaction) -> None:
-    """Count a pair that is only likely by its doubt; do nothing for all others."""
+    """Count a transaction that is only likely by its doubt; do nothing for all others."""
     doubt = transaction.doubt
     if doubt:
         doubts[doubt] = doubts.get(doubt, 0) + 1
 
 
-def left_out(doubts: Mapping[str, int], of: str = "answer times") -> str:
-    """Return the sentence, without a full stop, on pairs that are only likely and left out of something; empty for none.
+def left_out(doubts: Mapping[str, int]) -> str:
+    """Return the sentence, without a full stop, on pairs that are only likely and left out of answer times; empty for none.
 
     ``doubts`` is how many there are, by key of `DOUBT_TEXTS`.
     """
     total = sum(doubts.values())
-    if not total:
-        return ""
-    return f"{count(total, 'pair is', 'pairs are')} only likely and left out of {of}: {why(doubts)}"
+    return (
+        f"{count(total, 'pair is', 'pairs are')} only likely and left out of answer times: {why(doubts)}"
+        if total
+        else ""
+    )
+
+
+def values_left_out(doubts: Mapping[str, int], of: str = "values") -> str:
+    """Return the same sentence on transactions, pairs and pushes, whose values are left out of something; empty for none."""
+    total = sum(doubts.values())
+    said = count(total, "transaction is", "transactions are")
+    return f"{said} only likely and left out of {of}: {why(doubts)}" if total else ""
 
 
 def why(doubts: Mapping[str, int]) -> str:
-    """Return why pairs are only likely; with several reasons, how many have each."""
+    """Return why transactions are only likely; with several reasons, how many have each."""
     said = [(DOUBT_TEXTS[doubt], doubts[doubt]) for doubt in DOUBT_TEXTS if doubts.get(doubt)]
     if len(said) == 1:
         return said[0][0]

@@ -284,7 +284,7 @@ _ROWS: Final = (
     Field("certainty", Code(lambda: CERTAINTIES),
           "Whether request and answer surely belong together, or a `hole` was surely answered.", "certainty == likely",
           {TRANSACTION: _word("certainty")}),
-    Field("doubt", Code(lambda: DOUBT_TEXTS), "Why a pair is only likely.", "doubt == gaps", {TRANSACTION: _word("doubt")}),
+    Field("doubt", Code(lambda: DOUBT_TEXTS), "Why a pair or a push is only likely.", "doubt == gaps", {TRANSACTION: _word("doubt")}),
     Field("failed", Truth(), "Something was refused, or an answer is missing.", "failed", _all(of.failed, _TALK)),
     Field("error", Code(_error_names), "Errors of the answer, by name or code; alone: there is one.", "error == 0x0a",
           _all(of.errors, (TRANSACTION, OPERATION, MESSAGE)), ("errors.code", "errors.name", "error.code", "error.name")),

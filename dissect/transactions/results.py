@@ -330,14 +330,18 @@ class SentAgain:
 
 
 class Subscription:
-    """A subscription: the items that a job sends, and the PDU that requested them; ``head`` is that of its parameters."""
+    """A subscription: the items that a job sends, and the PDU that requested them; ``head`` is that of its parameters.
 
-    __slots__ = ("head", "items", "request")
+    ``doubts`` are those of the flags `DOUBTS` that the answer has which began the job: another request may have begun it.
+    """
 
-    def __init__(self, head: UserdataHead, request: bytes) -> None:
+    __slots__ = ("doubts", "head", "items", "request")
+
+    def __init__(self, head: UserdataHead, request: bytes, doubts: i64 = 0) -> None:
         self.head: UserdataHead = head
         self.items: list[Item] = requested_items(head, request)
         self.request: bytes = request
+        self.doubts: i64 = doubts
 
     @property
     def written(self) -> list[DataItem]:

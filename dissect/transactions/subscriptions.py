@@ -27,7 +27,8 @@ MAX_JOBS: Final = 64
 def follow(transaction: Transaction) -> None:
     """Take a finished userdata transaction: remember what it subscribes to, or give a push its items.
 
-    If an item or area was refused, the transaction gets ``has_errors``.
+    If an item or area was refused, the transaction gets ``has_errors``. Where the pair that began a job is only likely, so are
+    the items of its pushes.
     """
     head = transaction.parameters.userdata
     if head is None:
@@ -38,16 +39,17 @@ def follow(transaction: Transaction) -> None:
         return
     jobs = transaction.connection.subscriptions
     if transaction.outcome == PUSH:
-        transaction.subscribed = jobs.get(_key(transaction, head, head.sequence))
+        job = jobs.get(_key(transaction, head, head.sequence))
+        if job is not None:
+            transaction.subscribed = job
+            transaction.flags |= job.doubts
     elif transaction.outcome == ANSWERED and not transaction.refused:
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
         changes: bool = head.group == GROUP_CYCLIC and head.subfunction == CHANGE_DRIVEN_MODIFY
-        job = head.sequence if changes or told is None else told.sequence
-        key = _key(transaction, head, job)
+        key = _key(transaction, head, head.sequence if changes or told is None else told.sequence)
         jobs.pop(key, None)
-        if not transaction.flags & DOUBTS:  # else the job exists, but which items it sends is only likely
-            jobs[key] = Subscription(head, transaction.request_octets)
+        jobs[key] = Subscription(head, transaction.request_octets, transaction.flags & DOUBTS)
         while len(jobs) > MAX_JOBS:
             for oldest in jobs:
                 del jobs[oldest]

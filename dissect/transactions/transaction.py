@@ -245,10 +245,13 @@ class Transaction:
 
     @property
     def certainty(self) -> str:
-        """``sure`` or ``likely``: of a pair, and of an answer that was sent but not captured; else empty."""
+        """``sure`` or ``likely``: of a pair, and of an answer that was sent but not captured; else empty.
+
+        A push is ``likely`` where its items are those of a request that only likely began its job.
+        """
         if self.outcome == ANSWERED or (self.outcome == UNANSWERED and self.reason == HOLE):
             return LIKELY if self.flags & DOUBTS else SURE
-        return ""
+        return LIKELY if self.doubt else ""
 
     @property
     def is_likely(self) -> bool:
@@ -257,8 +260,8 @@ class Transaction:
 
     @property
     def doubt(self) -> str:
-        """Why a pair is only likely, as a key of `DOUBT_TEXTS`; else empty."""
-        if not self.is_likely:
+        """Why a pair is only likely, or that of a push and the request for its items, as a key of `DOUBT_TEXTS`; else empty."""
+        if self.flags & DOUBTS == 0 or (self.outcome != ANSWERED and self.outcome != PUSH):
             return ""
         return "gaps" if self.flags & GAPS else "alike"
 

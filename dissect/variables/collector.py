@@ -57,7 +57,7 @@ class Collector(Observer):
     ``wanted`` are the wanted places and names, None for everything. ``changes`` leaves out values equal to the one before.
     ``every_ns`` keeps only the first value of a variable in each interval of so many nanoseconds (counted from 1970); other
     values are ignored. ``choose`` returns which transactions are wanted; ``most`` is how many variables are remembered.
-    Pairs that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely`` their values make
+    Transactions that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely`` their values make
     rows as well, each with its ``doubt``; they are never the value before another one, and are not added up.
     """
 
@@ -134,13 +134,13 @@ class Collector(Observer):
         choose = self._choose
         if choose is not None and not choose(transaction):
             return
-        if transaction.flags & DOUBTS and transaction.outcome == ANSWERED:
+        if transaction.flags & DOUBTS and transaction.doubt:
             self._take_likely(transaction)
         else:
             self._take(transaction)
 
     def _take_likely(self, transaction: Transaction) -> None:
-        """Take the values of a pair that is only likely."""
+        """Take the values of a pair that is only likely, or of a push whose items are."""
         store = self._store
         store.doubt = transaction.doubt
         store.aside, store.left_out = True, False

@@ -30,8 +30,8 @@ class Variable:
     ``plc`` is the end of the connection that has the variable, in VLAN ``vlan`` (`vlan_ids`). ``address`` is where it begins
     ("DB10.DBD4", "0x6041:0"), ``type`` its type ("REAL", "10 x BYTE"), ``tag`` its name, empty if none is known. ``data``,
     ``value`` and ``text`` are the latest ones, once a value was ``seen``. ``refused_reads`` and ``refused_writes`` count what
-    the PLC refused, ``unconfirmed`` writes whose result was not captured. ``likely`` counts values and refusals of pairs that
-    are only likely (`Transaction.is_likely`), which count for nothing else. Texts are not escaped.
+    the PLC refused, ``unconfirmed`` writes whose result was not captured. ``likely`` counts values and refusals of
+    transactions that are only likely (`Transaction.doubt`), which count for nothing else. Texts are not escaped.
     """
 
     __slots__ = (
@@ -95,7 +95,7 @@ class ValueRow:
     ``first``: there was none.
     ``changed``: it was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen
     before. ``text`` is what an SCD dictionary or S7comm-plus calls the value, ``remark`` what is odd about it. ``doubt`` says
-    why the pair is only likely that the value is from (`Transaction.doubt`); it is empty for all others.
+    why the transaction is only likely that the value is from (`Transaction.doubt`); it is empty for all others.
     """
 
     __slots__ = (
@@ -141,7 +141,7 @@ class ValueRow:
 
     @property
     def certainty(self) -> str:
-        """``likely`` for the value of a pair that is only likely, ``sure`` for all others."""
+        """``likely`` for the value of a transaction that is only likely, ``sure`` for all others."""
         return LIKELY if self.doubt else SURE
 
     @property

@@ -51,6 +51,17 @@ def test_what_is_read_back_says_the_same() -> None:
     assert [item.label for item in again.transactions[1].items] == ["DB68.DBB352 x2", "DB72.DBB48"]
 
 
+def test_a_push_that_is_only_likely_of_its_job_is_marked() -> None:
+    text = golden_text(talk("feff7b"))
+    before = "\n2 server "
+    head = before + text.split(before)[1].split("\n")[0]
+    marked = text.replace(head, f"{head}\n  likely: alike", 1)
+    push = parse_golden(marked).transactions[1]
+    assert (push.outcome, push.certainty, push.doubt) == ("unsolicited", "likely", "alike")
+    assert f"{head}\n  likely: alike  # the answer fits" in golden_text(parse_golden(marked))
+    assert "likely" not in text
+
+
 def test_a_request_that_does_not_stand_before_it_is_told_with_its_line() -> None:
     text = golden_text(talk("feff7b")).replace("job of 1", "job of 3")
     with pytest.raises(GoldenError, match=r"line [0-9]+: 'job of 3', but no transaction 3 precedes it here"):

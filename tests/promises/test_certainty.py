@@ -30,7 +30,7 @@ from dissect.monitor.details import connection_details, entry_lines
 from dissect.monitor.model import Model
 from dissect.monitor.rows import entry_row, joined
 from dissect.page.data import Data
-from dissect.report.certainty import SHORT, left_out
+from dissect.report.certainty import SHORT, left_out, values_left_out
 from dissect.report.formats import FORMATS, TRANSACTIONS, VALUES
 from dissect.session import Run
 from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, HOLE, PERHAPS_ANSWERED, REASON_TEXTS, Transaction
@@ -351,6 +351,9 @@ def test_analyze_counts_them_beside_the_answer_times(capfdbinary: Capture) -> No
     assert not {one.number for one in [*analysis.slowest(), *analysis.failed]} & {*LIKELY, *MISSING}
     sentence = left_out({"gaps": 1, "alike": 1})
     assert sentence.startswith("2 pairs are only likely and left out of answer times: ")
+    assert values_left_out({"gaps": 1, "alike": 1}) == (
+        sentence.replace("pairs", "transactions").replace("answer times", "values")
+    )
     told = json.loads(run(capfdbinary, "analyze", "-T", "json", CAPTURE).out)
     counts = told["transactions"]
     assert (counts["likely"], counts["likely_text"]) == (2, f"{sentence}.")
@@ -410,7 +413,7 @@ def test_the_screens_leave_them_out_and_say_so() -> None:
 
 def test_values_leave_them_out_and_say_how_many(capfdbinary: Capture) -> None:
     plain = run(capfdbinary, "values", CAPTURE)
-    assert plain.err.splitlines() == [f"s7dissect: {left_out({'gaps': 1, 'alike': 1}, 'values')}; --likely lists them"]
+    assert plain.err.splitlines() == [f"s7dissect: {values_left_out({'gaps': 1, 'alike': 1})}; --likely lists them"]
     marked = run(capfdbinary, "values", "--likely", CAPTURE)
     assert marked.err == ""
     more = [line for line in marked.out.splitlines() if line not in plain.out.splitlines()]
@@ -452,7 +455,7 @@ def test_a_likely_value_is_never_the_value_before() -> None:
 
 def test_files_by_themselves_say_it_too(capfdbinary: Capture) -> None:
     ran = run(capfdbinary, "values", "--separate", "-j", "1", CAPTURE, CAPTURE)
-    assert left_out({"gaps": 2, "alike": 2}, "values") in ran.err
+    assert values_left_out({"gaps": 2, "alike": 2}) in ran.err
     both = json.loads(run(capfdbinary, "analyze", "--separate", "-T", "json", CAPTURE, CAPTURE).out)["transactions"]
     assert (both["likely"], both["answers_not_captured"]) == (2 * len(LIKELY), 2 * len(MISSING))
 

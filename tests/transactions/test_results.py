@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from dissect.findings.reporter import Finding
-from dissect.transactions.results import GAPS, UNCHANGED
+from dissect.transactions.results import ALIKE, GAPS, UNCHANGED
 from dissect.transactions.subscriptions import MAX_JOBS, follow
 from dissect.transactions.transaction import Transaction
 from tests.cases import each
@@ -349,8 +349,9 @@ def test_an_answer_of_which_the_request_is_missing_is_refused_as_well() -> None:
     assert [(error.where, error.address) for error in talk.transactions[-1].errors] == [("alarm 1", "")]
 
 
-def test_a_subscription_that_is_only_likely_gives_its_pushes_no_addresses() -> None:
-    """The job exists, as its pushes show, but which items it sends is only likely; what was known of its number is over."""
+@pytest.mark.parametrize(("flag", "doubt"), [(GAPS, "gaps"), (ALIKE, "alike")])
+def test_pushes_of_a_subscription_that_is_only_likely_are_only_likely_themselves(flag: int, doubt: str) -> None:
+    """The job exists, as its pushes show, but which items it sends is only likely."""
     talk = Talk()
     talk.open()
     talk.ask(events.asks(1, CYCLIC, TRANSFER, events.CYCLIC))
@@ -358,8 +359,18 @@ def test_a_subscription_that_is_only_likely_gives_its_pushes_no_addresses() -> N
     subscribed = talk.transactions[-1]
     jobs = subscribed.connection.subscriptions
     assert len(jobs) == 1
-    subscribed.flags |= GAPS
-    follow(subscribed)
-    assert jobs == {}
     talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
-    assert talk.transactions[-1].subscribed is None
+    sure = talk.transactions[-1]
+    assert (sure.certainty, sure.doubt) == ("", "")
+    subscribed.flags |= flag
+    follow(subscribed)
+    talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
+    push = talk.transactions[-1]
+    assert (push.certainty, push.doubt, push.is_likely) == ("likely", doubt, False)  # it is no pair
+    assert [result.item and result.item.label for result in push.results()] == [
+        result.item and result.item.label for result in sure.results()
+    ]
+    subscribed.flags &= ~flag
+    follow(subscribed)
+    talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
+    assert talk.transactions[-1].certainty == ""

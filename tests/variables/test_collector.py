@@ -40,6 +40,8 @@ from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
 from tests.s7plus.test_program import type_of, variable
 from tests.transactions import talk as line
+from tests.transactions.test_results import PUSH as PUSHED
+from tests.transactions.test_results import RESPONSE, TRANSFER, sent, subscribe
 from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, rows_of, said, writes
 
 CRAFTED: Final = ROOT / "captures" / "crafted"
@@ -456,6 +458,21 @@ def test_a_value_that_is_only_likely_is_left_out_or_marked_and_never_remembered(
         (7, None, True, False), (8, 7, True, True), (7, 7, False, False),
     ]  # fmt: skip
     assert marked.doubts == {}
+
+
+def test_a_push_whose_items_are_only_likely_is_left_out_or_marked() -> None:
+    talk = begun()
+    talk.send(0, dt(subscribe(1, TRANSFER, line.dbw(1, 0))))
+    talk.send(1, dt(sent(RESPONSE, TRANSFER, 1, b"\xff\x04\x00\x10\x00\x07", reference=1)))
+    for octet in b"\x08\x09":
+        talk.send(1, dt(sent(PUSHED, TRANSFER, 1, b"\xff\x04\x00\x10\x00" + bytes((octet,)))))
+    left, marked = Collector(), Collector(likely=True)
+    assert [(row.value, row.previous) for row in doubtful(left, talk, 3)] == [(7, None), (9, 7)]
+    assert left.doubts == {"gaps": 1}
+    rows = doubtful(marked, talk, 3)
+    assert [(row.value, row.previous, row.certainty) for row in rows] == [
+        (7, None, "sure"), (8, 7, "likely"), (9, 7, "sure"),
+    ]  # fmt: skip
 
 
 def test_one_that_is_only_likely_takes_no_interval_and_is_no_change() -> None:

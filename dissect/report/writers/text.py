@@ -61,8 +61,8 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     said = f"  {ending}" if ending else ""
     if subject:
         said += f"  {subject}"
-    if transaction.is_likely:
-        said += f"  {mark(transaction)}"
+    if likely := mark(transaction):
+        said += f"  {likely}"
     number = decimal(transaction.number)
     latency = words.answer_time(transaction.latency_ns)
     return (
