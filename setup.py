@@ -169,6 +169,7 @@ BUSIEST: Final = (
     "dissect/report/writers/jsonl.py",
     "dissect/jobs/spots.py",
     "dissect/engine/plus.py",
+    "dissect/findings/explaining.py",
     "dissect/findings/plus_rules.py",
     "dissect/s7plus/blobs.py",
     "dissect/s7plus/events.py",
