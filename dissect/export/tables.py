@@ -142,7 +142,7 @@ TRANSACTIONS: Final = Table(
         Column("about", TEXT, "", "what a request without items is about, for example the SZL", "Facet.subject_whole"),
         Column("outcome", WORD, "", "answered, unanswered, orphan_answer or unsolicited", "Transaction.outcome"),
         Column("reason", WORD, "", "why there is no answer; hole: it was not captured", "Transaction.reason"),
-        Column("certainty", WORD, "", "sure or likely: of a pair, or an answer not captured; of a push, likely", "Transaction.certainty"),
+        Column("certainty", WORD, "", "sure or likely: of a pair, push or answer not captured", "Transaction.certainty"),
         Column("doubt", WORD, "", "why a pair or push is only likely: gaps, or alike (docs/json.md)", "Transaction.doubt"),
         Column("failed", BOOL, "", "refused in whole or in part, or without the answer that was due", "Transaction.failed"),
         Column("error_code", INT, "", "error of header or parameter, 0 for none", "Transaction.error_code"),

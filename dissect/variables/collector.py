@@ -57,8 +57,8 @@ class Collector(Observer):
     ``wanted`` are the wanted places and names, None for everything. ``changes`` leaves out values equal to the one before.
     ``every_ns`` keeps only the first value of a variable in each interval of so many nanoseconds (counted from 1970); other
     values are ignored. ``choose`` returns which transactions are wanted; ``most`` is how many variables are remembered.
-    Transactions that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely`` their values make
-    rows as well, each with its ``doubt``; they are never the value before another one, and are not added up.
+    Transactions that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely`` their
+    values make rows as well, each with its ``doubt``; they are never the value before another one, and are not added up.
     """
 
     def __init__(

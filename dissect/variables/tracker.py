@@ -58,8 +58,8 @@ class Tracker:
     """Remembers variables, and makes ``rows`` of their values; with ``sums`` it only adds them up.
 
     ``untracked`` counts values of variables beyond ``most``, or beyond `MAX_KEPT`; ``refused`` and ``unconfirmed`` count items
-    without a value. ``changes``, ``every_ns`` and ``likely`` as for `Collector`. While ``doubt`` is set, to that of a transaction
-    that is only likely, values make rows at most: nothing of them is remembered, added up or compared with later.
+    without a value. ``changes``, ``every_ns`` and ``likely`` as for `Collector`. While ``doubt`` is set, to that of a
+    transaction that is only likely, values make rows at most: nothing of them is remembered, added up or compared with later.
     """
 
     def __init__(self, changes: bool, every_ns: i64, sums: bool, most: i64, likely: bool = False) -> None:
