@@ -277,28 +277,29 @@ class Exchange:
                 if transaction.outcome == ANSWERED:  # it waited until its answer was known
                     self._complete(transaction)
                 else:
-                    self._end_beside(transaction, now_ns)
+                    self._end(transaction, now_ns)
             except Exception as bug:
                 if self.strict:
                     raise
                 self.note_bug(bug, frame, now_ns)
-            finally:
-                self.causes.close()
 
-    def _end_beside(self, transaction: Transaction, now_ns: i64) -> None:
-        """Judge and report a transaction that has no answer, or no request."""
-        self.causes.begin(transaction, now_ns)
+    def _end(self, transaction: Transaction, now_ns: i64) -> None:
+        """Judge and report a transaction without an answer, or without a request."""
         if transaction.has_errors:
             transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
-        self._judge_command(transaction)
-        if transaction.outcome == UNANSWERED:
-            judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
-        else:
-            judge_transaction(self.reporter, transaction, self._slow_ns)
-        if self.decoder is not None:
-            self.decoder.transaction(transaction)
-        self.observer.transaction(transaction)
-        self._watch(transaction)
+        self.causes.begin(transaction, now_ns)
+        try:
+            self._judge_command(transaction)
+            if transaction.outcome == UNANSWERED:
+                judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
+            else:
+                judge_transaction(self.reporter, transaction, self._slow_ns)
+            if self.decoder is not None:
+                self.decoder.transaction(transaction)
+            self.observer.transaction(transaction)
+            self._watch(transaction)
+        finally:
+            self.causes.close()
 
     def _judge_command(self, transaction: Transaction) -> None:
         """Judge what a command or service that failed says, before what became of it: the one may explain the other."""
