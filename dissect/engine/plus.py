@@ -155,7 +155,11 @@ class S7Plus(Protocol):
                 self._in_a_row += 1
         if pdu is not None and pdu.malformed and not (cut or holed):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
-            exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
+            slug = "s7.malformed"
+            if pdu.malformed[0].is_unknown:
+                slug = "s7plus.unknown_kind"
+            if slug == "s7.malformed" or connection.traits.first(slug):
+                exchange.reporter.note(slug, connection.number, [frame], time_ns, detail)
         exchange.dialogue.cut = cut
         self._pair(side, octets, frame, time_ns)
         exchange.dialogue.cut = False

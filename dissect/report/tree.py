@@ -195,7 +195,7 @@ def _headers(packet: IbhPacket) -> int:
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
     """Yield what is malformed, in the words of the other reports, and at which octet of this tree."""
     for fact in facts:
-        what = "TRUNCATED" if fact.limit == "snaplen" else "MALFORMED"
+        what = "TRUNCATED" if fact.limit == "snaplen" else fact.word
         yield f"    {what}  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
 
 

@@ -116,10 +116,10 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
     if pdu.cut:
         parts.append("CUT, the end is missing")
     if pdu.malformed:
-        parts.append(f"MALFORMED {pdu.malformed[0]}")
+        parts.append(f"{pdu.malformed[0].word} {pdu.malformed[0]}")
     elif found.malformed and not pdu.cut:
         fact = found.malformed[0]
-        parts.append(f"MALFORMED {fact.at(pdu.place(fact.offset))}")
+        parts.append(f"{fact.word} {fact.at(pdu.place(fact.offset))}")
     return f"{_head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)}  {'  '.join(parts)}"
 
 
