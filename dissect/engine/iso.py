@@ -25,14 +25,15 @@ from dissect.findings.transport_rules import (
     follow_stray,
     judge_confirm,
     judge_data,
+    judge_expedited,
     judge_number,
     judge_order,
     judge_stray,
     note_large,
 )
-from dissect.iso.cotp import Tpdu, parse_tpdu
+from dissect.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
 from dissect.iso.foreign import identify_connect
-from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
+from dissect.iso.tables import CC, CR, DR, DT, ED, ER, TPDU_TYPES
 from dissect.iso.tpkt import BAD_VERSION, HIDING
 from dissect.iso.upper import (
     S7COMM,
@@ -425,6 +426,8 @@ class IsoOnTcp(Protocol):
                 self._connections.scans.refused(connection, time_ns)
         elif type_ == ER:
             judge_error_tpdu(reporter, side, tpdu, frame, time_ns)
+        elif type_ == ED and len(tpdu.data) > MAX_EXPEDITED:
+            judge_expedited(reporter, side, len(tpdu.data), frame, time_ns)
 
     def _connect_request(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
         connection = side.connection

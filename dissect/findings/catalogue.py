@@ -142,6 +142,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Simple servers do not join COTP fragments. Ask for a larger TPDU size (1024) in the connect request.", ""),
     ("cotp.size_exceeded", WARNING, NEGOTIATION, "A TPDU is longer than the negotiated TPDU size.",
      "Many receivers take such TPDUs, some drop them or close the connection: ask for a larger size.", ""),
+    ("cotp.expedited_too_long", WARNING, PROTOCOL, "Expedited data (ED) exceed 16 bytes.",
+     "RFC 1006 allows no more, and S7 uses no expedited data: the sender is faulty, or someone tests what the device takes.", ""),
     ("cotp.unfinished_tsdu", WARNING, PROTOCOL, "A message in several COTP fragments was never completed.",
      "The connection or the capture ended, or bytes were lost, before the last fragment.", ""),
     ("cotp.tsdu_too_long", ERROR, PROTOCOL, "A message in COTP fragments exceeded 65536 bytes and was dropped.",

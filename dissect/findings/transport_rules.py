@@ -148,6 +148,12 @@ def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_n
         reporter.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
 
 
+def judge_expedited(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
+    """Report an ED with more user data than it may carry; ``size`` is how many octets it has."""
+    detail = f"{size} bytes from {side.tcp.ends[side.index]}"
+    reporter.note("cotp.expedited_too_long", side.connection.number, [frame], time_ns, detail)
+
+
 def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
     """Report a connect confirm that does not fit its request: reference, class, TPDU size, TSAPs.
 

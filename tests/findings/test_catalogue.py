@@ -709,6 +709,19 @@ def plus_contents_as_they_should_be(talk: Talk) -> None:
     talk.tell(plus.framed(plus.told(1, plus.SET_VARIABLE, b"\0" + bodies.end(1)), 3))
 
 
+@speaks("cotp.expedited_too_long")
+def expedited_data_of_17_bytes(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, tpkt(b"\x02\x10\x80" + bytes(17)))
+
+
+@silent("cotp.expedited_too_long")
+def expedited_data_of_16_bytes(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, tpkt(b"\x02\x10\x80" + bytes(16)))
+    talk.ask(read(1, dbw(1, 0, 20)))
+
+
 @speaks("s7plus.unknown_kind")
 def plus_items_of_an_unknown_kind(talk: Talk) -> None:
     """An item of kind 1 and four zeros in the second part, as an S7-1500 sends it with each notification."""
