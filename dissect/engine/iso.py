@@ -29,6 +29,7 @@ from dissect.findings.transport_rules import (
     judge_number,
     judge_order,
     judge_stray,
+    note_early,
     note_large,
 )
 from dissect.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
@@ -249,7 +250,7 @@ class IsoOnTcp(Protocol):
             self._exchange.note_bug(bug, frame, time_ns)
         return length
 
-    def empty(self, side: Side, octets: bytes) -> bool:
+    def empty(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
         """Count ``octets`` if they are just one TPKT with a DT that has neither EOT nor data; else return False.
 
         Such a DT begins and ends no TSDU. Call this only where `longest` allows `usual`.
@@ -258,6 +259,8 @@ class IsoOnTcp(Protocol):
             return False
         side.framer.framed += len(_EMPTY)
         self.tpdus.often_count += 1
+        if side.connection.open_requests[1 - side.index].count:
+            note_early(self._exchange.reporter, side, frame, time_ns)
         return True
 
     def _faults(self, side: Side, frame: i64, time_ns: i64) -> None:
@@ -339,8 +342,11 @@ class IsoOnTcp(Protocol):
         begun: bool = not side.assembler.clear
         overflows: i64 = side.assembler.overflows
         tsdu = side.assembler.push(data, eot)
-        if not eot and data:
-            side.begun_tsdu = side.note_place(side.begun_tsdu, frame, time_ns)
+        if not eot:
+            if data:
+                side.begun_tsdu = side.note_place(side.begun_tsdu, frame, time_ns)
+            elif not begun and side.connection.open_requests[1 - side.index].count:
+                note_early(self._exchange.reporter, side, frame, time_ns)
         if side.assembler.overflows > overflows:
             who = side.tcp.ends[side.index]
             self._exchange.reporter.note("cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}")

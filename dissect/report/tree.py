@@ -102,6 +102,11 @@ def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
     yield from _octets(packet, hidden)
 
 
+def carrier_tree_text(packet: bytes) -> str:
+    """Return the headers of a TPKT. Its content is shown with its PDU: a part of one may hold a part of a secret."""
+    return f"{_packet(packet)}\n"
+
+
 def netlink_tree_lines(octets: bytes) -> Iterator[str]:
     """Yield the tree of an IBH-NetLink packet that carries no S7 PDU, and the hex view below it."""
     packet = parse_packet(octets)

@@ -85,6 +85,10 @@ class Writer(Observer):
     def packet(self, octets: bytes) -> None:
         """Take the TPKT or IBH-NetLink packet, header included, that carries the next PDU."""
 
+    def carrier(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Take a TPKT with a DT that carries a PDU, a part of one or nothing; only where all TPDUs are wanted."""
+        self.tpdu(frame, time_ns, side, octets)
+
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Take an SCD message, from a connection of its own or from an item of S7comm."""
 
@@ -200,7 +204,7 @@ class PduFeed(Observer):
     """Passes PDUs on to a writer, and TPDUs and packets that carry none: all, or those that a packet of ``frames`` completes.
 
     ``found`` are the packets of ``frames`` for which the writer wrote something. ``decoder`` decides which messages are SCD,
-    ``choose`` which are wanted.
+    ``choose`` which are wanted. With ``every`` TPDUs that carry a PDU, a part of one or nothing are passed on, too.
     """
 
     def __init__(
@@ -209,6 +213,7 @@ class PduFeed(Observer):
         frames: frozenset[int] = frozenset(),
         decoder: PayloadDecoder | None = None,
         choose: MessageChoice | None = None,
+        every: bool = False,
     ) -> None:
         super().__init__()
         self.wants_pdus = True
@@ -218,6 +223,7 @@ class PduFeed(Observer):
         self._frames: frozenset[int] = frozenset(frames)
         self._decoder: PayloadDecoder | None = decoder
         self._choose: MessageChoice | None = choose
+        self._every: bool = every
         self._before: int = 0  # how many lines the writer had before the present message
 
     def comment(self, frame: i64, text: str) -> None:
@@ -231,19 +237,27 @@ class PduFeed(Observer):
         self._writer.packet(octets)
         if not self._wanted(frame):
             return
+        alone = self._alone(side, octets)
+        if not (alone or self._every) or not self._chosen(COTP, frame, time_ns, side, octets, False):
+            return
+        if alone:
+            self._writer.tpdu(frame, time_ns, side, octets)
+        else:
+            self._writer.carrier(frame, time_ns, side, octets)
+        self._find(frame)
+
+    def _alone(self, side: Side, octets: bytes) -> bool:
+        """Return whether no PDU, SCD message or part of either is in a TPKT, which then needs a line of its own."""
         if len(octets) > _DT_HEAD and octets[4] == 2 and octets[5] == _PLAIN_DT:
             upper = classify(octets, _DT_HEAD, len(octets))
             if upper in (S7COMM, S7COMM_PLUS):
-                return  # nearly every one
+                return False  # nearly every one
         tpdu = parse_tpdu(octets[4:])
-        if tpdu.type in {DT, ED}:
-            begins = side.assembler.clear
-            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
-                return
-        if not self._chosen(COTP, frame, time_ns, side, octets, False):
-            return
-        self._writer.tpdu(frame, time_ns, side, octets)
-        self._find(frame)
+        if tpdu.type not in {DT, ED}:
+            return True
+        if self._decoder is not None and self._decoder.claims_tsdus(side.connection):
+            return False
+        return side.assembler.clear and bool(carried(tpdu))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Give the writer the packet of the PDU that may follow; pass on a packet that carries no part of a PDU."""

@@ -709,6 +709,24 @@ def plus_contents_as_they_should_be(talk: Talk) -> None:
     talk.tell(plus.framed(plus.told(1, plus.SET_VARIABLE, b"\0" + bodies.end(1)), 3))
 
 
+@speaks("cotp.empty_dt")
+def acknowledged_before_it_is_answered(talk: Talk) -> None:
+    talk.open()
+    for ref in (1, 2):
+        talk.ask(read(ref, dbw(1, 0)))
+        talk.packet(SERVER, tpkt(b"\x02\xf0\x00"))
+        talk.tell(words(ref, 1))
+
+
+@silent("cotp.empty_dt")
+def acknowledged_once_it_is_answered(talk: Talk) -> None:
+    talk.open()
+    for ref in (1, 2):
+        talk.ask(read(ref, dbw(1, 0)))
+        talk.tell(words(ref, 1))
+        talk.packet(CLIENT, tpkt(b"\x02\xf0\x00"))
+
+
 @speaks("cotp.expedited_too_long")
 def expedited_data_of_17_bytes(talk: Talk) -> None:
     talk.open()
