@@ -44,7 +44,7 @@ from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations
-from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, BEHIND_MALFORMED, UNANSWERED, Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import shortened
 
@@ -131,6 +131,19 @@ class PlusWatch:
         if transaction.error_code == _PROTECTED and connection.traits.first("security.protected"):
             self._security.tell("security.protected", transaction, transaction.function_name)
 
+    def behind(self, transaction: Transaction) -> None:
+        """Take a request behind a malformed header that nobody answered: what it asks for counts, and changes no session."""
+        asked = transaction.request_octets
+        if not asked:
+            return
+        session = PlusSession(Program(), Identity())
+        facts = take(session, transaction.function, asked, b"", transaction.skimmed, -1)
+        if facts is not None:
+            for event in facts.events:
+                self._tell(session, event, transaction, 0)
+            if facts.malformed:
+                self._odd_contents(transaction, facts)
+
     def _subscribes(self, connection: Connection) -> None:
         """Remember that the client of ``connection`` subscribes to something at its CPU, or did before the capture began."""
         if len(self._subscribers) < MAX_SUBSCRIBERS:
@@ -201,7 +214,9 @@ class PlusWatch:
         traits = transaction.connection.traits
         what = shortened(event.text, _TEXT)
         if code in {0, PARTIAL_ERROR}:
-            self._security.wrote(slug, area, transaction, what, code, transaction.outcome != UNANSWERED)
+            self._security.wrote(
+                slug, area, transaction, what, code, transaction.outcome not in {UNANSWERED, BEHIND_MALFORMED}
+            )
             session.outputs_told = traits.written & WRITTEN_IO != 0
             session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
         elif traits.first("security.write_refused"):

@@ -25,6 +25,7 @@ from dissect.s7.tables import (
 )
 from dissect.tcp.connection import TcpConnection
 from dissect.tcp.stream import Endpoint
+from dissect.transactions.aside import Aside
 from dissect.transactions.ending import Ending
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.operation import Activation, OpenOperations
@@ -122,6 +123,7 @@ class Traits:
         "_szl_ids",
         "_told",
         "_writes",
+        "aside",
         "inquiries",
         "pace_ns",
         "refusals",
@@ -143,6 +145,7 @@ class Traits:
         self._szl_ids: set[int] | None = None
         self._loaded: dict[str, Activation] | None = None
         self._early: list[EarlyAck] | None = None
+        self.aside: Aside | None = None
 
     def note_early(self, side: i64, frame: i64, time_ns: i64) -> None:
         """Remember that ``side`` acknowledged a request with an empty DT; of many the latest are kept."""
@@ -226,6 +229,7 @@ class Connection:
         "_traits",
         "answered",
         "begun",
+        "behind",
         "bound",
         "class_",
         "client_known",
@@ -344,6 +348,7 @@ class Connection:
         self._traits: Traits | None = None
         self._subscriptions: dict[int, Subscription] | None = None
         self.pdus: i64 = 0
+        self.behind: i64 = 0  # not in ``pdus``: whole PDUs behind malformed TPDU headers
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.still_open = self.not_captured = 0
@@ -413,6 +418,12 @@ class Connection:
         if traits is None:
             return None
         return traits.early_ack(1 - transaction.asked_by, transaction.request_frame, transaction.response_frame)
+
+    @property
+    def aside(self) -> Aside | None:
+        """What waits behind malformed TPDU headers, None while nothing does."""
+        aside = self._traits.aside if self._traits is not None else None
+        return aside if aside is not None and aside.held else None
 
     @property
     def has_loaded(self) -> bool:

@@ -252,7 +252,6 @@ class TextWriter(Writer):
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self.number_width = NUMBER_WIDTH
-        self._packet: bytes = b""  # the present TPKT or IBH-NetLink packet
         self._octets: LineOctets = LineOctets(self.clock, self.places)
 
     def begin(self, places: Places) -> None:
@@ -277,10 +276,6 @@ class TextWriter(Writer):
     def comment(self, frame: i64, text: str) -> None:
         """Add the line of a comment."""
         self._add(comment_line(int(frame), text, self.places))
-
-    def packet(self, octets: bytes) -> None:
-        """Keep the packet that carries the next PDU."""
-        self._packet = octets
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of a TPDU that carries no S7 PDU."""
@@ -321,7 +316,10 @@ class TextWriter(Writer):
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
         faults: list[Malformed] = []
         line = _pdu_line(pdu, connection, self.clock, self.places, faults)
-        self._add(line, bool(faults) or _says_no(pdu))
+        header = self.header_of(side, octets)
+        if header is not None:
+            line += header.remark
+        self._add(line, bool(faults) or header is not None or _says_no(pdu))
         if self.verbose:
             from dissect.report.tree import tree_text
 
@@ -332,7 +330,11 @@ class TextWriter(Writer):
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
         contents = shown_contents(pdu, self.verbose)
-        self._add(plus_line(pdu, connection, self.clock, self.places, contents), bool(pdu.malformed))
+        line = plus_line(pdu, connection, self.clock, self.places, contents)
+        header = self.header_of(side, octets)
+        if header is not None:
+            line += header.remark
+        self._add(line, bool(pdu.malformed) or header is not None)
         if self.verbose:
             from dissect.report.tree import DECRYPTED, REASSEMBLED, plus_tree_lines
 
@@ -349,7 +351,7 @@ class TextWriter(Writer):
 
     def _whole(self, octets: bytes, cut: bool) -> bytes:
         """Return the present packet if it carries the whole PDU, else empty octets."""
-        return self._packet if self._packet.endswith(octets) and not cut else b""
+        return self.carrying if self.carrying.endswith(octets) and not cut else b""
 
     def _add(self, text: str, failed: bool = False) -> None:
         self._put(text, FAILED if failed else PLAIN, HANG)
