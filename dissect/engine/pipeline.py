@@ -416,10 +416,9 @@ class Pipeline(PacketSink):
 
     def _feed(self, side: Side, octets: bytes, size: i64) -> None:
         """Hand the next octets of ``side`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
-        counters = self.counters
-        if side.longest and size < LEAST and self.iso.empty(side, octets, counters.frames, counters.now_ns):
+        if side.longest and size < LEAST and self.iso.empty(side, octets, self.counters.frames, self.counters.now_ns):
             return
-        self.iso.feed(side, octets, 0, size, counters.frames, counters.now_ns)
+        self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
         peer = side.peer
         if peer is None or side.waiting or peer.waiting or side.tcp.doubt or side.connection.plus is not None:
             return

@@ -171,7 +171,7 @@ class S7Plus(Protocol):
             self._count_anew(assembler)
 
     def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a sound frame behind the malformed header of a TPDU: it is judged by itself, and continues no PDU."""
+        """Take a frame behind the malformed header of a TPDU: it is judged by itself, and continues no PDU."""
         exchange = self._exchange
         connection = side.connection
         head = self._head
@@ -183,6 +183,7 @@ class S7Plus(Protocol):
         if exchange.observer.wants_pdus:
             exchange.observer.plus_pdu(frame, time_ns, side, octets, begun)
         if not head.begins:
+            self.unpaired += 1
             return
         parameters = self._parameters.get(head.function)
         sequence: i64 = head.sequence

@@ -225,18 +225,19 @@ class S7(Protocol):
     # ---- PDUs behind malformed headers ------------------------------------------------------------------------------
 
     def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a whole, sound PDU behind the malformed header of a TPDU: it is judged by itself, and breaks no limit."""
+        """Take a whole PDU behind the malformed header of a TPDU: it is judged by itself, and breaks no limit."""
         exchange = self._exchange
         self.behind_malformed += 1
         if exchange.observer.wants_pdus:
             exchange.observer.pdu(frame, time_ns, side, octets, False)
-        rosctr, pdu_ref, param_length, _ = read_header(octets, 0)
+        rosctr, pdu_ref, param_length, data_length = read_header(octets, 0)
         if rosctr not in ROSCTR:
             exchange.reporter.note("s7.unknown_rosctr", side.connection.number, [frame], time_ns, f"ROSCTR {rosctr}")
+            self.unpaired += 1
             return
         head: i64 = header_size(rosctr)
         parameters = self._parameters.get(octets, head, head + param_length, rosctr)
-        if parameters.malformed:
+        if parameters.malformed or head + param_length + data_length != len(octets):
             self._note_malformed(side, octets, frame, time_ns)
         if parameters.unjudged:
             judge_parameters(exchange.reporter, side, parameters, frame, time_ns)
