@@ -114,7 +114,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
     ("tpkt.unfinished", NOTE, PROTOCOL, "The capture or the connection ends inside a TPKT.",
      "The last packet of that side is incomplete.", ""),
     ("cotp.malformed", ERROR, PROTOCOL, "A COTP TPDU contradicts itself.",
-     "Lengths or types in the COTP header are wrong; the detail names the field.", ""),
+     "Lengths or types in the COTP header are wrong; the detail names the field, and a PDU behind the header.", ""),
     ("cotp.refused", WARNING, NEGOTIATION, "A COTP connection request was refused.",
      "Check the called TSAP (rack and slot), and whether the device has a free connection resource.", ""),
     ("cotp.disconnected", WARNING, PROTOCOL, "A COTP disconnect request ended the connection.",

@@ -55,6 +55,14 @@ def test_analyze_counts_them_apart(capfdbinary: Capture, path: Path) -> None:
     assert any("5 transactions, 2 behind malformed headers" in line for line in brief)
 
 
+def test_several_processes_count_them_as_one(capfdbinary: Capture, path: Path) -> None:
+    other = path.with_name("other.pcapng")
+    other.write_bytes(path.read_bytes())
+    told = lines(capfdbinary, "analyze", "--separate", path, other)
+    assert "  10 S7 PDUs, 6 more behind malformed headers" in told
+    assert lines(capfdbinary, "analyze", "--separate", "-j", "2", path, other) == told
+
+
 def test_the_analysis_in_json(capfdbinary: Capture, path: Path) -> None:
     told = json.loads("\n".join(lines(capfdbinary, "analyze", "-T", "json", path)))
     assert complaints("analysis", told, exact=True) == []
