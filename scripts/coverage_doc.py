@@ -312,6 +312,7 @@ def document(rows: dict[Key, Row]) -> str:
             told = cells(section, name, rows.get((section, name), Row()))
             shown = [text or why.get((section, name, column), "") for column, text in told.items()]
             lines.append(f"| {name} | {' | '.join(shown)} |")
+        lines += BELOW.get(section, ())
     return "\n".join(lines) + "\n"
 
 
@@ -340,6 +341,34 @@ HEAD: Final = (
     "- *compared*: how many fields have a name of Wireshark's. In every capture [the oracle](oracle.md) compares them with",
     f"  tshark, and none is unexplained; where they differ on purpose its entry is named ({len(known.KNOWN)} there in all).",
 )
+
+
+#: What stands below the table of a section.
+BELOW: Final[dict[str, tuple[str, ...]]] = {
+    TPDUS: (
+        "",
+        "### Behind a malformed header",
+        "",
+        "A TPDU header cannot hold a DT of class 0 where its length indicator is 0, 1 or the reserved 255, or reaches",
+        "beyond the TPKT. A receiver that reads the header drops such a TPDU; one that skips three bytes takes what",
+        "follows. So a whole S7comm PDU or S7comm-plus frame behind such a header, of whatever type and end mark, is",
+        "shown and judged, but counted apart:",
+        "",
+        "- It is marked: `BEHIND A MALFORMED TPDU HEADER` in `show`, `tpdu.behind_malformed` in its JSON, the reason",
+        "  `malformed_header` of its transaction, `behind_malformed` in `-Y`. `cotp.malformed` names the header.",
+        "- Its security findings are made and say so. It opens no request, breaks no limit (PDU length, parallel",
+        "  jobs, setup), and begins no operation.",
+        "- A request waits aside, up to 8 of them and 64 KiB on a connection, for 10 s. If the other side answers it,",
+        "  and no ordinary request of that reference is open, both are one transaction: the device took it. Else its",
+        "  outcome is `behind_malformed`, and nothing is missed.",
+        "- An answer completes the open request that it fits if no other answer comes within 1 s or 50 packets, or",
+        "  once its client sends more than it may without an answer. Any other one, and a push, is",
+        "  `behind_malformed`.",
+        "",
+        "A DT whose length indicator is 3 or more and lies within its TPKT is read: its data begin where class 0 has",
+        "them if a whole PDU stands there, else where the length indicator says.",
+    ),
+}
 
 
 def main(arguments: list[str]) -> int:

@@ -67,6 +67,7 @@ def cotp_fragments(case: Case) -> None:
     talk.send(SERVER, dt(end=False))
     talk.send(SERVER, dt(written(1)))
     talk.send(CLIENT, dt(end=False))
+    case.find("cotp.empty_dt")
     case.pair(WRITE)
     # A read whose answer comes in two DTs, in one segment.
     talk.send(CLIENT, dt(read_bytes(2, 900)))

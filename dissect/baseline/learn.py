@@ -9,7 +9,7 @@ from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
 from dissect.engine.observer import Observer
 from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import BEHIND_MALFORMED, Transaction
 from dissect.wire.text import Clock
 
 MAX_PAIRS: Final = 1024
@@ -86,7 +86,9 @@ class Learner(Observer):
             learned.restart()
 
     def transaction(self, transaction: Transaction) -> None:
-        """Learn from a transaction with any outcome."""
+        """Learn from a transaction with any outcome; what is behind a malformed header is not normal."""
+        if transaction.outcome == BEHIND_MALFORMED:
+            return
         connection = transaction.connection
         learned = self._learned(connection)
         if learned is None:

@@ -43,6 +43,7 @@ from dissect.transactions.naming import Naming
 )
 @select_options("message", results="messages")
 @click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
+@click.option("--tpdus", is_flag=True, help="List every COTP TPDU as well: fragments, and empty ones that acknowledge.")
 @checksums_option
 @fail_on_option
 @scd_options
@@ -53,6 +54,7 @@ def command(
     format_: Format,
     frames: tuple[int, ...],
     verbose: bool,
+    tpdus: bool,
     checksums: bool,
     fail_on: frozenset[str],
     decoder: PayloadDecoder | None,
@@ -72,7 +74,7 @@ def command(
         names = " and ".join([row.name for row in formats_for(PDUS) if row.verbose])
         raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
     writer = chosen.writer(format_, PDUS, clock(), verbose)
-    shown = PduFeed(writer, frozenset(frames), decoder, chosen.message_choice())
+    shown = PduFeed(writer, frozenset(frames), decoder, chosen.message_choice(), tpdus)
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     run = Run(files, shown, chosen.narrow(options))
     chosen.begin(run, files)

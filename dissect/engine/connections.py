@@ -251,6 +251,7 @@ class Connections:
         last_ns: i64 = side.tcp.last_ns
         side.protocol.finish(side, last_frame, last_ns)
         peer.protocol.finish(peer, last_frame, last_ns)
+        exchange.behind.end(side)
         asked = exchange.dialogue.certainly_open(side) + exchange.dialogue.certainly_open(peer)
         ending = Ending(side.connection, asked, frame, now_ns)
         side.connection.ending = ending

@@ -28,6 +28,7 @@ from dissect.s7.parameters import Parameters
 from dissect.s7.tables import GROUP_CPU, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.stations.evidence import TELLING
 from dissect.stations.facts import Fact
+from dissect.transactions.behind import Behind
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import DONE, DOWNLOAD, TRANSFERS, Operation
@@ -36,7 +37,7 @@ from dissect.transactions.pairing import Dialogue
 from dissect.transactions.payloads import SCD, ScdParameters
 from dissect.transactions.side import Side
 from dissect.transactions.subscriptions import follow
-from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, BEHIND_MALFORMED, UNANSWERED, Transaction
 
 if TYPE_CHECKING:
     from dissect.findings.block_rules import BlockWatch
@@ -130,6 +131,18 @@ class Watch:
             self._facts(self.stations.take(transaction))
         self._tell()
 
+    def behind(self, transaction: Transaction) -> None:
+        """Take what is behind a malformed header and part of no pair: it is judged for security, and means nothing else."""
+        function: i64 = transaction.parameters.function
+        if transaction.is_plus:
+            self.plus.behind(transaction)
+        elif function == WRITE_VAR:
+            traits = transaction.connection.traits
+            if transaction.request_frame and transaction.parameters.written & ~traits.written:
+                self.security.write(transaction)
+        elif function != READ_VAR:
+            self.security.take(transaction)
+
     def end(self, connection: Connection, reason: str) -> None:
         """A connection is over; ``reason`` is one of those of transactions."""
         self.operations.end(connection, reason)
@@ -183,6 +196,7 @@ class Exchange:
         self.reporter: Reporter = Reporter()
         self.dialogue: Dialogue = Dialogue()
         self.causes: Causes = Causes(self.reporter, slow_ns)
+        self.behind: Behind = Behind(self.dialogue)
         self.watch: Watch = Watch(observer, self.reporter)
         self.decoder: PayloadDecoder | None = decoder
         self.naming: Naming | None = None  # knows names for addresses, where the user has given any
@@ -276,6 +290,9 @@ class Exchange:
             try:
                 if transaction.outcome == ANSWERED:  # it waited until its answer was known
                     self._complete(transaction)
+                elif transaction.outcome == BEHIND_MALFORMED:
+                    self.observer.transaction(transaction)
+                    self.watch.behind(transaction)
                 else:
                     self._end(transaction, now_ns)
             except Exception as bug:

@@ -25,14 +25,17 @@ from dissect.findings.transport_rules import (
     follow_stray,
     judge_confirm,
     judge_data,
+    judge_expedited,
     judge_number,
     judge_order,
     judge_stray,
+    note_early,
     note_large,
 )
-from dissect.iso.cotp import Tpdu, parse_tpdu
+from dissect.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
 from dissect.iso.foreign import identify_connect
-from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
+from dissect.iso.irregular import holds_data, is_odd, odd_place, odd_said
+from dissect.iso.tables import CC, CR, DR, DT, ED, ER, TPDU_TYPES
 from dissect.iso.tpkt import BAD_VERSION, HIDING
 from dissect.iso.upper import (
     S7COMM,
@@ -47,12 +50,13 @@ from dissect.iso.upper import (
 )
 from dissect.s7.parameters import PROTOCOL_ID, is_request
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
-from dissect.transactions.connection import FOREIGN, ISO, Connection
+from dissect.transactions.connection import FOREIGN, ISO
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Place, Side
 from dissect.transactions.stray import Stray
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
+from dissect.wire.text import count
 
 #: The size of a TPKT with a DT and just the header of an S7 PDU, in octets.
 LEAST: Final = 17
@@ -248,7 +252,7 @@ class IsoOnTcp(Protocol):
             self._exchange.note_bug(bug, frame, time_ns)
         return length
 
-    def empty(self, side: Side, octets: bytes) -> bool:
+    def empty(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
         """Count ``octets`` if they are just one TPKT with a DT that has neither EOT nor data; else return False.
 
         Such a DT begins and ends no TSDU. Call this only where `longest` allows `usual`.
@@ -257,6 +261,8 @@ class IsoOnTcp(Protocol):
             return False
         side.framer.framed += len(_EMPTY)
         self.tpdus.often_count += 1
+        if side.connection.open_requests[1 - side.index].count:
+            note_early(self._exchange.reporter, side, frame, time_ns)
         return True
 
     def _faults(self, side: Side, frame: i64, time_ns: i64) -> None:
@@ -338,8 +344,11 @@ class IsoOnTcp(Protocol):
         begun: bool = not side.assembler.clear
         overflows: i64 = side.assembler.overflows
         tsdu = side.assembler.push(data, eot)
-        if not eot and data:
-            side.begun_tsdu = side.note_place(side.begun_tsdu, frame, time_ns)
+        if not eot:
+            if data:
+                side.begun_tsdu = side.note_place(side.begun_tsdu, frame, time_ns)
+            elif not begun and side.connection.open_requests[1 - side.index].count:
+                note_early(self._exchange.reporter, side, frame, time_ns)
         if side.assembler.overflows > overflows:
             who = side.tcp.ends[side.index]
             self._exchange.reporter.note("cotp.tsdu_too_long", side.connection.number, [frame], time_ns, f"from {who}")
@@ -375,20 +384,32 @@ class IsoOnTcp(Protocol):
             side.assembler.dropped += before
         self._tsdu(side, data, 0, len(data), frame, time_ns)
 
-    def _odd_data(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
+    def _odd_data(self, side: Side, tpdu: Tpdu, octets: bytes, place: i64, frame: i64, time_ns: i64) -> None:
         """Report a DT that is malformed, or whose length indicator is not that of class 0; it begins and ends no TSDU.
 
-        Its data count only if they are a sound PDU, looked for first where class 0 has data, then where the indicator says.
+        ``place`` is where a whole PDU begins in it, -1 for none.
         """
-        size: i64 = len(octets)
-        what = str(tpdu.malformed[0]) if tpdu.malformed else f"length indicator {octets[0]}, class 0 has 2"
-        self._exchange.reporter.note("cotp.malformed", side.connection.number, [frame], time_ns, f"DT: {what}")
-        if size > 3 and octets[2] >= 0x80 and is_sound(octets, 3, size):
-            self._tsdu(side, octets, 3, size - 3, frame, time_ns)
-        elif is_sound(tpdu.data, 0, len(tpdu.data)):
-            self._tsdu(side, tpdu.data, 0, len(tpdu.data), frame, time_ns)
+        self._note_malformed(side, f"DT: {odd_said(tpdu, octets)}", frame, time_ns)
+        if place >= 0:
+            self._tsdu(side, octets, place, len(octets) - place, frame, time_ns)
         else:
             side.assembler.dropped += len(tpdu.data)
+
+    def _behind(self, side: Side, tpdu: Tpdu, octets: bytes, place: i64, frame: i64, time_ns: i64) -> None:
+        """Take a whole PDU, from ``place`` on, behind a header that has no place for a class 0 DT."""
+        plus: bool = octets[place] != PROTOCOL_ID
+        name = "S7comm-plus" if plus else "S7comm"
+        said = f"{tpdu.name}: {tpdu.malformed[0]}; behind it {name}, {count(len(octets) - int(place), 'byte')}"
+        self._note_malformed(side, said, frame, time_ns)
+        connection = side.connection
+        if connection.protocol == "":
+            connection.protocol = UPPER_NAMES[S7COMM_PLUS if plus else S7COMM]
+        connection.behind += 1
+        (self._plus if plus else self._s7).behind(side, octets[place:], frame, time_ns)
+        self._exchange.completed(None, frame, time_ns)
+
+    def _note_malformed(self, side: Side, said: str, frame: i64, time_ns: i64) -> None:
+        self._exchange.reporter.note("cotp.malformed", side.connection.number, [frame], time_ns, said)
 
     def _other_tpdu(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Take any TPDU but the plain DT; ``octets`` are the whole TPDU."""
@@ -400,11 +421,15 @@ class IsoOnTcp(Protocol):
         if connecting and tpdu.variable and is_rdp_connect(tpdu.variable):
             self._connections.foreign.take(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
             return
-        if type_ == DT and (tpdu.malformed or (octets[0] != 2 and _is_class_0(connection, octets))):
-            self._odd_data(side, tpdu, octets, frame, time_ns)
+        place: i64 = odd_place(tpdu, octets, connection.class_)
+        if place >= 0 and not holds_data(octets):
+            self._behind(side, tpdu, octets, place, frame, time_ns)
+            return
+        if is_odd(tpdu, octets, connection.class_):
+            self._odd_data(side, tpdu, octets, place, frame, time_ns)
             return
         if tpdu.malformed:
-            reporter.note("cotp.malformed", connection.number, [frame], time_ns, f"{tpdu.name}: {tpdu.malformed[0]}")
+            self._note_malformed(side, f"{tpdu.name}: {tpdu.malformed[0]}", frame, time_ns)
         else:
             judge_order(reporter, side, type_, frame, time_ns)
         if type_ == DT:
@@ -425,6 +450,8 @@ class IsoOnTcp(Protocol):
                 self._connections.scans.refused(connection, time_ns)
         elif type_ == ER:
             judge_error_tpdu(reporter, side, tpdu, frame, time_ns)
+        elif type_ == ED and len(tpdu.data) > MAX_EXPEDITED:
+            judge_expedited(reporter, side, len(tpdu.data), frame, time_ns)
 
     def _connect_request(self, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
         connection = side.connection
@@ -552,10 +579,3 @@ class IsoOnTcp(Protocol):
             "tsdus": {name: count for name, count in named if count or name in _ALWAYS},
             "tpdus": tpdus,
         }
-
-
-def _is_class_0(connection: Connection, octets: bytes) -> bool:
-    """Return whether a DT is of class 0: the connect confirm tells; where that was not captured, the DT's content does."""
-    if connection.class_ >= 0:
-        return connection.class_ == 0
-    return len(octets) > 3 and octets[2] >= 0x80 and is_sound(octets, 3, len(octets))

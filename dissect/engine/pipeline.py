@@ -416,7 +416,7 @@ class Pipeline(PacketSink):
 
     def _feed(self, side: Side, octets: bytes, size: i64) -> None:
         """Hand the next octets of ``side`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
-        if side.longest and size < LEAST and self.iso.empty(side, octets):
+        if side.longest and size < LEAST and self.iso.empty(side, octets, self.counters.frames, self.counters.now_ns):
             return
         self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
         peer = side.peer

@@ -10,7 +10,7 @@ from dissect.engine.exchange import Exchange
 from dissect.findings.session_rules import judge_port
 from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
 from dissect.s7plus.assembly import PlusAssembler, is_notification
-from dissect.s7plus.message import SHORT_HEADS, PlusPdu, parse_plus
+from dissect.s7plus.message import HEADER_SIZE, SHORT_HEADS, PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameterCache
 from dissect.s7plus.plain import Head
 from dissect.s7plus.tables import (
@@ -29,7 +29,7 @@ from dissect.s7plus.tables import (
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
-from dissect.wire.octets import Tally
+from dissect.wire.octets import Tally, u16
 
 #: Functions with which a client may restart its sequence numbers.
 _BEGINNING: Final = frozenset((CREATE_OBJECT, INIT_SSL))
@@ -50,6 +50,7 @@ class S7Plus(Protocol):
         self.pdus: i64 = 0
         self.cut_pdus: i64 = 0  # not complete: the capture ends or has a gap, or they were too long
         self.unpaired: i64 = 0  # without an opcode, with an unknown one, or too damaged
+        self.behind_malformed: i64 = 0  # whole PDUs behind malformed TPDU headers, which none of the other counts has
         self.versions: Tally = Tally(256, V3, V2)
         self.opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
         self._functions: dict[int, int] = {}  # by code of 16 bits; without the `_in_a_row` latest PDUs
@@ -155,7 +156,11 @@ class S7Plus(Protocol):
                 self._in_a_row += 1
         if pdu is not None and pdu.malformed and not (cut or holed):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
-            exchange.reporter.note("s7.malformed", connection.number, [frame], time_ns, detail)
+            slug = "s7.malformed"
+            if pdu.malformed[0].is_unknown:
+                slug = "s7plus.unknown_kind"
+            if slug == "s7.malformed" or connection.traits.first(slug):
+                exchange.reporter.note(slug, connection.number, [frame], time_ns, detail)
         exchange.dialogue.cut = cut
         self._pair(side, octets, frame, time_ns)
         exchange.dialogue.cut = False
@@ -164,6 +169,30 @@ class S7Plus(Protocol):
             # rest.
             assembler.holed = False
             self._count_anew(assembler)
+
+    def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take a frame behind the malformed header of a TPDU: it is judged by itself, and continues no PDU."""
+        exchange = self._exchange
+        connection = side.connection
+        head = self._head
+        begun: bool = (
+            octets[1] != KEEP_ALIVE and octets[1] != SYSTEM_EVENT and HEADER_SIZE + u16(octets, 2) == len(octets)
+        )
+        head.take(parse_plus(octets, frame, time_ns, connection.number, side.index, begun))
+        self.behind_malformed += 1
+        if exchange.observer.wants_pdus:
+            exchange.observer.plus_pdu(frame, time_ns, side, octets, begun)
+        if not head.begins:
+            self.unpaired += 1
+            return
+        parameters = self._parameters.get(head.function)
+        sequence: i64 = head.sequence
+        if head.opcode == NOTIFICATION:
+            exchange.behind.push(side, 0, parameters, octets, frame, time_ns)
+        elif head.opcode == REQUEST:
+            exchange.behind.ask(side, PLUS, sequence, parameters, octets, frame, time_ns)
+        else:
+            exchange.behind.answer(side, PLUS, sequence, parameters, octets, frame, time_ns)
 
     def _count_row(self) -> None:
         """Add the latest PDUs of the same function to the table: counting each one there would be slower."""
@@ -285,6 +314,7 @@ class S7Plus(Protocol):
         return {
             "s7plus": {
                 "pdus": self.pdus,
+                **({"behind_malformed": self.behind_malformed} if self.behind_malformed else {}),
                 "cut": self.cut_pdus,
                 "unpaired": self.unpaired,
                 "versions": {f"0x{code:02x}": count for code, count in enumerate(self.versions.counts()) if count},

@@ -49,6 +49,7 @@ class S7(Protocol):
         self.pdus: i64 = 0
         self.cut_pdus: i64 = 0
         self.unpaired: i64 = 0  # PDUs that cannot be paired: of an unknown kind, or too damaged
+        self.behind_malformed: i64 = 0  # whole PDUs behind malformed TPDU headers, which none of the other counts has
         self._parameters: ParameterCache = ParameterCache()
 
     def forget(self) -> None:
@@ -201,6 +202,8 @@ class S7(Protocol):
         exchange = self._exchange
         connection = side.connection
         fault = ""
+        if connection.aside is not None:
+            exchange.behind.asked(side)
         shared: bool = exchange.dialogue.shared
         if shared:
             exchange.dialogue.shared = False
@@ -218,6 +221,34 @@ class S7(Protocol):
                 fault = judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
         if fault:
             exchange.causes.blame(connection, exchange.dialogue.count, fault)
+
+    # ---- PDUs behind malformed headers ------------------------------------------------------------------------------
+
+    def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take a whole PDU behind the malformed header of a TPDU: it is judged by itself, and breaks no limit."""
+        exchange = self._exchange
+        self.behind_malformed += 1
+        if exchange.observer.wants_pdus:
+            exchange.observer.pdu(frame, time_ns, side, octets, False)
+        rosctr, pdu_ref, param_length, data_length = read_header(octets, 0)
+        if rosctr not in ROSCTR:
+            exchange.reporter.note("s7.unknown_rosctr", side.connection.number, [frame], time_ns, f"ROSCTR {rosctr}")
+            self.unpaired += 1
+            return
+        head: i64 = header_size(rosctr)
+        parameters = self._parameters.get(octets, head, head + param_length, rosctr)
+        if parameters.malformed or head + param_length + data_length != len(octets):
+            self._note_malformed(side, octets, frame, time_ns)
+        if parameters.unjudged:
+            judge_parameters(exchange.reporter, side, parameters, frame, time_ns)
+        userdata = parameters.userdata
+        kind: i64 = userdata.type if userdata is not None else -1
+        if rosctr == JOB or (rosctr == USERDATA and kind == REQUEST):
+            exchange.behind.ask(side, rosctr, pdu_ref, parameters, octets, frame, time_ns)
+        elif rosctr != USERDATA or kind == RESPONSE:
+            exchange.behind.answer(side, rosctr, pdu_ref, parameters, octets, frame, time_ns)
+        else:
+            exchange.behind.push(side, pdu_ref, parameters, octets, frame, time_ns)
 
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
 
@@ -303,6 +334,7 @@ class S7(Protocol):
         return {
             "s7": {
                 "pdus": self.pdus,
+                **({"behind_malformed": self.behind_malformed} if self.behind_malformed else {}),
                 "cut": self.cut_pdus,
                 "unpaired": self.unpaired,
                 "rosctr": {str(code): count for code, count in enumerate(self.rosctrs.counts()) if count},

@@ -258,6 +258,8 @@ class Timers:
         """Give up answers of ``side`` that were held for their request too long."""
         exchange = self._exchange
         exchange.dialogue.expire(side, self._counters.now_ns)
+        if side.connection.aside is not None:
+            exchange.behind.expire(side, self._counters.now_ns)
         if exchange.dialogue.also:
             exchange.beside(self._counters.frames, self._counters.now_ns)
 
@@ -290,7 +292,12 @@ class Timers:
         for side in waiting:  # a loop of its own: the request of an answer may just have been passed on
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
-            side.waiting = side.stream.time_bound or asked.orphans is not None or asked.undecided is not None
+            side.waiting = (
+                side.stream.time_bound
+                or asked.orphans is not None
+                or asked.undecided is not None
+                or side.connection.aside is not None
+            )
 
     def look_at_ends(self) -> None:
         """Look at the connections whose end is in doubt, and on which something passed since the last look.
@@ -332,7 +339,11 @@ class Timers:
                 for stretch in held:
                     if oldest == 0 or stretch.frame < oldest:
                         oldest = stretch.frame
-            for answer in side.connection.open_requests[1 - side.index].waiting():
+            waiting = side.connection.open_requests[1 - side.index].waiting()
+            aside = side.connection.aside
+            if aside is not None:
+                waiting = waiting + aside.answers()
+            for answer in waiting:
                 if oldest == 0 or answer.response_frame < oldest:
                     oldest = answer.response_frame
         return oldest

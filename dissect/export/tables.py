@@ -140,7 +140,7 @@ TRANSACTIONS: Final = Table(
         Column("userdata_group", INT, "", "function group of userdata", "UserdataHead.group"),
         Column("subfunction", INT, "", "subfunction of userdata", "UserdataHead.subfunction"),
         Column("about", TEXT, "", "what a request without items is about, for example the SZL", "Facet.subject_whole"),
-        Column("outcome", WORD, "", "answered, unanswered, orphan_answer or unsolicited", "Transaction.outcome"),
+        Column("outcome", WORD, "", "its outcome, such as answered or unanswered (docs/json.md)", "Transaction.outcome"),
         Column("reason", WORD, "", "why there is no answer; hole: it was not captured", "Transaction.reason"),
         Column("certainty", WORD, "", "sure or likely: of a pair, push or answer not captured", "Transaction.certainty"),
         Column("doubt", WORD, "", "why a pair or push is only likely: gaps, or alike (docs/json.md)", "Transaction.doubt"),

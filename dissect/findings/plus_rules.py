@@ -44,7 +44,8 @@ from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations
-from dissect.transactions.transaction import ANSWERED, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, BEHIND_MALFORMED, UNANSWERED, Transaction
+from dissect.wire.malformed import Malformed
 from dissect.wire.text import shortened
 
 _SLUGS: Final[dict[str, str]] = {
@@ -124,11 +125,24 @@ class PlusWatch:
                 elif event.kind in _SUBSCRIBING:
                     self._subscribes(connection)
             if facts.malformed:
-                self._malformed(transaction, facts)
+                self._odd_contents(transaction, facts)
             if facts.exhausted:
                 self._note("s7.plus_too_long", transaction, f"more than {MAX_WORK // STEP} values")
         if transaction.error_code == _PROTECTED and connection.traits.first("security.protected"):
             self._security.tell("security.protected", transaction, transaction.function_name)
+
+    def behind(self, transaction: Transaction) -> None:
+        """Take a request behind a malformed header that nobody answered: what it asks for counts, and changes no session."""
+        asked = transaction.request_octets
+        if not asked:
+            return
+        session = PlusSession(Program(), Identity())
+        facts = take(session, transaction.function, asked, b"", transaction.skimmed, -1)
+        if facts is not None:
+            for event in facts.events:
+                self._tell(session, event, transaction, 0)
+            if facts.malformed:
+                self._odd_contents(transaction, facts)
 
     def _subscribes(self, connection: Connection) -> None:
         """Remember that the client of ``connection`` subscribes to something at its CPU, or did before the capture began."""
@@ -141,9 +155,18 @@ class PlusWatch:
         detail = f"{transaction.function_name}: {what}"
         self._reporter.note(slug, transaction.connection.number, frames, time_ns, detail)
 
-    def _malformed(self, transaction: Transaction, facts: Facts) -> None:
-        """Report the first fault of the request and of the response, each with its packet."""
+    def _odd_contents(self, transaction: Transaction, facts: Facts) -> None:
+        """Report contradictions, and once for each connection that its PDUs hold something of a kind that is not known."""
         asked, told = facts.malformed[: facts.in_request], facts.malformed[facts.in_request :]
+        self._faults("s7plus.malformed", transaction, _by_kind(asked, False), _by_kind(told, False))
+        asked, told = _by_kind(asked, True), _by_kind(told, True)
+        if (asked or told) and transaction.connection.traits.first("s7plus.unknown_kind"):
+            self._faults("s7plus.unknown_kind", transaction, asked, told)
+
+    def _faults(self, slug: str, transaction: Transaction, asked: list[Malformed], told: list[Malformed]) -> None:
+        """Report the first fault of the request and of the response, each with its packet."""
+        if not (asked or told):
+            return
         frames = [int(transaction.request_frame)] if asked else []
         said = [f"request: {asked[0]}"] if asked else []
         if told:
@@ -151,7 +174,7 @@ class PlusWatch:
             said.append(f"response: {told[0]}" if transaction.function >= 0 else str(told[0]))
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         detail = f"{transaction.function_name}: {'; '.join(said)}"
-        self._reporter.note("s7plus.malformed", transaction.connection.number, frames, time_ns, detail)
+        self._reporter.note(slug, transaction.connection.number, frames, time_ns, detail)
 
     def _begin(self, connection: Connection) -> PlusSession:
         host = server_of(connection)
@@ -191,7 +214,9 @@ class PlusWatch:
         traits = transaction.connection.traits
         what = shortened(event.text, _TEXT)
         if code in {0, PARTIAL_ERROR}:
-            self._security.wrote(slug, area, transaction, what, code, transaction.outcome != UNANSWERED)
+            self._security.wrote(
+                slug, area, transaction, what, code, transaction.outcome not in {UNANSWERED, BEHIND_MALFORMED}
+            )
             session.outputs_told = traits.written & WRITTEN_IO != 0
             session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
         elif traits.first("security.write_refused"):
@@ -214,6 +239,11 @@ class PlusWatch:
             detail = f"{who}: {session.explores} Explore requests and no subscription"
             frames = list(session.explored)
             self._reporter.note("security.reconnaissance", connection.number, frames, session.explored_ns, detail)
+
+
+def _by_kind(faults: list[Malformed], unknown: bool) -> list[Malformed]:
+    """Return those of ``faults`` that are of an unknown kind, or those that are contradictions."""
+    return [fault for fault in faults if fault.is_unknown == unknown]
 
 
 def _code_of(event: Event, transaction: Transaction) -> int:

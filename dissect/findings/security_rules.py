@@ -16,6 +16,7 @@ from dissect.s7.errors import may_protect, protects
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
+from dissect.s7.parameters import PUSH as INDICATION
 from dissect.s7.services import NC_PREFIX, PI_SERVICES
 from dissect.s7.tables import (
     ALARM_CHANGE,
@@ -51,7 +52,15 @@ from dissect.transactions.connection import Connection, Writes
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import DATA, half_captured, refusal
-from dissect.transactions.transaction import ANSWERED, CAPTURE_ENDED, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import (
+    ANSWERED,
+    BEHIND_MALFORMED,
+    CAPTURE_ENDED,
+    ORPHAN,
+    PUSH,
+    UNANSWERED,
+    Transaction,
+)
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, hex_number, titled
@@ -115,7 +124,7 @@ class SecurityWatch:
     def write(self, transaction: Transaction) -> None:
         """Judge a write to kinds of areas that this connection did not write before, by the result of each item."""
         traits = transaction.connection.traits
-        unanswered = transaction.outcome == UNANSWERED
+        unanswered = transaction.outcome in {UNANSWERED, BEHIND_MALFORMED}
         if unanswered and not transaction.parameters.written & ~(traits.written | traits.sent):
             return
         became = _Became(transaction)
@@ -267,7 +276,7 @@ class SecurityWatch:
             self.tell(slug, transaction)
 
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
-        if transaction.outcome == PUSH:
+        if _is_push(transaction, head):
             if head.group == GROUP_MODE:
                 self._mode(transaction, head)
             elif head.group == GROUP_CPU and head.subfunction == DIAGNOSTIC_MESSAGE:
@@ -338,7 +347,8 @@ class SecurityWatch:
         """Report a password that was sent; count the refused ones. ``code`` as for `tell`."""
         client, server = _ends(transaction)
         if not (transaction.refused if code < 0 else code):
-            self._failures.pop((client, server), None)
+            if transaction.outcome != BEHIND_MALFORMED:
+                self._failures.pop((client, server), None)
             self.tell("security.password", transaction, "password", code)
             return
         if len(self._failures) >= _MAX_REMEMBERED:
@@ -379,6 +389,7 @@ class SecurityWatch:
             frames.insert(0, before)
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
+        behind = transaction.outcome == BEHIND_MALFORMED
         reports = transaction.outcome == PUSH or slug in _REPORTS
         who = f"{told} reports to {asked}" if reports else f"{asked} to {told}"
         result = ""
@@ -390,11 +401,15 @@ class SecurityWatch:
             result = f", refused{' in part' if partial else ''}: {refused}"
         elif transaction.outcome == UNANSWERED:
             result = _unanswered(transaction)
+        elif behind:
+            result = "" if reports else ", not answered"
         elif good and not reports and slug in _COMMANDS:
             result = ", accepted"
         if transaction.outcome == ORPHAN:
             what = what or transaction.function_name
             result += ", request not captured"
+        if transaction.is_behind:
+            result += ", behind a malformed TPDU header"
         what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         self._reporter.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
@@ -443,6 +458,13 @@ def _unanswered(transaction: Transaction) -> str:
     if transaction.unseen:
         return ", answer not captured"
     return ", the capture ends before an answer" if transaction.reason == CAPTURE_ENDED else ", not answered"
+
+
+def _is_push(transaction: Transaction, head: UserdataHead) -> bool:
+    """Return whether a PLC sent a userdata message without being asked."""
+    if transaction.outcome == BEHIND_MALFORMED:
+        return transaction.request_frame == 0 and head.type == INDICATION
+    return transaction.outcome == PUSH
 
 
 def _ends(transaction: Transaction) -> tuple[str, str]:

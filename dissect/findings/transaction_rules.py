@@ -190,7 +190,10 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
         latency: int = transaction.response_ns - transaction.request_ns
         if latency > slow_ns:
             _note(
-                reporter, "transaction.slow", transaction, over_limit(latency, int(slow_ns)) + _sent_again(transaction)
+                reporter,
+                "transaction.slow",
+                transaction,
+                over_limit(latency, int(slow_ns)) + _acknowledged(transaction) + _sent_again(transaction),
             )
         elif -DISORDER_NS <= latency < 0 and not transaction.flags & REORDERED:  # else the clock stepped
             detail = f"by the times of the packets the answer precedes the request by {duration_text(-latency)}"
@@ -316,6 +319,15 @@ def _why(transaction: Transaction) -> str:
         if deed:
             return deed
     return REASON_TEXTS[transaction.reason]
+
+
+def _acknowledged(transaction: Transaction) -> str:
+    """Return a text if an empty DT acknowledged the request: the network is fast then, and the device slow with the data."""
+    early = transaction.connection.early_ack(transaction)
+    if early is None:
+        return ""
+    after = duration_text(int(early.time_ns - transaction.request_ns))
+    return f"; acknowledged after {after} by an empty DT (packet {early.frame})"
 
 
 def _sent_again(transaction: Transaction) -> str:

@@ -19,7 +19,7 @@ from dissect.transactions.connection import NO_LIMIT, Connection
 from dissect.transactions.ending import DISCONNECT, Ending
 from dissect.transactions.side import Side
 from dissect.transactions.stray import Stray
-from dissect.wire.text import count
+from dissect.wire.text import count, duration_text
 
 # Bits of `Connection.told` for what was judged or reported: for side 0; shifted by one for side 1.
 _BEGUN: Final = 1
@@ -146,6 +146,28 @@ def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_n
         connection.told |= told
         detail = f"TPDU number {number} from {connection.tcp.ends[side.index]}"
         reporter.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
+
+
+def note_early(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
+    """Take an empty DT that ``side`` sent while a request to it was open, and report the first one of a server."""
+    connection = side.connection
+    traits = connection.traits
+    traits.note_early(side.index, frame, time_ns)
+    if side.index == connection.client_side or not traits.first("cotp.empty_dt"):
+        return
+    request = connection.open_requests[1 - side.index].asked_last()
+    detail = f"from {connection.tcp.ends[side.index]}"
+    frames = [int(frame)]
+    if request is not None:
+        frames.insert(0, int(request.request_frame))
+        detail += f", {duration_text(int(time_ns - request.request_ns))} after {request.function_name}"
+    reporter.note("cotp.empty_dt", connection.number, frames, time_ns, detail)
+
+
+def judge_expedited(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
+    """Report an ED with more user data than it may carry; ``size`` is how many octets it has."""
+    detail = f"{size} bytes from {side.tcp.ends[side.index]}"
+    reporter.note("cotp.expedited_too_long", side.connection.number, [frame], time_ns, detail)
 
 
 def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:

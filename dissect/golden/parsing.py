@@ -19,10 +19,10 @@ from dissect.golden.forms import (
 )
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.values import hex_octets, unquoted
-from dissect.golden.writing import FORMAT, FORMS, OTHER_ROLE, PERHAPS, pushed
+from dissect.golden.writing import ALONE, BEHIND_HEADER, FORMAT, FORMS, OTHER_ROLE, PERHAPS, pushed
 from dissect.s7.build import build_setup
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
-from dissect.transactions.transaction import DOUBT_TEXTS, HOLE, LIKELY, REASON_TEXTS
+from dissect.transactions.transaction import DOUBT_TEXTS, HOLE, LIKELY, MALFORMED_HEADER, REASON_TEXTS
 from dissect.wire.text import printable
 
 #: What every golden of any version begins with.
@@ -298,6 +298,9 @@ class _Draft:
                 self._fact(line.text)
 
     def _outcome(self, text: str) -> bool:
+        if text == BEHIND_HEADER:
+            self.reason = MALFORMED_HEADER
+            return True
         said, _, reason = text.partition(": ")
         if said == "likely":
             if reason not in DOUBT_TEXTS:
@@ -315,7 +318,7 @@ class _Draft:
             return False
         if reason and reason not in REASON_TEXTS:
             raise ValueError(f"{reason} is not a reason; known reasons: {', '.join(REASON_TEXTS)}")
-        self.outcome, self.reason = outcomes[said], reason
+        self.outcome, self.reason = ALONE if reason == MALFORMED_HEADER else outcomes[said], reason
         return True
 
     def _recorded(self, text: str) -> bool:
@@ -372,7 +375,7 @@ class _Draft:
         response = told.pdu() if told is not None else self._response
         if self._function in _FUNCTIONS.values() and self._function != SETUP_COMMUNICATION:
             request = build_request(self._function, self._items)
-            if told is None and self.outcome != "unanswered":
+            if told is None and self.outcome not in {"unanswered", ALONE}:
                 self._hold_to_answer()
                 response = build_answer(self._function, self._items)
         return Exchange(kind, request, response, tuple(self._scd))

@@ -9,7 +9,15 @@ from dissect.golden.model import Transaction
 from dissect.report import words
 from dissect.s7.message import NOT_REFUSED
 from dissect.s7.tables import BYTE, RETURN_CODES
-from dissect.transactions.transaction import HOLE, LIKELY, PERHAPS_ANSWERED, REASON_TEXTS
+from dissect.transactions.transaction import (
+    BEHIND_MALFORMED,
+    HOLE,
+    LIKELY,
+    MALFORMED_HEADER,
+    OUTCOMES,
+    PERHAPS_ANSWERED,
+    REASON_TEXTS,
+)
 from dissect.wire.text import printable, shortened
 
 #: Elements of an array that are named, octets shown around a change.
@@ -71,6 +79,8 @@ def outcome(transaction: Transaction) -> str:
         if transaction.certainty:  # an answer that was not captured
             return PERHAPS_ANSWERED if transaction.certainty == LIKELY else REASON_TEXTS[HOLE]
         return f"unanswered: {REASON_TEXTS.get(transaction.reason, transaction.reason)}"
+    if transaction.outcome == OUTCOMES[BEHIND_MALFORMED]:
+        return REASON_TEXTS[MALFORMED_HEADER]
     if exchange.error_code:
         return f"refused: {code_text(exchange.error_code, exchange.error, 4)}"
     if exchange.refusing_code != NOT_REFUSED:

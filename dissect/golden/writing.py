@@ -25,7 +25,7 @@ from dissect.s7.errors import errors_of
 from dissect.s7.message import NOT_REFUSED, Pdu
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.naming import Naming
-from dissect.transactions.transaction import DOUBT_TEXTS, LIKELY
+from dissect.transactions.transaction import BEHIND_MALFORMED, DOUBT_TEXTS, LIKELY, OUTCOMES
 from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"
@@ -43,6 +43,9 @@ _PUSHED: Final = re.compile(r'^(  (?:scd ")?)answer ', re.MULTILINE)
 
 _WIDTH: Final = 116
 _CONTINUED: Final = " " * 8
+#: Below a pair of which a half is behind a malformed TPDU header; and the outcome of what is behind one and no part of a pair.
+BEHIND_HEADER: Final = "behind a malformed header"
+ALONE: Final = OUTCOMES[BEHIND_MALFORMED]
 #: Notes that a remark repeats.
 _NOTES: Final = 12
 #: The number of a job that stands in the sequence number, which is masked.
@@ -66,7 +69,7 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
         yield f"connection {link.number}"
         yield from _link_lines(link, "addresses" in wanted)
         for transaction in link.transactions:
-            if plain and transaction.outcome == "answered" and not transaction.doubt:
+            if plain and transaction.outcome == "answered" and not (transaction.doubt or transaction.reason):
                 exchange = transaction.exchange
                 form = _form(exchange)
                 if form and not exchange.subscribed:
@@ -75,7 +78,7 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
                     continue
             yield ""
             yield f"{transaction.number} {_head(transaction)}"
-            if transaction.outcome != "answered" or transaction.doubt:
+            if transaction.outcome != "answered" or transaction.doubt or transaction.reason:
                 yield from _outcome(transaction)
             if transaction.exchange.subscribed or not transaction.exchange.form:
                 yield from _job(transaction, transaction.number, jobs)
@@ -179,9 +182,12 @@ def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
 def _outcome(transaction: Transaction) -> Iterator[str]:
     if transaction.doubt:
         yield f"  likely: {transaction.doubt}  # {DOUBT_TEXTS[transaction.doubt]}"
-    if transaction.outcome == "unanswered":
+    if transaction.outcome == "answered":
+        if transaction.reason:
+            yield f"  {BEHIND_HEADER}"
+    elif transaction.outcome == "unanswered" or (transaction.outcome == ALONE and transaction.exchange.request_seen):
         yield f"  no answer: {transaction.reason}{PERHAPS if transaction.certainty == LIKELY else ''}"
-    elif transaction.outcome == "orphan_answer":
+    elif transaction.outcome in {"orphan_answer", ALONE}:
         yield f"  answer without request{f': {transaction.reason}' if transaction.reason else ''}"
     elif transaction.outcome == "unsolicited":
         yield "  wants no answer"

@@ -17,6 +17,9 @@ CALLING_TSAP: Final = 0xC1
 CALLED_TSAP: Final = 0xC2
 PREFERRED_SIZE: Final = 0xF0
 
+#: The most octets of user data in an ED, whatever the class (RFC 1006 and X.224, reference 2.2).
+MAX_EXPEDITED: Final = 16
+
 #: The most octets of a TSDU that are held while its end is still to come.
 MAX_TSDU: Final = 65536
 

@@ -29,8 +29,11 @@ _COUNTERS: Final = (
     *[f"exchange.reporter.{name}" for name in ("counts", "explained", "number")],
     *[f"iso.{name}" for name in ("tpdus", "tsdus")],
     "ibh.packets",
-    *[f"s7.{name}" for name in ("pdus", "cut_pdus", "unpaired", "rosctrs", "functions")],
-    *[f"plus.{name}" for name in ("pdus", "cut_pdus", "unpaired", "versions", "opcodes", "functions")],
+    *[f"s7.{name}" for name in ("pdus", "behind_malformed", "cut_pdus", "unpaired", "rosctrs", "functions")],
+    *[
+        f"plus.{name}"
+        for name in ("pdus", "behind_malformed", "cut_pdus", "unpaired", "versions", "opcodes", "functions")
+    ],
     *[f"tls.{name}" for name in ("sessions", "decrypted", "opened", "shut", "other")],
 )
 

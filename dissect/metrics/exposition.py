@@ -30,7 +30,15 @@ from dissect.transactions import ending
 from dissect.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
 from dissect.transactions.operation import KINDS as OPERATIONS
 from dissect.transactions.operation import RESULTS
-from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, OPEN, OUTCOMES, REASON_TEXTS
+from dissect.transactions.transaction import (
+    BEHIND_MALFORMED,
+    CERTAINTIES,
+    DOUBT_TEXTS,
+    MALFORMED_HEADER,
+    OPEN,
+    OUTCOMES,
+    REASON_TEXTS,
+)
 from dissect.wire.build import COMPILED
 
 COUNTER: Final = "counter"
@@ -159,11 +167,11 @@ def _transactions(metrics: Metrics) -> dict[str, list[Sample]]:
             Sample((row.protocol, row.name, OUTCOMES[outcome]), count)
             for row in rows
             for outcome, count in enumerate(row.outcomes.copy())
-            if outcome != OPEN
+            if outcome != OPEN and (count or outcome != BEHIND_MALFORMED)
         ],
         "transactions_with_errors": [Sample((row.protocol, row.name), int(row.errors)) for row in rows],
         "likely_pairs": _from_zero(DOUBT_TEXTS, metrics.likely),
-        "unanswered": _from_zero(REASON_TEXTS, metrics.unanswered),
+        "unanswered": _from_zero([reason for reason in REASON_TEXTS if reason != MALFORMED_HEADER], metrics.unanswered),
         "answers_not_captured": _from_zero(CERTAINTIES, metrics.not_captured),
         "errors": _from_zero((), metrics.errors),
         "operations": _from_zero(_OPERATIONS, metrics.operations),

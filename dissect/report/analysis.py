@@ -45,6 +45,7 @@ class FunctionStatistics:
 
     __slots__ = (
         "answered",
+        "behind",
         "errors",
         "latencies",
         "likely",
@@ -69,6 +70,7 @@ class FunctionStatistics:
         self.orphans: i64 = 0
         self.pushes: i64 = 0
         self.one_way: i64 = 0
+        self.behind: i64 = 0
         self.errors: i64 = 0
         self.latencies: Latencies = Latencies()
 
@@ -88,6 +90,7 @@ class FunctionStatistics:
         self.orphans += other.orphans
         self.pushes += other.pushes
         self.one_way += other.one_way
+        self.behind += other.behind
         self.errors += other.errors
         self.latencies.merge(other.latencies)
 
@@ -213,6 +216,7 @@ class Analysis(Observer):
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
         self.one_way: i64 = 0  # of the unsolicited: requests that want no answer
+        self.behind: i64 = 0  # behind malformed TPDU headers, and without a partner
         self.with_errors: i64 = 0
         self.functions: dict[int, FunctionStatistics] = {}
         self._latest_key: i64 = -1  # key of `_latest` in `functions`; the next transaction often has the same
@@ -345,6 +349,9 @@ class Analysis(Observer):
                 statistics.one_way += 1
             else:
                 statistics.pushes += 1
+        else:
+            self.behind += 1
+            statistics.behind += 1
         if transaction.has_errors:
             self.with_errors += 1
             statistics.errors += 1
@@ -397,6 +404,7 @@ class Analysis(Observer):
         self.orphans += later.orphans
         self.unsolicited += later.unsolicited
         self.one_way += later.one_way
+        self.behind += later.behind
         self.with_errors += later.with_errors
         for key, statistics in later.functions.items():
             if key not in self.functions:

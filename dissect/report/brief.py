@@ -86,6 +86,7 @@ def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line
         (analysis.still_open, "still open"),
         (analysis.not_captured, "without a captured answer"),
         (sum(analysis.likely.values()), "pairs only likely"),
+        (analysis.behind, "behind malformed headers"),
     ]
     said.append(", ".join([f"{number} {what}" for number, what in counts if number or what == "transactions"]))
     yield Line(f"  {'; '.join(said)}", "warning" if interrupted or analysis.part is not None else PLAIN, 4)

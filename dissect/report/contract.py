@@ -90,6 +90,7 @@ def _transactions(analysis: Analysis) -> dict[str, object]:
         "orphan_answers": analysis.orphans,
         "unsolicited": analysis.unsolicited,
         "one_way": analysis.one_way,
+        **({"behind_malformed": analysis.behind} if analysis.behind else {}),
         "with_errors": analysis.with_errors,
         "unanswered_reasons": dict(sorted(analysis.unanswered_reasons.items())),
     }
@@ -156,6 +157,8 @@ def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
         values["answers_not_captured"] = statistics.not_captured
     if statistics.likely:
         values["likely"] = statistics.likely
+    if statistics.behind:
+        values["behind_malformed"] = statistics.behind
     values["with_errors"] = statistics.errors
     values["latency_ns"] = statistics.latencies.as_dict()
     return values
@@ -203,6 +206,7 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "setup_asked": connection.setup_asked.as_dict() if connection.setup_asked is not None else None,
         "setup_granted": connection.granted.as_dict() if connection.granted is not None else None,
         "pdus": connection.pdus,
+        **({"behind_malformed": connection.behind} if connection.behind else {}),
         "answered": connection.answered,
         "unanswered": connection.unanswered,
         "still_open": connection.still_open,

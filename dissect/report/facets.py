@@ -50,6 +50,7 @@ from dissect.transactions.transaction import (
     CONNECTION_CLOSED,
     CONNECTION_EVICTED,
     HOLE,
+    MALFORMED_HEADER,
     ORPHAN,
     PUSH,
     REFERENCE_REUSED,
@@ -76,6 +77,7 @@ REASONS: Final = {
     REFERENCE_REUSED: "reference used again",
     TABLE_FULL: "too many open",
     CONNECTION_EVICTED: "too many connections",
+    MALFORMED_HEADER: "behind a malformed TPDU header",
 }
 
 
@@ -224,6 +226,8 @@ def outcome(transaction: Transaction) -> str:
         said = f"answer without request{why}"
     elif transaction.outcome == PUSH:
         said = "one way" if transaction.request_frame else "push"
+    elif transaction.is_behind:
+        said = REASONS[MALFORMED_HEADER]
     elif transaction.outcome == ANSWERED:
         said = ""
     elif transaction.reason == HOLE:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 from dissect.report.facet import Locate
+from dissect.report.headers import Header
 from dissect.report.item_json import CODE, function_text, item_text, setup_text, value_json
 from dissect.report.plus import plus_pdu_line
 from dissect.report.scd import scd_line_json
@@ -57,6 +58,15 @@ class PduLines:
         """Return the line of one S7comm-plus PDU, without a line end."""
         place = self.locate(pdu.frame) if self.locate is not None else None
         return plus_pdu_line(pdu, self._clock.iso(pdu.time_ns), connection, place)
+
+
+def with_header(line: str, header: Header | None) -> str:
+    """Return the line of a PDU with what is irregular about the header of its TPDU; nearly always the line as it is."""
+    if header is None:
+        return line
+    told = ",".join([_malformed(fact) for fact in header.faults])
+    behind = "true" if header.behind else "false"
+    return f'{line[:-1]},"tpdu":{{"behind_malformed":{behind},"malformed":[{told}]}}}}'
 
 
 def _header(pdu: Pdu) -> str:

@@ -253,11 +253,14 @@ def _other_head(pdu: PlusPdu) -> str:
 
 
 def malformed_note(half: Half | None, which: str = "") -> list[str]:
-    """Return a note if the contents of a whole PDU are malformed, with the place in the PDU; ``which`` stands before it."""
+    """Return a note if the contents of a whole PDU are malformed, or of a kind that is not known, with the place in the PDU.
+
+    ``which`` stands before the fault.
+    """
     if half is None or half.pdu.cut or half.pdu.malformed or not half.contents.malformed:
         return []
     fact = half.contents.malformed[0]
-    return [f"MALFORMED {which}{fact.at(half.pdu.place(fact.offset))}"]
+    return [f"{fact.word} {which}{fact.at(half.pdu.place(fact.offset))}"]
 
 
 def _lost_note(half: Half | None, which: str) -> list[str]:

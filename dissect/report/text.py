@@ -176,6 +176,9 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
     if pipeline.tls.other:
         others.append(f"{pipeline.tls.other} decrypted")
     passed = [words.count(number, kind) for protocol in pipeline.protocols for number, kind in protocol.counted()]
+    behind = int(pipeline.s7.behind_malformed + pipeline.plus.behind_malformed)
+    if behind:
+        passed.append(f"{behind} more behind malformed headers")
     said = f"  {', '.join(passed)}"
     yield Line(f"{said}; other messages: {', '.join(others)}" if others else said)
     packets = [f"{count} {kind.replace('_', ' ')}" for kind, count in sections["ibh"].items()]
@@ -293,8 +296,9 @@ def connection_lines(connection: Connection, places: Places) -> Iterator[Line]:
 
 
 def _counts(connection: Connection) -> str:
+    behind = [f"{connection.behind} more behind malformed headers"] if connection.behind else []
     if not connection.pdus:
-        return "no S7 PDU"
+        return ", ".join(["no S7 PDU", *behind])
     parts = [words.count(connection.pdus, "PDU"), f"{connection.answered} answered"]
     if connection.missed:
         parts.append(f"{connection.missed} unanswered")
@@ -307,7 +311,7 @@ def _counts(connection: Connection) -> str:
         parts.append(words.count(connection.system_events, "system event"))
     if connection.errors:
         parts.append(f"{connection.errors} with errors")
-    return ", ".join(parts)
+    return ", ".join(parts + behind)
 
 
 def _unpaired(orphans: int, unsolicited: int, one_way: int) -> list[str]:
@@ -361,6 +365,8 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
     said += _unpaired(analysis.orphans, analysis.unsolicited, analysis.one_way)
     if analysis.with_errors:
         said.append(f"{analysis.with_errors} with errors")
+    if analysis.behind:
+        said.append(f"{analysis.behind} more behind malformed headers")
     yield Line(f"Transactions: {', '.join(said)}", HEADING)
     yield from _function_rows(list(analysis.functions.values()))
     if likely:
@@ -376,6 +382,7 @@ def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
         ("no request", lambda one: int(one.orphans)),
         ("pushes", lambda one: int(one.pushes)),
         ("one-way", lambda one: int(one.one_way)),
+        ("malformed header", lambda one: int(one.behind)),
     ]
     shown = [(title, number_of) for title, number_of in columns if any([number_of(one) for one in functions])]
     head = ["function", "count", "errors", "no answer", *[title for title, _ in shown], "median", "95 %", "max"]

@@ -72,7 +72,7 @@ def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
     whole = packet or octets
     base = len(whole) - len(octets)
     if packet:
-        top = "\n".join(_netlink(parse_packet(packet))) if through_gateway else _packet(packet)
+        top = "\n".join(_netlink(parse_packet(packet))) if through_gateway else _packet(packet, base)
     else:
         parts = "MPI packets" if through_gateway else "COTP fragments"
         why = "truncated by the capture" if pdu.cut else f"reassembled from several {parts}"
@@ -102,6 +102,11 @@ def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
     yield from _octets(packet, hidden)
 
 
+def carrier_tree_text(packet: bytes) -> str:
+    """Return the headers of a TPKT. Its content is shown with its PDU: a part of one may hold a part of a secret."""
+    return f"{_packet(packet)}\n"
+
+
 def netlink_tree_lines(octets: bytes) -> Iterator[str]:
     """Yield the tree of an IBH-NetLink packet that carries no S7 PDU, and the hex view below it."""
     packet = parse_packet(octets)
@@ -127,7 +132,7 @@ def plus_tree_lines(
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
     if packet:
-        yield from _packet(packet).split("\n")
+        yield from _packet(packet, base).split("\n")
     else:
         why = "the end is missing" if pdu.cut else why
         yield f"    {why}{'; ' if why else ''}offsets count from the start of the S7comm-plus PDU"
@@ -195,7 +200,7 @@ def _headers(packet: IbhPacket) -> int:
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
     """Yield what is malformed, in the words of the other reports, and at which octet of this tree."""
     for fact in facts:
-        what = "TRUNCATED" if fact.limit == "snaplen" else "MALFORMED"
+        what = "TRUNCATED" if fact.limit == "snaplen" else fact.word
         yield f"    {what}  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
 
 
@@ -203,10 +208,10 @@ def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
     return ["", *hexdump(whole, 0, hidden, "    "), ""]
 
 
-def _packet(packet: bytes) -> str:
-    """Return the lines of a TPKT and the head of the TPDU in it."""
+def _packet(packet: bytes, base: int = 0) -> str:
+    """Return the lines of a TPKT and the head of the TPDU in it. The PDU in it begins at ``base``; 0: there is none."""
     if len(packet) < _DT_HEAD or packet[_LI_AT : _LI_AT + 2] != _DT:
-        return "\n".join(_tpkt(packet))
+        return "\n".join(_tpkt(packet, base))
     head = packet[:_DT_HEAD]
     text = _heads.get(head)  # the head is all that is shown of a DT without parameters
     if text is None:
@@ -219,13 +224,15 @@ def _tpdu(packet: bytes) -> bytes:
     return packet[_TPKT_SIZE:] if len(packet) > _TPKT_SIZE else b""
 
 
-def _tpkt(packet: bytes) -> Iterator[str]:
+def _tpkt(packet: bytes, base: int = 0) -> Iterator[str]:
+    """Yield the lines of a TPKT and the head of its TPDU, which ends where the PDU begins (``base``), whatever it says."""
     yield from _layout(iso.TPKT, packet, 0)
     tpdu = parse_tpdu(_tpdu(packet))
     yield f"    COTP {tpdu.name}"
-    for value in tpdu.fields:
+    whole = not base or _TPKT_SIZE + len(tpdu.head) == base
+    for value in tpdu.fields if whole else iso.DT.read(packet[_TPKT_SIZE:base]):
         yield field_line(value, _TPKT_SIZE)
-    for parameter in tpdu.parameters:
+    for parameter in tpdu.parameters if whole else ():
         yield _parameter(parameter)
     yield from _malformed(tpdu.malformed, _TPKT_SIZE)
 

@@ -17,15 +17,17 @@ from dissect.engine.observer import Observer
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import parse_tpdu
+from dissect.iso.irregular import odd_place
 from dissect.iso.tables import DT, ED
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify
+from dissect.report.headers import Header, irregular
 from dissect.report.styled import Line, Written
 from dissect.report.words import Places, carried, message_name
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
-from dissect.transactions.transaction import UNANSWERED, Transaction
+from dissect.transactions.transaction import BEHIND_MALFORMED, UNANSWERED, Transaction
 from dissect.wire.text import Clock
 
 #: At most so many lines of transactions, and so many characters of them, wait for earlier transactions that are held back.
@@ -44,8 +46,8 @@ NETLINK: Final = "netlink"
 Choice = Callable[[Transaction], bool]
 OperationChoice = Callable[[Operation], bool]
 #: Returns whether a message is wanted, by its protocol, packet, time in nanoseconds, connection, the side that sent it, octets,
-#: whether the capture cut it, and for SCD the message.
-MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessage | None], bool]
+#: whether the capture cut it, for SCD the message, and whether it is behind a malformed header.
+MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessage | None, bool], bool]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -74,6 +76,7 @@ class Writer(Observer):
         self.clock: Clock = clock if clock is not None else Clock()
         self.verbose: bool = verbose
         self.lines: list[Written] = []
+        self.carrying: bytes = b""  # the present TPKT or IBH-NetLink packet
         self.number_width: int = 0
         self.joint: bytes | None = None
         self.plain: bool = False
@@ -84,6 +87,15 @@ class Writer(Observer):
 
     def packet(self, octets: bytes) -> None:
         """Take the TPKT or IBH-NetLink packet, header included, that carries the next PDU."""
+        self.carrying = octets
+
+    def header_of(self, side: Side, pdu: bytes) -> Header | None:
+        """Return the irregular header of the TPKT that carries ``pdu``; None for nearly all, which are as they should be."""
+        return irregular(self.carrying, pdu, side.connection.class_)
+
+    def carrier(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Take a TPKT with a DT that carries a PDU, a part of one or nothing; only where all TPDUs are wanted."""
+        self.tpdu(frame, time_ns, side, octets)
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Take an SCD message, from a connection of its own or from an item of S7comm."""
@@ -98,7 +110,8 @@ class Writer(Observer):
 class TransactionFeed(Observer):
     """Passes transactions on to a writer, all or those that ``choose`` wants, and keeps its lines in the order of the capture.
 
-    The place of a transaction is that of the packet that completed it or, without an answer, where the wait for it ended. A
+    The place of a transaction is that of the packet that completed it or, without an answer, where the wait for it ended; so it
+    is for what is behind a malformed header. A
     transaction that was held back behind a gap of its TCP stream reaches the feed late: its lines are put before those of
     transactions that were completed by later packets.
     """
@@ -128,7 +141,7 @@ class TransactionFeed(Observer):
         if self._choose is not None and not self._choose(transaction):
             return
         packet: i64 = 0
-        if transaction.outcome != UNANSWERED:
+        if transaction.outcome not in (UNANSWERED, BEHIND_MALFORMED):
             packet = max(transaction.request_frame, transaction.response_frame)
         self.settle()
         self._writer.transaction(transaction)
@@ -200,7 +213,7 @@ class PduFeed(Observer):
     """Passes PDUs on to a writer, and TPDUs and packets that carry none: all, or those that a packet of ``frames`` completes.
 
     ``found`` are the packets of ``frames`` for which the writer wrote something. ``decoder`` decides which messages are SCD,
-    ``choose`` which are wanted.
+    ``choose`` which are wanted. With ``every`` TPDUs that carry a PDU, a part of one or nothing are passed on, too.
     """
 
     def __init__(
@@ -209,6 +222,7 @@ class PduFeed(Observer):
         frames: frozenset[int] = frozenset(),
         decoder: PayloadDecoder | None = None,
         choose: MessageChoice | None = None,
+        every: bool = False,
     ) -> None:
         super().__init__()
         self.wants_pdus = True
@@ -218,6 +232,8 @@ class PduFeed(Observer):
         self._frames: frozenset[int] = frozenset(frames)
         self._decoder: PayloadDecoder | None = decoder
         self._choose: MessageChoice | None = choose
+        self._every: bool = every
+        self._carrying: bytes = b""  # the present TPKT
         self._before: int = 0  # how many lines the writer had before the present message
 
     def comment(self, frame: i64, text: str) -> None:
@@ -231,19 +247,30 @@ class PduFeed(Observer):
         self._writer.packet(octets)
         if not self._wanted(frame):
             return
+        alone = self._alone(side, octets)
+        if not (alone or self._every) or not self._chosen(COTP, frame, time_ns, side, octets, False):
+            return
+        if alone:
+            self._writer.tpdu(frame, time_ns, side, octets)
+        else:
+            self._writer.carrier(frame, time_ns, side, octets)
+        self._find(frame)
+
+    def _alone(self, side: Side, octets: bytes) -> bool:
+        """Return whether no PDU, SCD message or part of either is in a TPKT, which then needs a line of its own."""
+        self._carrying = octets
         if len(octets) > _DT_HEAD and octets[4] == 2 and octets[5] == _PLAIN_DT:
             upper = classify(octets, _DT_HEAD, len(octets))
             if upper in (S7COMM, S7COMM_PLUS):
-                return  # nearly every one
+                return False  # nearly every one
         tpdu = parse_tpdu(octets[4:])
-        if tpdu.type in {DT, ED}:
-            begins = side.assembler.clear
-            if not (begins and carried(tpdu)) or (self._decoder and self._decoder.claims_tsdus(side.connection)):
-                return
-        if not self._chosen(COTP, frame, time_ns, side, octets, False):
-            return
-        self._writer.tpdu(frame, time_ns, side, octets)
-        self._find(frame)
+        if odd_place(tpdu, octets[4:], side.connection.class_) >= 0:
+            return False
+        if tpdu.type not in {DT, ED}:
+            return True
+        if self._decoder is not None and self._decoder.claims_tsdus(side.connection):
+            return False
+        return side.assembler.clear and bool(carried(tpdu))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Give the writer the packet of the PDU that may follow; pass on a packet that carries no part of a PDU."""
@@ -284,7 +311,7 @@ class PduFeed(Observer):
         if self._wanted(found.frame):
             choose = self._choose
             if choose is not None and not choose(
-                UPPER_NAMES[SCD], found.frame, found.time_ns, connection, found.side, found.octets, False, found
+                UPPER_NAMES[SCD], found.frame, found.time_ns, connection, found.side, found.octets, False, found, False
             ):
                 return
             self._writer.scd_message(found, connection)
@@ -294,7 +321,9 @@ class PduFeed(Observer):
         choose = self._choose
         if choose is None:
             return True
-        return choose(protocol, frame, time_ns, side.connection, side.index, octets, cut, None)
+        header = irregular(self._carrying, octets, side.connection.class_) if protocol != COTP else None
+        behind = header is not None and header.behind
+        return choose(protocol, frame, time_ns, side.connection, side.index, octets, cut, None, behind)
 
     def _find(self, frame: i64) -> None:
         """Add ``frame`` to ``found`` if the writer wrote something for it."""

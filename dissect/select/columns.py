@@ -66,7 +66,12 @@ class FieldsWriter(Writer):
         self._add(MESSAGE, message)
 
     def _message(self, protocol: str, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool = False) -> None:
-        self._add(MESSAGE, Message(protocol, int(frame), int(time_ns), side.connection, int(side.index), octets, cut))
+        header = self.header_of(side, octets) if protocol != COTP else None
+        behind = header is not None and header.behind
+        self._add(
+            MESSAGE,
+            Message(protocol, int(frame), int(time_ns), side.connection, int(side.index), octets, cut, behind=behind),
+        )
 
     def _add(self, kind: str, thing: object) -> None:
         cells = []

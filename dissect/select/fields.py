@@ -300,6 +300,8 @@ _ROWS: Final = (
           {OPERATION: _thing("pushes")}),
     Field("octets", Number(), "Bytes of data that the operation carried.", "octets > 10000", {OPERATION: _thing("octets")}),
     Field("malformed", Truth(), "The message contradicts itself.", "malformed", {MESSAGE: of.malformed}),
+    Field("behind_malformed", Truth(), "It, or a half of it, is behind the malformed header of a TPDU.", "behind_malformed",
+          _all(lambda thing, _context: thing.is_behind, _PDUS)),
     Field("cut", Truth(), "The capture kept only the beginning of the message.", "cut",
           {MESSAGE: lambda thing, _context: thing.cut}),
 

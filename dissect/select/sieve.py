@@ -15,6 +15,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.analysis import Part
+from dissect.report.headers import irregular
 from dissect.report.words import Places
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message
 from dissect.select.where import PLURALS, Where
@@ -73,6 +74,7 @@ class Sieve(Observer):
         self._observer = observer
         self._where = where
         self._at_once = at_once
+        self._carrying = b""  # the present TPKT
         self._wanted = where.predicate(TRANSACTION)
         self._connections = set[int]()  # open ones with a selected transaction
         self._open = set[int]()
@@ -215,12 +217,15 @@ class Sieve(Observer):
     ) -> bool:
         if not self._by_itself[MESSAGE]:
             return False
+        header = irregular(self._carrying, octets, side.connection.class_)
+        behind = header is not None and header.behind
         return self._where.message(
-            Message(protocol, int(frame), int(time_ns), side.connection, int(side.index), octets, cut, scd)
+            Message(protocol, int(frame), int(time_ns), side.connection, int(side.index), octets, cut, scd, behind)
         )
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
         """Pass on every TPKT: an observer needs it for the PDU in it, whose selection comes later."""
+        self._carrying = octets
         self._observer.tpdu(frame, time_ns, side, octets)
 
     def ibh_packet(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:

@@ -78,7 +78,8 @@ class Found:
 class Message:
     """A message of `show`: ``octets`` of a PDU of ``protocol``, or of a TPDU or packet that carries no PDU.
 
-    ``scd`` is the message if it is one of SCD. A PDU is decoded only when a field needs it.
+    ``scd`` is the message if it is one of SCD, ``behind`` tells whether it is behind a malformed header. A PDU is decoded only
+    when a field needs it.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class Message:
         octets: bytes = b"",
         cut: bool = False,
         scd: ScdMessage | None = None,
+        behind: bool = False,
     ) -> None:
         self.protocol = protocol
         self.frame = frame
@@ -100,6 +102,7 @@ class Message:
         self.octets = octets
         self.cut = cut
         self.scd = scd
+        self.is_behind = behind
 
     @property
     def ends(self) -> tuple[Endpoint, Endpoint]:

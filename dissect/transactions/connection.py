@@ -25,6 +25,7 @@ from dissect.s7.tables import (
 )
 from dissect.tcp.connection import TcpConnection
 from dissect.tcp.stream import Endpoint
+from dissect.transactions.aside import Aside
 from dissect.transactions.ending import Ending
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.operation import Activation, OpenOperations
@@ -68,6 +69,9 @@ ISO_TSAP_PORT: Final = 102
 #: Distinct SZL-IDs, and blocks that were loaded, that are remembered of a connection.
 MAX_REMEMBERED: Final = 256
 
+#: Empty DTs that are remembered of a connection: more than requests are open at once (AmQ).
+MAX_EARLY: Final = 16
+
 #: The open requests of a connection that is over. Its sides are forgotten, so that nothing opens another one.
 _NONE_OPEN: Final[list[OpenRequests]] = [OpenRequests(), OpenRequests()]
 
@@ -93,6 +97,17 @@ class Writes:
         self.hasty_ns: i64 = 0
 
 
+class EarlyAck:
+    """A DT without data that ``side`` sent while a request to it was open: its packet and its time."""
+
+    __slots__ = ("frame", "side", "time_ns")
+
+    def __init__(self, side: i64, frame: i64, time_ns: i64) -> None:
+        self.side: i64 = side
+        self.frame: i64 = frame
+        self.time_ns: i64 = time_ns
+
+
 class Traits:
     """What a connection was used for so far: the memory of the rules about security. Every part of it is bounded.
 
@@ -103,10 +118,12 @@ class Traits:
     """
 
     __slots__ = (
+        "_early",
         "_loaded",
         "_szl_ids",
         "_told",
         "_writes",
+        "aside",
         "inquiries",
         "pace_ns",
         "refusals",
@@ -127,6 +144,24 @@ class Traits:
         self._told: set[str] | None = None
         self._szl_ids: set[int] | None = None
         self._loaded: dict[str, Activation] | None = None
+        self._early: list[EarlyAck] | None = None
+        self.aside: Aside | None = None
+
+    def note_early(self, side: i64, frame: i64, time_ns: i64) -> None:
+        """Remember that ``side`` acknowledged a request with an empty DT; of many the latest are kept."""
+        found = self._early
+        if found is None:
+            found = self._early = []
+        if len(found) >= MAX_EARLY:
+            del found[0]
+        found.append(EarlyAck(side, frame, time_ns))
+
+    def early_ack(self, side: i64, since: i64, until: i64) -> EarlyAck | None:
+        """Return the first empty DT of ``side`` behind packet ``since`` and before packet ``until``, as far as it is kept."""
+        for one in self._early or []:
+            if one.side == side and since < one.frame < until:
+                return one
+        return None
 
     @property
     def told(self) -> set[str]:
@@ -194,6 +229,7 @@ class Connection:
         "_traits",
         "answered",
         "begun",
+        "behind",
         "bound",
         "class_",
         "client_known",
@@ -312,6 +348,7 @@ class Connection:
         self._traits: Traits | None = None
         self._subscriptions: dict[int, Subscription] | None = None
         self.pdus: i64 = 0
+        self.behind: i64 = 0  # not in ``pdus``: whole PDUs behind malformed TPDU headers
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.still_open = self.not_captured = 0
@@ -374,6 +411,19 @@ class Connection:
         if found is None:
             found = self._traits = Traits()
         return found
+
+    def early_ack(self, transaction: Transaction) -> EarlyAck | None:
+        """Return the empty DT by which the answering side acknowledged a request before its answer, None for none."""
+        traits = self._traits
+        if traits is None:
+            return None
+        return traits.early_ack(1 - transaction.asked_by, transaction.request_frame, transaction.response_frame)
+
+    @property
+    def aside(self) -> Aside | None:
+        """What waits behind malformed TPDU headers, None while nothing does."""
+        aside = self._traits.aside if self._traits is not None else None
+        return aside if aside is not None and aside.held else None
 
     @property
     def has_loaded(self) -> bool:

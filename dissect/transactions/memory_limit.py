@@ -24,12 +24,15 @@ def held_octets(side: Side) -> int:
     """Return how many octets are held for the connection of ``side``, both directions together.
 
     These are segments that wait and the latest ones that passed, unfinished TPKTs, TSDUs and PDUs, answers in parts, requests
-    without an answer, and answers without a request.
+    without an answer, answers without a request, and what waits behind malformed headers.
     """
     held: i64 = 0
     for end in (side, side.peer):
         if end is not None:
             held += _held_by(end)
+    aside = side.connection.aside
+    if aside is not None:
+        held += aside.octets
     joiner = side.connection.operations.joiner
     return held + (joiner.octets if joiner is not None else 0)
 

@@ -79,6 +79,7 @@ from dissect.transactions.transaction import (
 from dissect.wire.build import COMPILED
 
 if TYPE_CHECKING:
+    from dissect.transactions.behind import Behind
     from dissect.transactions.side import Side
 
 #: Requests open at once per connection and side; the granted AmQ (parallel jobs) is 8 or less in practice.
@@ -106,6 +107,7 @@ class Dialogue:
         self.lossy: bool = False  # the capture has a gap
         self.watching: bool = False  # an `OverdueWatch` takes the sides from `asking`
         self.asking: list[Side] = []  # sides that sent requests since it last looked, except those it watches already
+        self.behind: Behind | None = None  # what is behind malformed headers, and may be what an answer belongs to
 
     def ask(
         self,
@@ -149,7 +151,7 @@ class Dialogue:
             requests.latest_key = key
         requests.asked_frame = frame
         requests.asked_seq = transaction.request_seq
-        if requests.orphans is not None and self._find_answer(side, requests, key, transaction):
+        if requests.orphans is not None and self.find_answer(side, requests, key, transaction):
             return transaction
         self.open += 1
         if self.watching and not side.watched:
@@ -187,7 +189,7 @@ class Dialogue:
             requests.doubtful = False
         requests.repeats += 1
 
-    def _find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
+    def find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
         """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
         orphan = requests.find_orphan(key, side.end_seq)
         if orphan is not None and (
@@ -199,7 +201,7 @@ class Dialogue:
                 transaction.flags |= REORDERED
             if requests.doubtful:
                 transaction.flags |= ALIKE
-            self._join(transaction, orphan.transaction)
+            self.join(transaction, orphan.transaction)
             requests.answered = transaction.number
             return True
         if side.peer is not None:
@@ -344,14 +346,14 @@ class Dialogue:
             return None
         request = fits[0]
         requests.close(row.key, request)
-        self._pair(side, requests, request, told)
+        self.pair(side, requests, request, told)
         if gaps:
             for one in requests.under(row.key):
                 if one.number < request.number and perhaps_answered(one, side):
                     self._close(side, requests, row.key, one, HOLE)
         return request
 
-    def _pair(self, side: Side, requests: OpenRequests, request: Transaction, answer: Transaction) -> None:
+    def pair(self, side: Side, requests: OpenRequests, request: Transaction, answer: Transaction) -> None:
         """Complete ``request``, which is closed already, by an answer of ``side``."""
         self.open -= 1
         if has_gaps(side):
@@ -359,7 +361,7 @@ class Dialogue:
         if requests.doubtful:
             request.flags |= ALIKE
         requests.answered = max(requests.answered, request.number)
-        self._join(request, answer)
+        self.join(request, answer)
 
     def _settle(self, answering: Side | None, requests: OpenRequests, row: Row, over: bool) -> None:
         """Decide which request of a row each answer that it holds belongs to; the pairs go to ``also``."""
@@ -385,7 +387,7 @@ class Dialogue:
             if not sure:
                 request.flags |= ALIKE
             requests.close(row.key, request)
-            self._pair(answering, requests, request, answers[index].transaction)
+            self.pair(answering, requests, request, answers[index].transaction)
             self.also.append(request)
         requests.doubtful = requests.doubtful or not complete
 
@@ -570,6 +572,9 @@ class Dialogue:
 
     def _orphan(self, side: Side, key: i64, transaction: Transaction) -> None:
         """Hold an answer of ``side`` for its request."""
+        behind = self.behind
+        if behind is not None and behind.take_orphan(side, key, transaction):
+            return
         asking = side.peer
         if asking is not None and asking.requests == 0 and (side.connection.mid_stream or not asking.captured):
             transaction.flags |= EXPECTED
@@ -602,7 +607,7 @@ class Dialogue:
         side.connection.orphans += 1
         self.also.append(transaction)
 
-    def _join(self, transaction: Transaction, answer: Transaction) -> None:
+    def join(self, transaction: Transaction, answer: Transaction) -> None:
         """Give a request the answer that was captured before it."""
         parameters = answer.parameters
         if mismatch(transaction.parameters, parameters):

@@ -62,6 +62,9 @@ class Protocol:
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         """Take the beginning of a message whose rest the capture cut off; it has ten octets or more."""
 
+    def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take a whole message that lies behind the malformed header of what carries it (`dissect.transactions.behind`)."""
+
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
         """``size`` octets of the stream are missing here; ``cut``: the capture cut them off a packet (snaplen)."""
         side.framer.hole(size, cut)

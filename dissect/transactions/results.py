@@ -74,6 +74,7 @@ GAPS: Final = 8192  # likely only: octets of both directions are missing between
 ALIKE: Final = 16384  # likely only: several requests with one reference were pending, and the answer fits each of them
 DOUBTS: Final = GAPS | ALIKE
 ASKED_JUDGED: Final = 32768  # what is wrong with the data of a write was reported
+BEHIND: Final = 65536  # a half of it is behind the malformed header of a TPDU (dissect.transactions.behind)
 
 
 def went_wrong(transaction: Transaction) -> bool:

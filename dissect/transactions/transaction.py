@@ -35,6 +35,7 @@ from dissect.s7plus.skimming import skim_refusals
 from dissect.s7plus.tables import NOTIFIED, PARTIAL_ERROR
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
+    BEHIND,
     DOUBTS,
     EXPECTED,
     GAPS,
@@ -65,9 +66,10 @@ ANSWERED: Final = 1
 UNANSWERED: Final = 2
 ORPHAN: Final = 3
 PUSH: Final = 4
+BEHIND_MALFORMED: Final = 5  # behind a malformed header, and no part of a pair: nothing is missed
 
 #: Names of the outcomes, by the numbers above.
-OUTCOMES: Final[list[str]] = ["open", "answered", "unanswered", "orphan_answer", "unsolicited"]
+OUTCOMES: Final[list[str]] = ["open", "answered", "unanswered", "orphan_answer", "unsolicited", "behind_malformed"]
 
 #: Why a request stayed without answer.
 CONNECTION_CLOSED: Final = "connection_closed"
@@ -76,6 +78,8 @@ HOLE: Final = "hole"
 REFERENCE_REUSED: Final = "reference_reused"
 TABLE_FULL: Final = "table_full"
 CONNECTION_EVICTED: Final = "connection_evicted"
+#: Not why there is no answer, but why none may be expected; of a pair, too.
+MALFORMED_HEADER: Final = "malformed_header"
 #: One sentence for each reason.
 REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
@@ -84,6 +88,7 @@ REASON_TEXTS: Final[dict[str, str]] = {
     REFERENCE_REUSED: "the requesting side reused the reference without waiting for the answer",
     TABLE_FULL: "too many requests were pending at once; this one was dropped",
     CONNECTION_EVICTED: "too many connections were open at once; this one was dropped",
+    MALFORMED_HEADER: "behind a malformed TPDU header, which the receiver may have dropped",
 }
 #: The sentence for `HOLE` where it is only likely: other requests, or a push, may account for the missing octets.
 PERHAPS_ANSWERED: Final = "perhaps answered: bytes from the answering side are missing from the capture"
@@ -197,7 +202,7 @@ class Transaction:
 
     @property
     def outcome_name(self) -> str:
-        """``answered``, ``unanswered``, ``orphan_answer`` or ``unsolicited``."""
+        """``answered``, ``unanswered``, ``orphan_answer``, ``unsolicited`` or ``behind_malformed``."""
         return OUTCOMES[self.outcome]
 
     @property
@@ -264,6 +269,11 @@ class Transaction:
         if self.flags & DOUBTS == 0 or (self.outcome != ANSWERED and self.outcome != PUSH):
             return ""
         return "gaps" if self.flags & GAPS else "alike"
+
+    @property
+    def is_behind(self) -> bool:
+        """True when its request or its answer is behind the malformed header of a TPDU."""
+        return self.flags & BEHIND != 0
 
     @property
     def reason_text(self) -> str:

@@ -62,6 +62,16 @@ class Malformed:
         self.available = available
         self.limit = limit
 
+    @property
+    def is_unknown(self) -> bool:
+        """True for content of S7comm-plus of a kind that no table here has: the protocol has no specification to contradict."""
+        return self.layer == "s7plus" and self.reason == "unknown_type"
+
+    @property
+    def word(self) -> str:
+        """What a report for a person puts before it."""
+        return "NOT KNOWN" if self.is_unknown else "MALFORMED"
+
     def at(self, offset: int) -> Malformed:
         """Return the same fault with another offset, for callers that count from another place."""
         return Malformed(self.layer, self.reason, self.field, offset, self.needed, self.available, self.limit)

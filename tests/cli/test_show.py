@@ -216,3 +216,42 @@ def test_the_line_and_the_tree_of_s7comm_plus_give_a_fault_the_same_place(capfdb
     ]
     told = run(capfdbinary, "transactions", "-Y", "frame == 14", capture).out
     assert told.rstrip().endswith(fault.format("request: ", ""))
+
+
+def test_every_tpdu_has_a_line_if_asked_for(capfdbinary: Capture, path: Path) -> None:
+    """A request in three fragments, an empty DT before its answer, one behind it, and an empty TSDU."""
+    job, told = messages.read_job(1, [WORD]), messages.read_answer(1, [WORD], [b"\0\7"])
+    talk = begun()
+    for at in (0, 11, 22):
+        talk.send(0, dt(job[at : at + 11], eot=at == 22))
+    talk.send(1, EMPTY_DT).send(1, dt(told)).send(0, EMPTY_DT).send(0, dt(b""))
+    saved(path, talk.packets())
+    lines = run(capfdbinary, "show", "--tpdus", path).out.splitlines()
+    assert [line[line.index("COTP") :] for line in lines if "COTP" in line][4:] == [
+        "COTP DT  first part of a message, 11 bytes",
+        "COTP DT  part of a message, 11 bytes",
+        f"COTP DT  last part of a message, {len(job) - 22} bytes",
+        "COTP DT  empty, acknowledges Read Var of packet 10 after 1.00 ms",
+        f"COTP DT  S7comm, {len(told)} bytes",
+        "COTP DT  empty",
+        "COTP DT  empty",
+    ]
+    assert [line for line in lines if "COTP DT" not in line] == run(capfdbinary, "show", path).out.splitlines()
+    objects = [json.loads(line) for line in run(capfdbinary, "show", "--tpdus", "-T", "jsonl", path).out.splitlines()]
+    sizes = [one["cotp"]["octets"] for one in objects if one["protocol"] == "cotp" and one["cotp"]["type"] == "DT"]
+    assert sizes[2:] == [11, 11, len(job) - 22, 0, len(told), 0, 0]
+    assert [complaints("pdu", one, exact=True) for one in objects] == [[]] * len(objects)
+
+
+def test_a_tree_of_each_tpdu_has_its_headers_alone(capfdbinary: Capture, path: Path) -> None:
+    """The content of a fragment is shown with its message, which may be hidden."""
+    job = messages.read_job(1, [WORD])
+    talk = begun().send(0, dt(job[:11], eot=False)).send(0, dt(job[11:])).send(1, EMPTY_DT)
+    saved(path, talk.packets())
+    for frame, ends in (("8", "0"), ("10", "0")):
+        shown = run(capfdbinary, "show", "--tpdus", "-V", "--frame", frame, path).out.splitlines()
+        assert "COTP DT" in shown[0]
+        assert [line.split()[1:] for line in shown if line.split()[1:2] == ["eot"]] == [["eot", ends]]
+        assert shown[-2].split()[1] == "tpdu_nr"
+    whole = run(capfdbinary, "show", "--tpdus", "-V", "--frame", "9", path).out.splitlines()
+    assert hex_view(whole) == job

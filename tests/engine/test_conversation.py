@@ -210,12 +210,13 @@ def test_a_disconnect_ends_what_was_established() -> None:
 
 
 def test_empty_dts_are_everyday() -> None:
-    talk = ready()
-    for ref in range(1, 6):
-        talk.send(0, EMPTY_DT + asked(ref)).send(1, EMPTY_DT, answered(ref) + EMPTY_DT)
-    result = run(talk)
-    assert result.outcomes == ["answered"] * 6
-    assert result.counts == {}
+    for before in (b"", EMPTY_DT):
+        talk = ready()
+        for ref in range(1, 6):
+            talk.send(0, EMPTY_DT + asked(ref)).send(1, before, answered(ref) + EMPTY_DT)
+        result = run(talk)
+        assert result.outcomes == ["answered"] * 6
+        assert result.counts == ({"cotp.empty_dt": 1} if before else {})
 
 
 def test_a_message_in_fragments_of_both_sides_at_once() -> None:

@@ -709,6 +709,58 @@ def plus_contents_as_they_should_be(talk: Talk) -> None:
     talk.tell(plus.framed(plus.told(1, plus.SET_VARIABLE, b"\0" + bodies.end(1)), 3))
 
 
+@speaks("cotp.empty_dt")
+def acknowledged_before_it_is_answered(talk: Talk) -> None:
+    talk.open()
+    for ref in (1, 2):
+        talk.ask(read(ref, dbw(1, 0)))
+        talk.packet(SERVER, tpkt(b"\x02\xf0\x00"))
+        talk.tell(words(ref, 1))
+
+
+@silent("cotp.empty_dt")
+def acknowledged_once_it_is_answered(talk: Talk) -> None:
+    talk.open()
+    for ref in (1, 2):
+        talk.ask(read(ref, dbw(1, 0)))
+        talk.tell(words(ref, 1))
+        talk.packet(CLIENT, tpkt(b"\x02\xf0\x00"))
+
+
+@speaks("cotp.expedited_too_long")
+def expedited_data_of_17_bytes(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, tpkt(b"\x02\x10\x80" + bytes(17)))
+
+
+@silent("cotp.expedited_too_long")
+def expedited_data_of_16_bytes(talk: Talk) -> None:
+    talk.open()
+    talk.packet(CLIENT, tpkt(b"\x02\x10\x80" + bytes(16)))
+    talk.ask(read(1, dbw(1, 0, 20)))
+
+
+@speaks("s7plus.unknown_kind")
+def plus_items_of_an_unknown_kind(talk: Talk) -> None:
+    """An item of kind 1 and four zeros in the second part, as an S7-1500 sends it with each notification."""
+    talk.hello()
+    talk.connect()
+    for number in (5, 6, 7):
+        second = b"\x00\x70\x00\x0e\x5e\x00\x00\x01\x00\x00\x00\x00"
+        talk.tell(plus.framed(plus.notified(number)[:-1] + second, 3))
+
+
+@silent("s7plus.unknown_kind")
+def plus_items_of_known_kinds(talk: Talk) -> None:
+    """A second part with a refused item, and a value that contradicts itself."""
+    talk.hello()
+    talk.connect()
+    second = b"\x00\x70\x00\x0e\x5e\x00\x00\x13\x00\x00\x00\x07\x00\x00\x00\x00"
+    talk.tell(plus.framed(plus.notified(5)[:-1] + second, 3))
+    contradictory = b"\x92\x00\x00\x00\x07\x10\x08\x7f\x01"
+    talk.tell(plus.framed(plus.notified(6)[:-1] + contradictory, 3))
+
+
 @speaks("s7plus.notifications_lost")
 def plus_notifications_leap(talk: Talk) -> None:
     talk.hello()

@@ -12,6 +12,7 @@ from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.report.facets import outcome
+from dissect.report.plus import plus_subject
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.s7plus.tables import (
@@ -274,6 +275,37 @@ def test_an_answer_to_explore_that_lies_is_told(frames: int) -> None:
     assert [slug for slug, _ in said(talk)] == ["s7plus.malformed"]
 
 
+#: Kinds of items of notifications that are known; 0 is the end of the list.
+KNOWN_ITEMS = frozenset((0, 0x03, 0x13, 0x81, 0x83, 0x92, 0x9B, 0x9C))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_items_of_an_unknown_kind_are_no_contradiction(version: int) -> None:
+    """In the first and in a second part, one notification after another: a note for the connection, and the values stay."""
+    value = b"\x92\0\0\0\x07" + build_value(Value(0, BOOL, True))
+    second = b"\0\x70\0\x0e\x5e\0\0"
+    unknown = [kind for kind in range(256) if kind not in KNOWN_ITEMS]
+    for before in (value, value + second):
+        for kinds in (unknown[:124], unknown[124:]):  # the sequence number has one octet
+            talk = begun()
+            for number, kind in enumerate(kinds, 1):
+                talk.tell(framed(notified(number)[:-1] + before + bytes((kind, 0, 0, 0, 0)), version))
+            at = len(framed(notified(1)[:-1] + before, version)) - 4
+            wrong = f"item at byte {at} is {kinds[0]}, which is unknown"
+            assert said(talk) == [("s7plus.unknown_kind", f"s7plus: {wrong}")]
+            assert len(talk.transactions) == len(kinds)
+            for one in talk.transactions:
+                assert "item 7 = Bool true" in plus_subject(one)
+
+
+def test_a_known_item_that_lies_is_a_contradiction_beside_unknown_ones() -> None:
+    talk = begun()
+    talk.tell(framed(notified(1)[:-1] + b"\x01\0\0\0\0", 3))
+    talk.tell(framed(notified(2)[:-1] + b"\x92\0\0\0\x07\x10\x08\x7f\1", 3))
+    talk.tell(framed(notified(3)[:-1] + b"\x02\0\0\0\0", 3))
+    assert [slug for slug, _ in said(talk)] == ["s7plus.unknown_kind", "s7plus.malformed"]
+
+
 def test_names_that_passed_are_used() -> None:
     talk = begun()
     explore(talk, 1, build_object(type_of(0x92000003, ("level", variable(14)))))
@@ -500,7 +532,8 @@ def test_reads_that_lie_are_told_though_nobody_looks_at_what_they_read() -> None
     talk.tell(framed(told(3, GET_MULTI_VARIABLES, b"\0\1\0\7\0"), 3))
     count = "item count at byte 55 announces 111, the rest of the PDU has 13 bytes"
     assert said(talk) == [
-        ("s7plus.malformed", f"request: s7plus: {count}; response: s7plus: type at byte 50 is 32, which is unknown"),
+        ("s7plus.malformed", f"request: s7plus: {count}"),
+        ("s7plus.unknown_kind", "response: s7plus: type at byte 50 is 32, which is unknown"),
         ("transaction.orphan", "reference 0x0003"),
         ("s7plus.malformed", ANY),
     ]

@@ -172,3 +172,20 @@ def test_any_order_of_any_tpdus(tpdus: list[tuple[int, bytes]]) -> None:
     talk.packet(CLIENT, flags=SYN)
     talk.finish()
     assert "internal.bug" not in talk.slugs()
+
+
+#: The three forms of an ED: RFC 1006, and normal and extended of X.224.
+FORMS = (b"\x02\x10\x80", b"\x04\x10\x00\x21\x80", b"\x07\x10\x00\x21\x80\x00\x00\x00")
+
+
+@pytest.mark.parametrize("head", FORMS)
+@pytest.mark.parametrize("side", [CLIENT, SERVER])
+def test_expedited_data_may_have_16_bytes(head: bytes, side: int) -> None:
+    for size in (0, 1, 15, 16, 17, 32, 500):
+        talk = Talk()
+        talk.open()
+        frame = talk.packet(side, tpkt(head + bytes(size)))
+        talk.close()
+        said = [(one.slug, one.frames, one.detail) for one in talk.findings]
+        who = ("10.0.0.1:50000", "10.0.0.2:102")[side]
+        assert said == [("cotp.expedited_too_long", [frame], f"{size} bytes from {who}")] * (size > 16), size

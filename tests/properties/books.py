@@ -103,7 +103,8 @@ def check_books(pipeline: Pipeline, record: Record | None = None) -> None:
     if record is None:
         return
     halves = sum([bool(one.request_frame) + bool(one.response_frame) for one in record.transactions])
-    assert halves + pipeline.s7.unpaired + pipeline.plus.unpaired == pipeline.s7.pdus + pipeline.plus.pdus
+    behind = pipeline.s7.behind_malformed + pipeline.plus.behind_malformed
+    assert halves + pipeline.s7.unpaired + pipeline.plus.unpaired == pipeline.s7.pdus + pipeline.plus.pdus + behind
     assert len({one.number for one in record.transactions}) == len(record.transactions)
     assert sorted([one.number for one in record.opened]) == sorted([one.number for one in record.closed])
     for finding in record.findings:

@@ -57,7 +57,7 @@ def said(half: Half | None) -> list[str]:
         return []
     wrong = half.contents.malformed
     sound = not (half.pdu.cut or half.pdu.malformed)
-    texts = [f"MALFORMED {wrong[0].at(half.pdu.place(wrong[0].offset))}"] if wrong and sound else []
+    texts = [f"{wrong[0].word} {wrong[0].at(half.pdu.place(wrong[0].offset))}"] if wrong and sound else []
     return plus_notes(half.pdu) + summary(half.pdu, half.contents) + texts
 
 

@@ -279,12 +279,17 @@ def test_every_report_says_the_same_of_the_same_pdu() -> None:
             talk.connect()
             (talk.ask if name.startswith("request") else talk.tell)(octets)
             talk.close()
-            details = [one.detail for one in talk.findings if one.slug == "s7plus.malformed"]
+            unknown = bool(wrong) and wrong[0].endswith("which is unknown")
+            slug, word = ("s7plus.unknown_kind", "NOT KNOWN") if unknown else ("s7plus.malformed", "MALFORMED")
+            kinds = {unknown} | {one.endswith("which is unknown") for one in wrong}
+            told = [one for one in talk.findings if one.slug in ("s7plus.malformed", "s7plus.unknown_kind")]
+            details = [one.detail for one in told if one.slug == slug]
             (transaction,) = talk.transactions
             line = plus_subject(transaction)
             tree = "\n".join(plus_tree_lines(pdu, b""))
             assert len(details) == bool(wrong), (name, changed.hex(), wrong, details)
-            assert ("MALFORMED" in line) == ("MALFORMED" in tree) == bool(wrong), (name, tree)
+            assert len(told) == (len(kinds) if wrong else 0), (name, changed.hex(), wrong, told)
+            assert (f" {word} " in f" {line} ") == (f" {word} " in tree) == bool(wrong), (name, tree)
             if wrong:
                 told_of += 1
                 assert wrong[0] in details[0]

@@ -39,6 +39,7 @@ NOT_WHOLE: Final = "the recording lacks data that the PLC would request"
 NO_REQUEST: Final = "its request is not in the recording"
 FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
 CLIENT_PUSH: Final = "a client message that is not a request"
+MALFORMED: Final = "it is behind a malformed TPDU header, and nobody answered it"
 
 _NORMAL: Final = 0x80  # reason of a DR: ended by the user
 #: How either end ends a connection, where the recording sees it.
@@ -144,6 +145,8 @@ class Part:
             download = begins.get(id(transaction)) or serves.get(id(transaction))
             if transaction.exchange.kind != S7 or self.link.carrier != "tcp":
                 self.withheld.append(withheld(transaction, NOT_S7))
+            elif transaction.outcome == "behind_malformed":
+                self.withheld.append(withheld(transaction, MALFORMED))
             elif download is not None and not download.whole:
                 begins_it = transaction is download.request
                 self.withheld.append(withheld(transaction, NOT_WHOLE if begins_it else FOLLOWS_WITHHELD))

@@ -9,10 +9,11 @@ from typing import Final
 from dissect.golden.model import Transaction
 from dissect.playback.server.model import Recording, Said, Script, Step
 from dissect.report import words
-from dissect.transactions.transaction import HOLE, OUTCOMES, PUSH, UNANSWERED
+from dissect.transactions.transaction import BEHIND_MALFORMED, HOLE, OUTCOMES, PUSH, UNANSWERED
 
 _PUSH: Final = OUTCOMES[PUSH]
 _UNANSWERED: Final = OUTCOMES[UNANSWERED]
+_BEHIND: Final = OUTCOMES[BEHIND_MALFORMED]
 
 
 class Seen:
@@ -57,6 +58,8 @@ def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
     over: list[tuple[int, int]] = []  # when each step was over
     others: list[Seen] = []
     for one in seen:
+        if one.outcome == _BEHIND:
+            continue  # nothing answers it, and it answers nothing
         if one.is_step:
             over.append((one.over, len(script.steps)))
             script.steps.append(_step(one))

@@ -24,7 +24,7 @@ from dissect.report.item_json import (
     write_good_item,
 )
 from dissect.report.operations import operation_json
-from dissect.report.pdu_json import PduLines
+from dissect.report.pdu_json import PduLines, with_header
 from dissect.report.plus_octets import PlusLines
 from dissect.report.read_plan import ReadPlan
 from dissect.report.scd import scd_json
@@ -514,13 +514,13 @@ class JsonlWriter(Writer):
 
         connection = side.connection
         pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)
-        self.lines.append(self._pdus.line(pdu, connection))
+        self.lines.append(with_header(self._pdus.line(pdu, connection), self.header_of(side, octets)))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7comm-plus PDU."""
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
-        self.lines.append(self._pdus.plus_line(pdu, connection))
+        self.lines.append(with_header(self._pdus.plus_line(pdu, connection), self.header_of(side, octets)))
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
         """Add the line of an SCD message."""

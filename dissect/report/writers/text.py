@@ -11,7 +11,7 @@ from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import Tpdu, parse_tpdu
 from dissect.iso.foreign import identify, identify_connect
 from dissect.iso.tables import CC, CR, DR, DT, ED, ER
-from dissect.iso.upper import classify, is_rdp_connect
+from dissect.iso.upper import UPPER_NAMES, classify, is_rdp_connect
 from dissect.report import facets, words
 from dissect.report.certainty import mark
 from dissect.report.facets import facet_of
@@ -116,10 +116,10 @@ def plus_line(pdu: PlusPdu, connection: Connection, clock: Clock, places: Places
     if pdu.cut:
         parts.append("CUT, the end is missing")
     if pdu.malformed:
-        parts.append(f"MALFORMED {pdu.malformed[0]}")
+        parts.append(f"{pdu.malformed[0].word} {pdu.malformed[0]}")
     elif found.malformed and not pdu.cut:
         fact = found.malformed[0]
-        parts.append(f"MALFORMED {fact.at(pdu.place(fact.offset))}")
+        parts.append(f"{fact.word} {fact.at(pdu.place(fact.offset))}")
     return f"{_head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)}  {'  '.join(parts)}"
 
 
@@ -197,9 +197,31 @@ def tpdu_line(
         said = f"  {words.carried(tpdu)}, {words.count(len(tpdu.data), 'byte')}"
         identity = identify(classify(tpdu.data, 0, len(tpdu.data)), tpdu.data, 0, len(tpdu.data))
         said += f": {identity}" if identity else ""
-    if tpdu.malformed:
-        said += f"  MALFORMED {tpdu.malformed[0]}"
+    said += _tpdu_fault(tpdu)
     return f"{_head(frame, time_ns, connection, side, clock, places)}  COTP {tpdu.name}{said}"
+
+
+def _tpdu_fault(tpdu: Tpdu) -> str:
+    return f"  MALFORMED {tpdu.malformed[0]}" if tpdu.malformed else ""
+
+
+def carrier_said(tpdu: Tpdu, side: Side, time_ns: int, places: Places) -> str:
+    """Return what a DT carries: how much of a message, or nothing, and then the request that it acknowledges before its answer.
+
+    ``side`` sent it, and has not taken it yet.
+    """
+    size = words.count(len(tpdu.data), "byte")
+    ends = tpdu.field("eot") == 1
+    if not side.assembler.clear:
+        return f"{'last part' if ends else 'part'} of a message, {size}"
+    if tpdu.data:
+        name = words.PROTOCOLS[UPPER_NAMES[classify(tpdu.data, 0, len(tpdu.data))]]
+        return f"{name}, {size}" if ends else f"first part of a message, {size}"
+    request = None if ends else side.connection.open_requests[1 - side.index].asked_last()
+    if request is None:
+        return "empty"
+    after = words.duration(time_ns - int(request.request_ns))
+    return f"empty, acknowledges {request.function_name} of {places.phrase([int(request.request_frame)])} after {after}"
 
 
 def netlink_line(
@@ -230,7 +252,6 @@ class TextWriter(Writer):
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self.number_width = NUMBER_WIDTH
-        self._packet: bytes = b""  # the present TPKT or IBH-NetLink packet
         self._octets: LineOctets = LineOctets(self.clock, self.places)
 
     def begin(self, places: Places) -> None:
@@ -256,10 +277,6 @@ class TextWriter(Writer):
         """Add the line of a comment."""
         self._add(comment_line(int(frame), text, self.places))
 
-    def packet(self, octets: bytes) -> None:
-        """Keep the packet that carries the next PDU."""
-        self._packet = octets
-
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of a TPDU that carries no S7 PDU."""
         tpdu = parse_tpdu(octets[4:])
@@ -270,6 +287,17 @@ class TextWriter(Writer):
             from dissect.report.tree import tpdu_tree_lines  # late: only -V shows trees
 
             self._tree("\n".join(tpdu_tree_lines(octets)))
+
+    def carrier(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
+        """Add the line of a DT that carries a PDU, a part of one or nothing; contents are shown with the PDU."""
+        tpdu = parse_tpdu(octets[4:])
+        head = _head(int(frame), int(time_ns), side.connection, int(side.index), self.clock, self.places)
+        said = f"{head}  COTP {tpdu.name}  {carrier_said(tpdu, side, int(time_ns), self.places)}"
+        self._add(said + _tpdu_fault(tpdu), bool(tpdu.malformed))
+        if self.verbose:
+            from dissect.report.tree import carrier_tree_text
+
+            self._tree(carrier_tree_text(octets))
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Add the line of an IBH-NetLink packet that carries no part of a PDU."""
@@ -288,7 +316,10 @@ class TextWriter(Writer):
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
         faults: list[Malformed] = []
         line = _pdu_line(pdu, connection, self.clock, self.places, faults)
-        self._add(line, bool(faults) or _says_no(pdu))
+        header = self.header_of(side, octets)
+        if header is not None:
+            line += header.remark
+        self._add(line, bool(faults) or header is not None or _says_no(pdu))
         if self.verbose:
             from dissect.report.tree import tree_text
 
@@ -299,7 +330,11 @@ class TextWriter(Writer):
         connection = side.connection
         pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
         contents = shown_contents(pdu, self.verbose)
-        self._add(plus_line(pdu, connection, self.clock, self.places, contents), bool(pdu.malformed))
+        line = plus_line(pdu, connection, self.clock, self.places, contents)
+        header = self.header_of(side, octets)
+        if header is not None:
+            line += header.remark
+        self._add(line, bool(pdu.malformed) or header is not None)
         if self.verbose:
             from dissect.report.tree import DECRYPTED, REASSEMBLED, plus_tree_lines
 
@@ -316,7 +351,7 @@ class TextWriter(Writer):
 
     def _whole(self, octets: bytes, cut: bool) -> bytes:
         """Return the present packet if it carries the whole PDU, else empty octets."""
-        return self._packet if self._packet.endswith(octets) and not cut else b""
+        return self.carrying if self.carrying.endswith(octets) and not cut else b""
 
     def _add(self, text: str, failed: bool = False) -> None:
         self._put(text, FAILED if failed else PLAIN, HANG)

@@ -16,6 +16,7 @@ from dissect.playback.client.plan import (
     ASK,
     CLIENT_PUSH,
     HEAR,
+    MALFORMED,
     NO_REQUEST,
     NOT_S7,
     SERVER_ASKED,
@@ -23,7 +24,7 @@ from dissect.playback.client.plan import (
     plan_lines,
     playable,
 )
-from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE
+from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE, MALFORMED_HEADER
 from tests.playback.client.support import CAPTURES
 from tests.properties import messages
 from tests.report.support import WORD
@@ -122,6 +123,8 @@ def test_each_transaction_is_sent_waited_for_or_withheld_with_a_reason() -> None
         ("client", "answered", Exchange(SCD, b"", b"", ("request x",)), ""),
         ("client", "orphan_answer", Exchange(S7, b"", ANSWER), ""),
         ("client", "orphan_answer", Exchange(S7, b"", ANSWER), HOLE),
+        ("client", "behind_malformed", Exchange(S7, READ, b""), MALFORMED_HEADER),
+        ("client", "behind_malformed", Exchange(S7, b"", ANSWER), MALFORMED_HEADER),
     )
     part = Part(one)
     assert [(step.kind, step.transaction.number) for step in part.steps] == [(ASK, 2), (HEAR, 3), (HEAR, 8)]
@@ -132,6 +135,8 @@ def test_each_transaction_is_sent_waited_for_or_withheld_with_a_reason() -> None
         6: NOT_S7,
         7: NOT_S7,
         9: NO_REQUEST,
+        10: MALFORMED,
+        11: MALFORMED,
     }
     lines = plan_lines([part], Permissions())
     assert len(lines) == 2 + len(one.transactions)

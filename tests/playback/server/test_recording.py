@@ -171,6 +171,20 @@ def test_nobody_waits_for_answers_to_what_is_left_out() -> None:
     assert [(said.answered, said.waits) for said in script.steps[0].then] == [(True, 1)]
 
 
+def test_what_is_behind_a_malformed_header_and_alone_is_not_served() -> None:
+    request = seen_of(b"a", b"b", "answered", "client", 2, 3)
+    alone = [
+        seen_of(b"c", b"", "behind_malformed", "client", 1, 1),
+        seen_of(b"", b"d", "behind_malformed", "client", 4, 4),
+        seen_of(b"", b"e", "behind_malformed", "server", 5, 5),
+    ]
+    script, recording = Script(1), Recording()
+    arrange(script, [*alone, request], recording)
+    assert [step.request for step in script.steps] == [b"a"]
+    assert script.steps[0].then == []
+    assert recording.notes == []
+
+
 def test_many_messages_of_the_server_are_put_in_their_places_in_one_go() -> None:
     def made(count: int) -> tuple[list[Seen], Recording]:
         seen = []
