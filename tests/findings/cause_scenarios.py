@@ -71,6 +71,12 @@ def connect(tpdu: int) -> tuple[bytes, bytes]:
     return CONNECT[:-1] + bytes((tpdu,)), CONFIRM[:-1] + bytes((tpdu,))
 
 
+def connected(talk: Talk) -> None:
+    """The handshakes of TCP and COTP."""
+    talk.hello()
+    talk.connect()
+
+
 def begin(talk: Talk, size: int = 240, tpdu: int = 10, jobs: int = 3) -> None:
     """Everything up to the setup."""
     talk.hello()
@@ -95,7 +101,7 @@ FAULTS: Final[dict[str, tuple[Callable[[Talk], None], bytes]]] = {
         write(1, [item(0x83, 0, 0, 2, 120)], written(4, bytes(120))),
     ),
     "session.data_before_setup": (
-        lambda talk: (talk.hello(), talk.connect(), None)[-1],
+        connected,
         read(1, dbw(1, 0)),
     ),
 }
