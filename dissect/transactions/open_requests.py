@@ -299,6 +299,17 @@ class OpenRequests:
             if not rows:
                 self._rows = None
 
+    def repeat(self, opens: bool, answered: bool, since_ns: i64) -> None:
+        """Two requests in a row have one reference: note that, and whether it is known which of them are open.
+
+        ``opens``: requests that were not captured may be open. ``answered``: there was an answer, ``since_ns`` ago.
+        """
+        if self.repeats == 0:
+            self.doubtful = opens
+        if self.count == 0 and answered and since_ns > self.rest_ns:
+            self.doubtful = False
+        self.repeats += 1
+
     def under(self, key: i64) -> list[Transaction]:
         """Return the open requests of ``key``, oldest first; they stay open."""
         row = self.row(key)

@@ -69,12 +69,12 @@ from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
     HOLE,
-    ORPHAN,
     PUSH,
     REFERENCE_REUSED,
     TABLE_FULL,
     UNANSWERED,
     Transaction,
+    unasked,
 )
 from dissect.wire.build import COMPILED
 
@@ -146,7 +146,7 @@ class Dialogue:
         if side.holes:
             self._ask_after_gap(side, requests, key, transaction)
         if key == requests.latest_key:
-            self._repeat(side, requests, time_ns)
+            requests.repeat(begins_open(side), connection.answered > 0, time_ns - connection.last_answer_ns)
         elif requests.latest is None:
             requests.latest_key = key
         requests.asked_frame = frame
@@ -176,18 +176,6 @@ class Dialogue:
             transaction.flags |= GAPS
         elif unasked_before(side, requests, key):
             transaction.flags |= ALIKE
-
-    def _repeat(self, side: Side, requests: OpenRequests, time_ns: i64) -> None:
-        """Two requests in a row have one reference: note that, and whether it is known which of them are open."""
-        if requests.repeats == 0:
-            requests.doubtful = begins_open(side)
-        if (
-            requests.count == 0
-            and side.connection.answered
-            and time_ns - side.connection.last_answer_ns > requests.rest_ns
-        ):
-            requests.doubtful = False
-        requests.repeats += 1
 
     def find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
         """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
@@ -259,7 +247,9 @@ class Dialogue:
         if waiting is None or key != requests.latest_key:
             row = requests.row(key)
             if row is not None:
-                answer = self._hold(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+                answer = unasked(
+                    side.connection, 1 - side.index, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns
+                )
                 return self._answer_one(
                     side, requests, row, HeldAnswer(key, answer, side.last_ack, side.tcp.packets), data_at
                 )
@@ -285,7 +275,9 @@ class Dialogue:
             )
         ):
             # A gap may contain the answer to the open request, or the request of this answer.
-            answer = self._hold(side, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns)
+            answer = unasked(
+                side.connection, 1 - side.index, rosctr, pdu_ref, parameters, buf, at, size, frame, time_ns
+            )
             self._orphan(side, key, answer)
             return None
         if waiting is requests.latest:  # nearly always
@@ -551,24 +543,6 @@ class Dialogue:
                 transaction.flags |= EXPECTED
         transaction.connection.unanswered += 1
         self.also.append(transaction)
-
-    def _hold(
-        self,
-        side: Side,
-        rosctr: i64,
-        pdu_ref: i64,
-        parameters: Parameters,
-        buf: bytes,
-        at: i64,
-        size: i64,
-        frame: i64,
-        time_ns: i64,
-    ) -> Transaction:
-        """Return an answer as a transaction without a request, until its request is known."""
-        transaction = Transaction(0, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
-        transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-        transaction.outcome = ORPHAN
-        return transaction
 
     def _orphan(self, side: Side, key: i64, transaction: Transaction) -> None:
         """Hold an answer of ``side`` for its request."""

@@ -278,7 +278,7 @@ class Transaction:
     @property
     def reason_text(self) -> str:
         """One sentence that says why a request has no answer; empty where it has one, and for an answer without a request."""
-        if self.outcome != UNANSWERED:
+        if self.outcome != UNANSWERED and self.outcome != BEHIND_MALFORMED:
             return ""
         if self.reason == HOLE and self.flags & DOUBTS:
             return PERHAPS_ANSWERED
@@ -509,3 +509,22 @@ class Transaction:
             return []
         name = "abort" if told.scd.message.phase == "abort" else "error"
         return [TransactionError(MESSAGE, int(told.err), name, told.scd.dictionary.error_text(int(told.err)))]
+
+
+def unasked(
+    connection: Connection,
+    asked_by: i64,
+    rosctr: i64,
+    pdu_ref: i64,
+    parameters: Parameters,
+    buf: bytes,
+    at: i64,
+    size: i64,
+    frame: i64,
+    time_ns: i64,
+) -> Transaction:
+    """Return an answer as a transaction without a request, until its request is known; ``asked_by`` is who would have asked."""
+    transaction = Transaction(0, connection, asked_by, rosctr, pdu_ref, parameters)
+    transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+    transaction.outcome = ORPHAN
+    return transaction

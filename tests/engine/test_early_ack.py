@@ -109,6 +109,7 @@ def slow(talk: Talk) -> list[str]:
 def test_a_slow_answer_says_when_it_was_acknowledged(kind: type[Talk]) -> None:
     talk = kind()
     talk.open()
+    frame = 0
     for ref in (1, 2):
         talk.ask(read(ref, dbw(1, 0)))
         if ref == 2:
@@ -152,6 +153,7 @@ def test_what_is_remembered_is_bounded() -> None:
         talk.packet(SERVER, EMPTY)
         talk.tell(words(ref, 1))
     talk.ask(read(900, dbw(1, 0)))
+    frame = 0
     for _ in range(3 * MAX_EARLY):
         frame = talk.packet(SERVER, EMPTY)
     assert len([one for one in range(frame + 1) if talk_has(talk, one)]) <= MAX_EARLY
