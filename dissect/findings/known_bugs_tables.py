@@ -90,7 +90,7 @@ _ROWS: Final[tuple[KnownBug, ...]] = (
     ),
     KnownBug(
         "fragments",
-        "a request comes in TPDUs of 121 bytes of data each, after a connect confirm without a TPDU size",
+        "after a confirm without TPDU size, a request comes in TPDUs of 121 bytes each, or in a DT with length indicator 3",
         "python-snap7",
         "the client falls back to the smallest TPDU size; simple servers do not join the parts",
         "ask for a TPDU size of 1024 in the connect request",

@@ -60,6 +60,8 @@ class Way:
         opened = self.side.connection.open_requests[self.side.index]
         if self.sent - self.unanswered > opened.count or self.sent >= _MOST:
             self.fine = True  # one of them was answered
+            self._numbers = set()
+            return
         self._numbers.add(int(number))
 
     def give_up(self, number: i64, seen: bool) -> None:
