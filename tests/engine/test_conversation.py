@@ -265,21 +265,23 @@ def test_fragments_with_a_hole_are_given_up() -> None:
 
 
 @pytest.mark.parametrize(
-    "tpdu",
+    ("tpdu", "detail"),
     [
-        b"\x00\xf0\x80",
-        b"\xff\xf0\x80",
-        b"\x20\xf0\x80\x00",
-        b"\x04\x30\x00\x00\x00",
-        b"\x03\xe0\x00\x00",
-        b"\x06\xe0\x00\x00\x00\x01",
+        (b"\x00\xf0\x80", "DT: cotp: length indicator at byte 0 is 0, expected 1 to 254"),
+        (b"\xff\xf0\x80", "DT: cotp: length indicator at byte 0 is 255, expected 1 to 254"),
+        (b"\x20\xf0\x80\x00", "DT: cotp: length indicator at byte 0 claims 33 bytes, the TPKT has 4"),
+        (b"\x04\xf0\x80\xc0\x00", "DT: length indicator 4, class 0 has 2"),
+        (b"\x04\x30\x00\x00\x00", "0x3: cotp: type at byte 1 is 3, which is unknown"),
+        (b"\x03\xe0\x00\x00", "CR: cotp: CR at byte 0 needs 7 bytes, the TPDU header has 4"),
+        (b"\x06\xe0\x00\x00\x00\x01", "CR: cotp: length indicator at byte 0 claims 7 bytes, the TPKT has 6"),
     ],
 )
-def test_a_cotp_header_that_contradicts_itself(tpdu: bytes) -> None:
+def test_a_cotp_header_that_contradicts_itself(tpdu: bytes, detail: str) -> None:
     talk = poll(ready(), 1).send(0, tpkt(tpdu))
     result = run(poll(talk, 2))
     assert result.outcomes == ["answered"] * 3
     assert result.counts == {"cotp.malformed": 1}
+    assert result.details("cotp.malformed") == [detail]
     assert len(result.record.closed) == 1
 
 
@@ -329,6 +331,11 @@ def test_a_pdu_whose_lengths_lie_is_paired_and_told() -> None:
     result = run(talk)
     assert result.outcomes == ["answered"] * 4
     assert result.counts["s7.malformed"] == 3
+    assert result.details("s7.malformed") == [
+        "Job from 10.0.0.1:49152: s7: 1 byte too many behind pdu at byte 23, in the TSDU",
+        "Job from 10.0.0.1:49152: s7: data_length at byte 8 claims 25 bytes, the TSDU has 24",
+        "Job from 10.0.0.1:49152: s7: 1 byte too many behind pdu at byte 24, in the TSDU",
+    ]
     answer = read_answer(5, [WORD], [b"\x00\x01"])
     talk.send(0, asked(5)).send(1, dt(answer[:8] + b"\x00\x40" + answer[10:]))
     result = run(talk)
@@ -344,6 +351,8 @@ def test_a_pdu_shorter_than_its_header(size: int) -> None:
     assert sorted(result.outcomes) == ["answered", "answered", "unanswered"]
     assert result.pipeline.s7.unpaired == 1
     assert result.counts["s7.malformed"] == 1
+    needed = f"header at byte 0 needs {10 if size < 10 else 12} bytes"
+    assert result.details("s7.malformed") == [f"Ack_Data from 10.0.0.2:102: s7: {needed}, the TSDU has {size}"]
 
 
 @pytest.mark.parametrize("rosctr", [4, 5, 6])

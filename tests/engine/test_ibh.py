@@ -212,6 +212,23 @@ def test_octets_that_are_no_packet_cost_nothing_else() -> None:
     assert link.pipeline.counters.octets.skipped == 7
 
 
+@pytest.mark.parametrize(
+    ("wrong", "detail"),
+    [
+        (1, "length at byte 12 claims 27 bytes, the packet has 26"),
+        (-1, "1 byte too many behind length at byte 12, in the packet"),
+    ],
+)
+def test_a_packet_that_contradicts_itself_says_how_and_who_sent_it(wrong: int, detail: str) -> None:
+    octets = bytearray(ASK)
+    octets[12] += wrong
+    link = Link()
+    link.begin()
+    link.packet(CLIENT, bytes(octets))
+    said = [one.detail for one in link.findings if one.slug == "ibh.malformed"]
+    assert said == [f"MPI data from 10.0.0.1:50000: MPI: {detail}"]
+
+
 def test_a_message_without_end_is_dropped() -> None:
     link = Link()
     link.begin()

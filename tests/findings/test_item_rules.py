@@ -122,3 +122,26 @@ def test_a_write_of_another_size_without_answer(talk: Talk) -> None:
     found = {finding.slug: finding.detail for finding in talk.findings}
     assert "transaction.unanswered" in found
     assert found["transaction.write_size"].endswith("item 2 (DB1.DBW2) needs 2 bytes, got 4")
+
+
+def test_an_item_of_no_octets_is_of_another_size_when_octets_come(talk: Talk) -> None:
+    """A count of 0 requests nothing: its size is known, and it is 0."""
+    talk.ask(read(1, dbw(1, 0, 0), dbw(1, 2)))
+    talk.tell(ack_data(1, b"\x04\x02", good(4, b"\0\1") * 2))
+    talk.ask(read(2, dbw(1, 0, 0), dbw(1, 2)))
+    talk.tell(ack_data(2, b"\x04\x02", good(4, b"") + good(4, b"\0\1")))
+    assert [(one.slug, one.detail) for one in talk.findings] == [
+        (
+            "transaction.size_mismatch",
+            "Read Var DB1.DBW0 x0, DB1.DBW2: item 1 (DB1.DBW0) requested 0 bytes, got 2",
+        )
+    ]
+
+
+def test_a_write_of_no_octets_that_has_some_is_of_another_size(talk: Talk) -> None:
+    talk.ask(write(1, [dbw(1, 0, 0), dbw(1, 2)], written(4, b"\0\1") * 2))
+    talk.tell(ack_data(1, b"\x05\x02", b"\xff\xff"))
+    talk.ask(write(2, [dbw(1, 0, 0), dbw(1, 2)], written(4, b"") + written(4, b"\0\1")))
+    talk.tell(ack_data(2, b"\x05\x02", b"\xff\xff"))
+    (detail,) = [finding.detail for finding in talk.findings if finding.slug == "transaction.write_size"]
+    assert detail.endswith("item 1 (DB1.DBW0) needs 0 bytes, got 2")

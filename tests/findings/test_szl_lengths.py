@@ -6,6 +6,7 @@ import struct
 
 import pytest
 
+from tests.build import userdata_head
 from tests.transactions.talk import Talk, head, userdata
 
 
@@ -45,3 +46,29 @@ def test_an_answer_nobody_asked_for_names_one_packet() -> None:
     frame = talk.tell(szl(28, 9, 28))
     talk.close()
     assert [one.frames for one in talk.findings if one.slug == "s7.malformed"] == [[frame]]
+
+
+@pytest.mark.parametrize(
+    ("sequence", "reference", "last", "found"),
+    [(0, 0, 0, 1), (0, 7, 1, 0), (0, 7, 0, 0), (0, 0, 1, 0), (1, 7, 0, 0), (1, 7, 1, 0)],
+    ids=["whole", "first", "last by its reference", "more by its mark", "last", "middle"],
+)
+def test_a_part_of_a_list_is_not_short(sequence: int, reference: int, last: int, found: int) -> None:
+    """Only a whole answer has to hold all records: the first part of a chain has fewer, later parts begin amid records."""
+    talk = Talk()
+    talk.open()
+    asked = head(1, 4, 1, sequence) if not sequence else userdata_head(1, 4, 1, sequence, unit=reference)
+    talk.ask(userdata(1, asked, b"\xff\x09\x00\x04\x01\x11\x00\x01"))
+    payload = struct.pack(">HHHH", 0x0111, 1, 28, 9) + bytes(28)
+    part = userdata_head(2, 4, 1, 1, reference, last)
+    talk.tell(userdata(1, part, b"\xff\x09" + struct.pack(">H", len(payload)) + payload))
+    assert talk.slugs().count("s7.malformed") == found
+
+
+def test_the_last_part_after_its_own_request_is_not_short() -> None:
+    """Its head may name no reference; that the request continued one says enough."""
+    talk = Talk()
+    talk.open()
+    talk.ask(userdata(1, userdata_head(1, 4, 1, 1, 7), b"\x0a\x00\x00\x00"))
+    talk.tell(szl(28, 9, 28))
+    assert "s7.malformed" not in talk.slugs()

@@ -173,9 +173,9 @@ def both_ways(told: list[Transaction]) -> list[str]:
 
 def test_an_answer_that_does_not_fit_its_request_is_marked() -> None:
     """With as many octets as came, none of which is taken for a value."""
-    four, two = Item(0x02, 4, 1, 0x84, 0), Item(0x02, 2, 1, 0x84, 0)
+    four, two, nothing = (Item(0x02, length, 1, 0x84, 0) for length in (4, 2, 0))
     talk = begun()
-    for ref, asked in enumerate(([four], [two, two], [two], [two]), 1):
+    for ref, asked in enumerate(([four], [two, two], [two], [two], [nothing]), 1):
         talk.send(0, dt(messages.read_job(ref, asked)))
         answer = messages.write_answer(ref, [0xFF]) if ref == 3 else messages.read_answer(ref, [two], [b"\0\1"])
         talk.send(1, dt(answer))
@@ -185,8 +185,9 @@ def test_an_answer_that_does_not_fit_its_request_is_marked() -> None:
         "Read Var  MISMATCH (requested 2 items, got 1)  DB1.DBB0 x2 = 00 01, DB1.DBB0 x2",
         "Read Var  MISMATCH (the answer names Write Var)  DB1.DBB0 x2",
         "Read Var  DB1.DBB0 x2 = 00 01",
+        "Read Var  MISMATCH (item size)  DB1.DBB0 x0 = 00 01 (2 bytes instead of 0)",
     ]
-    assert [went_wrong(one) for one in told] == [False, True, True, True, False]
+    assert [went_wrong(one) for one in told] == [False, True, True, True, False, True]
 
 
 def test_a_value_that_the_capture_cut_is_marked() -> None:

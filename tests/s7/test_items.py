@@ -334,3 +334,9 @@ def test_the_areas_of_a_dbread_item_are_items_of_their_own() -> None:
     assert [area.octets for area in item_.areas] == [octets[4:9], octets[9:14]]
     (short,), _ = items_of(bytes.fromhex("120bb002 0200440160 01004800"), 1)
     assert short.areas is None
+
+
+def test_an_item_of_no_octets_fits_none_and_no_more() -> None:
+    nothing = parse_item(dbw(1, 0, 0), 0)
+    assert (nothing.size, nothing.label) == (0, "DB1.DBW0 x0")
+    assert [nothing.fits(size) for size in (0, 1, 2)] == [True, False, False]

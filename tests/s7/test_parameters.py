@@ -11,6 +11,7 @@ from dissect.s7.layouts import MODE_TRANSITION, SETUP, USERDATA_EXTENDED, USERDA
 from dissect.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCache, Parameters, parse_parameters
 from dissect.s7.tables import ACK, ACK_DATA, FUNCTIONS, JOB, USERDATA, USERDATA_GROUPS, USERDATA_SUBFUNCTIONS
 from dissect.wire.layout import Layout
+from tests.build import userdata_head
 from tests.transactions.talk import dbw, head
 
 KINDS = [JOB, ACK, ACK_DATA, USERDATA]
@@ -300,3 +301,14 @@ def test_a_block_larger_than_the_cache_is_parsed_all_the_same() -> None:
     cache = ParameterCache()
     octets = b"\x28" + bytes(ParameterCache.OCTETS + 1)
     assert found(cache, octets, JOB).octets == octets
+
+
+@pytest.mark.parametrize(
+    ("unit", "last", "more", "continues"),
+    [(0, 0, False, False), (7, 1, True, False), (7, 0, False, True), (0, 1, False, False)],
+    ids=["whole", "first", "last", "a mark without a reference"],
+)
+def test_which_part_of_an_answer_it_is(unit: int, last: int, more: bool, continues: bool) -> None:
+    head = parse_parameters(userdata_head(2, 4, 1, 5, unit, last), USERDATA).userdata
+    assert head is not None
+    assert (head.more, head.continues) == (more, continues)

@@ -115,6 +115,7 @@ LINE = type_of(
         ([1, 3], '"matrix"[0,1]'),
         ([1, 5], '"matrix"[0,3]'),
         ([1, 6], '"matrix" LID 6'),
+        ([1, 0, 1, 2], '"matrix"[-1,1] LID 1.2'),  # only a structure has a number between index and member
         ([2, 3], '"valves"[4]'),
         ([2, 3, 1, 1], '"valves"[4].open'),
         ([2, 3, 1, 2, 1], '"valves"[4].inner.open'),
@@ -154,3 +155,33 @@ def test_a_checksum_that_differs_is_told() -> None:
         Address(7, 52, 7, []),
     ):
         assert program.doubt(address) == ""
+
+
+NO_BOUNDS = (0, 0, 0, 6, *[0] * 12)
+BBOOL = 40
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [variable(7, 5), variable(7, 5, 11, numbers=NO_BOUNDS), variable(7, BBOOL, 11, numbers=NO_BOUNDS)],
+    ids=["a number", "an array without a dimension", "bits without a dimension"],
+)
+@pytest.mark.parametrize("lids", [[7, 0], [7, 3], [7, 0, 1]])
+def test_an_element_of_what_is_no_array_has_no_index(declared: Variable, lids: list[int]) -> None:
+    """The address goes on where the declaration ends: its numbers stay, and no brackets are made up."""
+    program = Program()
+    program.learn([type_of(0x92000004, ("one", declared))])
+    found = program.find(Address(0, 0x8A0E0004, ACTUAL, lids))
+    assert found is not None
+    assert (found.path, found.variable) == (f'"one" LID {".".join(map(str, lids[1:]))}', None)
+    assert declared.index_text(lids[1]) == ""
+
+
+def test_members_of_structures_are_listed_and_those_of_elements_are_not() -> None:
+    """An address of an element needs its index, which a list of variables does not have."""
+    program = Program()
+    program.learn([LINE, VALVE])
+    listed = [one.name for one in program.symbols()]
+    assert 'DB4."pump".open' in listed
+    assert 'DB4."valves"' in listed
+    assert [name for name in listed if name.startswith(('DB4."valves".', 'DB4."field".', 'DB4."motors".'))] == []

@@ -15,9 +15,9 @@ from dissect.s7plus.contents import Address
 from dissect.s7plus.items import PlusItem
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.packed_values import CLASSIC
-from dissect.s7plus.program import Program
+from dissect.s7plus.program import Found, Program
 from dissect.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
-from dissect.s7plus.program_values import DTL_STRUCT
+from dissect.s7plus.program_values import DTL_STRUCT, program_values
 from dissect.s7plus.value_tables import ARRAY, DINT, INT, STRUCT, TIMESPAN, TIMESTAMP, UINT, ULINT, USINT
 from dissect.s7plus.values import Packed, Struct, Value, build_value
 from dissect.s7plus.variables import Variable
@@ -259,3 +259,19 @@ def test_a_checksum_that_differs_is_said_with_the_item() -> None:
     assert item_text(item) == (
         "DB3 LID 1 [CRC 0x11111111] = Int 5 (CRC 0xaabbccdd in the program that passed, which differs: no name)"
     )
+
+
+@pytest.mark.parametrize(
+    ("whole", "value", "texts"),
+    [
+        (True, Value(ARRAY, TIMESPAN, [5, 6]), ["LT#5ns", "LT#6ns"]),
+        (False, Value(ARRAY, TIMESPAN, [5, 6]), None),
+        (True, Value(0, TIMESPAN, 5), None),
+        (True, Value(0, TIMESPAN, [5, 6]), None),
+        (False, Value(0, TIMESPAN, 5), None),
+    ],
+)
+def test_elements_are_read_only_of_a_whole_array_that_was_sent_as_one(
+    whole: bool, value: Value, texts: list[str] | None
+) -> None:
+    assert program_values(Found("times", variable(1, 64), whole), value) == texts

@@ -69,6 +69,14 @@ MISTAKES: Final[list[tuple[str, str, str]]] = [
     ("port[DB1.DBW0] == 5", "port[DB1.DBW0]", "no brackets can follow"),
     ("value[] == 5", "value[]", "the brackets are empty"),
     ("failed xor error", "xor", "expected an operator"),
+    ('host "x"', '"', "expected an operator"),
+    ("failed and 'x' == 1", "'", "got a text"),
+    ("port == 20 ms", "20 ms", "expected a number"),
+    ("latency in {20 ms, 5 x3}", "5 x3", "expected a duration"),
+    ("failed in {true, false}", "failed in {true, false", "cannot be compared with in"),
+    ("host overlaps 10.0.0.1 and failed", "host overlaps 10.0.0.1", "cannot be compared with overlaps"),
+    ("failed and value[ ] == 5", "value[ ]", "the brackets are empty"),
+    ("failed or (port in {1, 2)", ")", "expected a comma or }"),
     ("", "", "the expression is empty"),
 ]
 
@@ -120,3 +128,41 @@ def test_of_a_long_expression_the_place_is_shown() -> None:
     _, line, mark = told.value.lines()
     assert len(line) < 160
     assert line[mark.index("^") :].startswith("failt")
+
+
+@each("blank", ("", " ", "   ", "\t"))
+def test_where_an_expression_ends_too_soon_blanks_behind_it_do_not_move_the_mark(blank: str) -> None:
+    """The mark stands where the next word belongs, and a caller gets the same place as the one that is shown."""
+    with pytest.raises(SelectError) as told:
+        Where(f"host =={blank}")
+    assert (told.value.start, told.value.end) == (7, 8)
+    assert told.value.lines()[2] == f"  {' ' * 7}^"
+
+
+@each(
+    ("text", "mark"),
+    [("subject == \u6f22\u5b57 xor", 17), ("subject == ab xor", 15), ("subject == \u00e9\u00e9 xor", 15)],
+)
+def test_the_mark_stands_below_the_word_in_columns_of_the_terminal(text: str, mark: int) -> None:
+    """Wide characters take two columns each."""
+    with pytest.raises(SelectError) as told:
+        Where(text)
+    assert text[told.value.start : told.value.end] == "xor"
+    line = told.value.lines()[2]
+    assert (line.index("^"), line.count("^")) == (mark + 1, 3)
+
+
+def test_a_wrong_part_that_is_longer_than_the_line_is_marked_as_far_as_it_is_shown() -> None:
+    with pytest.raises(SelectError) as told:
+        Where(f"port == {'9' * 300}x and failed")
+    _, line, mark = told.value.lines()
+    assert line.endswith("\u2026")
+    assert (mark.index("^"), len(mark)) == (10, len(line.removesuffix(" \u2026")))
+
+
+def test_a_place_far_behind_is_shown_with_what_is_left_out_before_it() -> None:
+    with pytest.raises(SelectError) as told:
+        Where("failed or " * 100 + "failt")
+    _, line, mark = told.value.lines()
+    assert line.startswith("  \u2026 ")
+    assert (mark.index("^"), mark.count("^")) == (len(line) - len("failt"), len("failt"))

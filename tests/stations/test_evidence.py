@@ -13,6 +13,7 @@ from dissect.stations import facts
 from dissect.stations.evidence import Evidence, clock_time
 from dissect.stations.facts import Fact
 from dissect.transactions.results import GAPS
+from tests.build import userdata_head
 from tests.cases import each
 from tests.findings import events
 from tests.findings.plus_scenarios import begun, opened
@@ -126,6 +127,18 @@ def test_an_answer_in_parts_that_lacks_records_says_nothing() -> None:
     size = len(whole) - 8
     assert found.detail.endswith(f"states {size // 28} records of 28 bytes, {size - 28} bytes are there")
     assert found.frames == [first - 1, frame]
+
+
+@pytest.mark.parametrize(("unit", "last", "facts_told"), [(0, 0, 2), (7, 1, 0), (7, 0, 0), (0, 1, 0)])
+def test_one_part_of_an_answer_says_nothing(unit: int, last: int, facts_told: int) -> None:
+    """Counts of blocks that begin or end in another part: read alone, a part may be cut within an entry."""
+    talk = told()
+    talk.ask(userdata(1, head(1, 3, 1), b"\x0a\x00\x00\x00"))
+    entries = b"08\x00\x02" + b"0A\x00\x07"
+    part = userdata_head(2, 3, 1, 5, unit, last)
+    talk.tell(userdata(1, part, b"\xff\x09" + struct.pack(">H", len(entries)) + entries))
+    talk.close()
+    assert len(talk.said()) == facts_told
 
 
 def test_a_refusal_and_a_question_say_nothing() -> None:

@@ -73,6 +73,10 @@ ASKED = read(1, dbw(1, 0), dbw(1, 2))
         (ASKED, ack_data(1, b"\x04\x02", b"", 0x8500), 0, True),
         (ASKED, ack_data(1, b"\x04\x02", b""), BAD_DATA, False),
         (ASKED, ack_data(1, b"\x04\x00", b""), COUNT_MISMATCH, False),
+        # An item of no octets: that many are asked for.
+        (read(1, dbw(1, 0, 0)), ack_data(1, b"\x04\x01", good(4, b"")), 0, False),
+        (read(1, dbw(1, 0, 0)), ack_data(1, b"\x04\x01", good(4, b"\0\1")), SIZE_MISMATCH, False),
+        (read(1, dbw(1, 0, 0), dbw(1, 2)), ack_data(1, b"\x04\x02", good(4, b"\0\1") * 2), SIZE_MISMATCH, False),
         # An odd last item may be padded.
         (read(1, dbw(1, 0)[:3] + b"\x02\x00\x03" + dbw(1, 0)[6:]), ack_data(1, b"\x04\x01", good(4, b"abc")), 0, False),
         (

@@ -48,3 +48,9 @@ def test_a_read_that_is_only_likely_is_not_taken_for_an_ordinary_one(flag: int) 
     found.flags |= flag
     assert good_octets(found) is None
     assert [result.data for result in found.results()] == [b"\x00\x2a"]
+
+
+def test_an_item_of_no_octets_has_none() -> None:
+    nothing = dbw(1, 0, 0)
+    assert good_octets(read_of(good(4, b""), good(4, b"\x00\x2a"), request=(nothing, dbw(1, 2)))) == [b"", b"\x00\x2a"]
+    assert good_octets(read_of(good(4, b"\0\1"), good(4, b"\x00\x2a"), request=(nothing, dbw(1, 2)))) is None

@@ -76,6 +76,14 @@ def test_one_part() -> None:
     assert (chain.octets, chain.transactions, chain.whole) == (FIRST, 1, True)
 
 
+def test_a_part_that_is_not_the_last_is_no_whole_answer_without_a_reference_either() -> None:
+    joiner = Joiner()
+    first, last = transactions((question(1), answer(1, FIRST, 3, 0, 1)), (question(2, 3), answer(2, SECOND, 3, 0)))
+    assert joiner.feed(first) is None
+    assert joiner.open_count == 1
+    assert joiner.feed(last) is not None
+
+
 def test_chains_of_two_lists_at_once() -> None:
     joiner = Joiner()
     given_ = transactions(

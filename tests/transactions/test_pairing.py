@@ -665,6 +665,30 @@ def test_with_a_hole_an_answer_of_another_function_is_not_taken(talk: Talk) -> N
     assert all(not one.flags & FUNCTION_MISMATCH for one in talk.transactions)
 
 
+@pytest.mark.parametrize(
+    ("told", "its"),
+    [
+        (ack_data(5, b"\x04\x01", good(4, b"\0\1")), True),
+        (ack_data(5, b"\x05\x01", good(4, b"\0\1")), False),
+        (ack_data(5, b"\x1d\x01", good(4, b"\0\1")), False),
+        (ack_data(5, b"\x04\x02", good(4, b"\0\1")), False),
+    ],
+    ids=["the read", "a write", "an upload", "another count"],
+)
+def test_with_a_hole_data_that_look_like_those_of_the_read_do_not_make_an_answer_its_own(
+    talk: Talk, told: bytes, its: bool
+) -> None:
+    """The data are octet for octet those of a good answer to the request: its function and its count decide first."""
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1))
+    talk.lose(CLIENT, write(5, [dbw(1, 0)], written(4, b"\0\1")))
+    talk.ask(read(5, dbw(1, 0)))
+    frame = talk.tell(told)
+    talk.close()
+    orphans = [one.response_frame for one in talk.transactions if one.outcome_name == "orphan_answer"]
+    assert orphans == ([] if its else [frame])
+
+
 def test_with_a_hole_requests_keep_their_order(talk: Talk) -> None:
     """An answer that was not taken leaves the requests waiting as they were."""
     talk.lose(SERVER, words(9, 1))

@@ -505,3 +505,25 @@ def test_an_answer_without_a_request_is_no_pair() -> None:
     found = answered_read()
     found.outcome, found.reason = ORPHAN, HOLE
     assert (found.certainty, found.doubt, found.reason_text) == ("", "", "")
+
+
+@pytest.mark.parametrize(
+    ("told", "data"),
+    [
+        (ack_data(1, b"\x04\x01", good(4, b"\0\1")), b"\0\1"),
+        (ack_data(1, b"\x05\x01", good(4, b"\0\1")), None),
+        (ack_data(1, b"\x1f\x01", good(4, b"\0\1")), None),
+        (ack(1, 0, b"\x04\x01") + good(4, b"\0\1"), None),
+    ],
+    ids=["the read", "a write", "end of upload", "an Ack"],
+)
+def test_data_that_look_like_those_of_a_read_are_items_only_in_its_answer(told: bytes, data: bytes | None) -> None:
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(told)
+    talk.close()
+    (one,) = talk.transactions
+    assert one.outcome_name == "answered"
+    assert len(one.answered_items()) == (data is not None)
+    assert [(result.data, result.return_code) for result in one.results()] == [(data, 0xFF if data is not None else -1)]

@@ -35,6 +35,12 @@ FACT = Malformed("cotp", "length_beyond", "li", 4, 18, 9, "tpkt")
         (Malformed("s7", "count_mismatch", "item_count", 11, 5, 1, "param"),
          "s7: item_count at byte 11: 5 announced, 1 there"),
         (Malformed("cotp", "unknown_type", "type", 1, 0, 3, "li"), "cotp: type at byte 1 is 3, which is unknown"),
+        (Malformed("s7plus", "trailing_octets", "items", 9, 0, 2, "pdu"),
+         "s7plus: 2 bytes too many behind items at byte 9, in the PDU"),
+        (Malformed("s7plus", "bad_compression", "blob", 9, 0, 7, "pdu"),
+         "s7plus: blob at byte 9: its 7 bytes cannot be decompressed to the end"),
+        (Malformed("s7plus", "too_large", "blob", 9, 4096, 1, "pdu"),
+         "s7plus: blob at byte 9: its 1 byte decompress to 4096 or more"),
     ],
 )  # fmt: skip
 def test_it_says_everything_in_a_sentence(fact: Malformed, text: str) -> None:
