@@ -23,7 +23,7 @@ from dissect.transactions.transaction import Transaction
 
 #: Answers that wait in one row, and how long the first of them may wait.
 MAX_HELD: Final = 64
-HELD_NS: Final = 2_000_000_000
+HELD_NS: Final = 5_000_000_000
 #: A connection rests when nothing passed for this long, and for as long as the oldest request would have waited for its answer.
 REST_NS: Final = 500_000_000
 
@@ -67,8 +67,8 @@ def is_over(row: Row, now_ns: i64, last_ns: i64) -> bool:
     first = row.answers[0]
     rest: i64 = REST_NS
     waited: i64 = first.transaction.response_ns - first.fits[0].request_ns
-    if rest < waited < HELD_NS:
-        rest = waited
+    if rest < waited:
+        rest = min(waited, HELD_NS)
     return now_ns - last_ns >= rest
 
 

@@ -76,9 +76,11 @@ def test_a_flood_is_counted_exactly_and_detailed_within_bounds() -> None:
     detailed: dict[tuple[str, int], int] = {}
     for finding in record.findings:
         key = (finding.slug, int(finding.connection))
-        detailed[key] = detailed.get(key, 0) + 1
+        detailed[key] = detailed.get(key, 0) + (not finding.because)
     assert max(detailed.values()) == MAX_DETAILED
     for slug in counts:
         in_all = sum([found for (name, _), found in detailed.items() if name == slug])
-        assert in_all == min(counts[slug], MAX_DETAILED_ALL, CONNECTIONS * MAX_DETAILED), slug
+        most = min(counts[slug], MAX_DETAILED_ALL, CONNECTIONS * MAX_DETAILED)
+        # Requests without an answer wait for what may explain them, and are detailed by connection as these end.
+        assert in_all == most or (slug == "transaction.unanswered" and MAX_DETAILED <= in_all <= most), slug
     assert sum([len(finding.detail) for finding in record.findings]) < 10 * 1024 * 1024
