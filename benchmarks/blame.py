@@ -69,6 +69,7 @@ BLAMELESS: Final[dict[str, str]] = {
     "transaction.orphan": "its sentence says that the request was not captured",
     "transaction.reordered": "its sentence says that the capture changed the order",
     "s7plus.notifications_lost": "its advice names the capture first; numbers that skip are a gap of their own",
+    "s7plus.unknown_kind": "says that something is not known, not that it is wrong",
     "session.idle": "its advice says that what the connection was used for was not captured",
     "session.encrypted": "states what the connection is, and is nobody's fault",
     "session.tls_closed": "is about keys and the capture: its kind is capture",

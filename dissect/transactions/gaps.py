@@ -34,9 +34,14 @@ def has_gaps(side: Side) -> bool:
 
 
 def begins_open(side: Side) -> bool:
-    """Return whether ``side``, which turns out to repeat its reference, may have had requests open that were not captured."""
+    """Return whether ``side``, which turns out to repeat its reference, may have had requests open before the capture."""
+    return side.connection.mid_stream
+
+
+def latest_gap(side: Side) -> i64:
+    """Return the packet at which the latest gap of either side was given up, 0 for none."""
     peer = side.peer
-    return side.connection.mid_stream or side.holes > 0 or peer is None or peer.holes > 0
+    return side.hole_frame if peer is None or side.hole_frame > peer.hole_frame else peer.hole_frame
 
 
 def perhaps_answered(request: Transaction, answering: Side) -> bool:

@@ -146,6 +146,7 @@ class OpenRequests:
         "answered",
         "asked_frame",
         "asked_seq",
+        "beside",
         "count",
         "doubtful",
         "latest",
@@ -172,6 +173,7 @@ class OpenRequests:
         self.orphan_frame: i64 = 0  # packet of the latest answer that was given up because no request came
         self.count: i64 = 0  # may be more than len(table): several requests may share a key
         self.repeats: i64 = 0  # how often two requests in a row had the same key
+        self.beside: bool = False  # two requests of one key were open at once, and no gap explains it
         self.rest_ns: i64 = (
             SHORT_REST_NS  # how long no request has to be open until what comes next is no longer doubtful
         )
@@ -299,14 +301,19 @@ class OpenRequests:
             if not rows:
                 self._rows = None
 
-    def repeat(self, opens: bool, answered: bool, since_ns: i64) -> None:
+    def repeat(self, opens: bool, answered: bool, since_ns: i64, gap_frame: i64) -> None:
         """Two requests in a row have one reference: note that, and whether it is known which of them are open.
 
-        ``opens``: requests that were not captured may be open. ``answered``: there was an answer, ``since_ns`` ago.
+        ``opens``: requests that were not captured may be open. ``answered``: there was an answer, ``since_ns`` ago;
+        ``gap_frame`` is the packet of the latest gap. A client that waits for each answer has none open one exchange after it.
         """
         if self.repeats == 0:
             self.doubtful = opens
-        if self.count == 0 and answered and since_ns > self.rest_ns:
+        if (
+            self.count == 0
+            and answered
+            and (since_ns > self.rest_ns or (not self.beside and gap_frame < self.asked_frame))
+        ):
             self.doubtful = False
         self.repeats += 1
 

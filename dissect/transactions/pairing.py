@@ -34,6 +34,7 @@ from dissect.transactions.gaps import (
     begins_open,
     between,
     has_gaps,
+    latest_gap,
     missing_since,
     passed_over,
     perhaps_answered,
@@ -146,7 +147,8 @@ class Dialogue:
         if side.holes:
             self._ask_after_gap(side, requests, key, transaction)
         if key == requests.latest_key:
-            requests.repeat(begins_open(side), connection.answered > 0, time_ns - connection.last_answer_ns)
+            since_ns: i64 = time_ns - connection.last_answer_ns
+            requests.repeat(begins_open(side), connection.answered > 0, since_ns, latest_gap(side))
         elif requests.latest is None:
             requests.latest_key = key
         requests.asked_frame = frame
@@ -209,12 +211,10 @@ class Dialogue:
                 if requests.full or transaction.request_ns - one.request_ns > NEVER_NS:
                     self._close(side.peer, requests, key, one, REFERENCE_REUSED)
         answering = side.peer
-        if (
-            transaction.request_ns - before.request_ns <= GIVEN_UP_NS
-            and not is_repeat(transaction, before)
-            and answering is not None
-            and not (answering.unfinished or answering.unseen or perhaps_answered(before, answering))
-        ):
+        if answering is None or answering.unfinished or answering.unseen or perhaps_answered(before, answering):
+            return
+        requests.beside = True
+        if transaction.request_ns - before.request_ns <= GIVEN_UP_NS and not is_repeat(transaction, before):
             self.shared = True
 
     def _watch(self, side: Side) -> None:
@@ -392,9 +392,9 @@ class Dialogue:
         first, second = side.connection.open_requests
         asked = first if side.index == 1 else second
         asked.lost = answered_in(side, size, asked) if asked.count else []
-        asked.doubtful = asked.doubtful or (asked.repeats > 0 and not asked.lost)
+        asked.doubtful = asked.doubtful or (asked.beside and not asked.lost)
         asks = second if side.index == 1 else first
-        asks.doubtful = asks.doubtful or asks.repeats > 0
+        asks.doubtful = asks.doubtful or asks.beside
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """The transaction has its answer, with ``parameters``: check the answer and count it."""
