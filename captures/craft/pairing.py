@@ -83,6 +83,7 @@ def references(case: Case) -> None:
     )
     follow_up = S7_UserdataExtended(type=1, group=4, subfunction=1, sequence=3, data=[userdata_item(b"")])
     talk.exchange(USERDATA, s7(12, follow_up), tell(12, 4, 1, szl[40:], sequence=3, data_unit_ref=0xD5))
+    case.find("session.shared_reference")
     case.find("operation.wrong_size")  # its head, any octets, states more
     talk.close()
 
