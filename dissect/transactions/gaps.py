@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 #: The shortest answer, in octets: TPKT, DT and the header of an Ack. Fewer missing octets are an empty DT or a FIN.
 LEAST_ANSWER: Final = 19
-#: TCP has acknowledged a segment after this time, or sent it again.
+#: A connection on which a request is open is not silent for longer: TCP acknowledges it or sends it again.
 _ACK_DUE_NS: Final = 1_000_000_000
 #: After so many requests, each with another reference than the one before, a client is known to change it.
 _FEW_REQUESTS: Final = 3
@@ -63,12 +63,11 @@ def perhaps_answered(request: Transaction, answering: Side) -> bool:
 def unheard(request: Transaction, answering: Side, now_ns: i64, lossy: bool) -> bool:
     """Return whether the capture probably lacks all that came after a request: its connection is silent until the end.
 
-    TCP acknowledges within half a second (RFC 1122, 4.2.3.2) or sends again soon after (RFC 6298), also where nobody answers.
-    Where it did, the silence is that of the capture only if this has gaps elsewhere (``lossy``).
+    That is so only where the capture has gaps elsewhere (``lossy``): a device that is gone is silent as well.
     """
     if not answering.captured or request.request_ack < 0 or now_ns - answering.tcp.last_ns <= _ACK_DUE_NS:
         return False
-    return lossy or (request.again is None and not follows(answering.acked, request.request_seq))
+    return lossy
 
 
 def between(side: Side, request: Transaction) -> bool:
