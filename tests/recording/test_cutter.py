@@ -132,7 +132,11 @@ def test_a_transaction_alone_says_the_same(captures: list[Path], tmp_path: Path)
             if event.reason == "reference_reused" or event.connection.tcp.ended == "reused":
                 continue  # that is what another transaction or connection did
             cut(source, out, Wanted(transactions=[int(event.number)]))
-            assert told(event) in [told(other) for other in transactions(out)], (source, int(event.number))
+            said = [told(other) for other in transactions(out)]
+            # What `cut` leaves out is a gap of the part: there a request without an answer was perhaps answered.
+            lost = (*told(event)[:3], "hole", *told(event)[4:])
+            found = told(event) in said or (event.outcome_name == "unanswered" and lost in said)
+            assert found, (source, int(event.number))
             seen += 1
     assert seen > 150
 
