@@ -26,7 +26,7 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     USERDATA_TYPES,
 )
-from dissect.s7plus.tables import OPCODES
+from dissect.s7plus.tables import NOTIFIED, OPCODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.scd.wording import json_value
 from dissect.select import getters as of
@@ -178,9 +178,15 @@ def _area(item: ItemFacts, _context: Context) -> CodeValue | None:
 
 
 def _error_names() -> Iterable[str]:
-    for table in (ERROR_CODES, RETURN_CODES, PLUS_CODES):
+    for table in (ERROR_CODES, RETURN_CODES, PLUS_CODES, NOTIFIED):
         yield from table.names().values()
     yield from class_names()
+    yield from ("abort", "error")  # of SCD
+
+
+def _return_names() -> Iterable[str]:
+    for table in (RETURN_CODES, PLUS_CODES, NOTIFIED):
+        yield from table.names().values()
 
 
 def _tags(item: ItemFacts, _context: Context) -> list[str]:
@@ -318,9 +324,8 @@ _ROWS: Final = (
           "value[DB10.DBD16] > 80", lambda item, _context: item.values, (TRANSACTION,)),
     _item("data", Octets(), "Bytes of an item that were read or written.", "data contains 00:01", _attribute("data"),
           (TRANSACTION,)),
-    _item("return_code", Code(lambda: [*RETURN_CODES.names().values(), *PLUS_CODES.names().values()]),
-          "Return code of an item.", "return_code != 0xff", _attribute("return_code"), (TRANSACTION,),
-          {MESSAGE: of.return_codes}),
+    _item("return_code", Code(_return_names), "Return code of an item.", "return_code != 0xff", _attribute("return_code"),
+          (TRANSACTION,), {MESSAGE: of.return_codes}),
     Field("items", Number(), "How many items there are.", "items > 20", _all(of.item_count, _PDUS)),
 
     # ---- findings
