@@ -34,8 +34,9 @@ def has_gaps(side: Side) -> bool:
 
 
 def begins_open(side: Side) -> bool:
-    """Return whether ``side``, which turns out to repeat its reference, may have had requests open before the capture."""
-    return side.connection.mid_stream
+    """Return whether ``side``, which turns out to repeat its reference, may have requests open that were not captured."""
+    peer = side.peer
+    return side.connection.mid_stream or side.holes > 0 or peer is None or peer.holes > 0
 
 
 def latest_gap(side: Side) -> i64:
