@@ -254,10 +254,8 @@ class Exchange:
             self.observer.transaction(transaction)  # like most transactions: there is nothing to judge
             return
         self.causes.begin(transaction, transaction.response_ns)
-        try:
-            self._judged(transaction, function)
-        finally:
-            self.causes.close()
+        self._judged(transaction, function)
+        self.causes.close()
 
     def _judged(self, transaction: Transaction, function: i64) -> None:
         """Judge and report a transaction that has an answer."""
@@ -305,18 +303,16 @@ class Exchange:
         if transaction.has_errors:
             transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         self.causes.begin(transaction, now_ns)
-        try:
-            self._judge_command(transaction)
-            if transaction.outcome == UNANSWERED:
-                judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
-            else:
-                judge_transaction(self.reporter, transaction, self._slow_ns)
-            if self.decoder is not None:
-                self.decoder.transaction(transaction)
-            self.observer.transaction(transaction)
-            self._watch(transaction)
-        finally:
-            self.causes.close()
+        self._judge_command(transaction)
+        if transaction.outcome == UNANSWERED:
+            judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
+        else:
+            judge_transaction(self.reporter, transaction, self._slow_ns)
+        if self.decoder is not None:
+            self.decoder.transaction(transaction)
+        self.observer.transaction(transaction)
+        self._watch(transaction)
+        self.causes.close()
 
     def _judge_command(self, transaction: Transaction) -> None:
         """Judge what a command or service that failed says, before what became of it: the one may explain the other."""
@@ -372,4 +368,5 @@ class Exchange:
 
     def note_bug(self, bug: Exception, frame: i64, time_ns: i64) -> None:
         """Report a bug of ours, or of an observer: the current packet is lost, and the analysis goes on."""
+        self.causes.close()  # perhaps it came up while something was judged
         self.reporter.note("internal.bug", 0, [frame], time_ns, f"{type(bug).__name__}: {bug}")

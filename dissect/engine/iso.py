@@ -32,6 +32,7 @@ from dissect.findings.transport_rules import (
     note_early,
     note_large,
 )
+from dissect.findings.ways import Way
 from dissect.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
 from dissect.iso.foreign import identify_connect
 from dissect.iso.irregular import holds_data, is_odd, odd_place, odd_said
@@ -243,7 +244,7 @@ class IsoOnTcp(Protocol):
         self.tpdus.often_count += 1
         self.tsdus.often_count += 1
         try:
-            if number:
+            if number and not side.numbers_fine:
                 self._numbered(side, number, buf, at + 7, frame, time_ns)
             self._s7.take(side, rosctr, pdu_ref, param_length, buf, at + 7, length - 7, frame, time_ns)
         except Exception as bug:
@@ -317,7 +318,7 @@ class IsoOnTcp(Protocol):
                     buf[at + 7 : at + length]
                 ):
                     exchange.causes.blame(side.connection, exchange.dialogue.count + 1, "cotp.size_exceeded")
-            if buf[at + 6] & 0x7F:
+            if buf[at + 6] & 0x7F and not side.numbers_fine:
                 self._numbered(side, buf[at + 6] & 0x7F, buf, at + 7, frame, time_ns)
             if buf[at + 6] >= 0x80 and side.assembler.clear:
                 self._tsdu(side, buf, at + 7, length - 7, frame, time_ns)
@@ -331,14 +332,24 @@ class IsoOnTcp(Protocol):
         """Take note of a DT with a number; what it carries begins at ``at``."""
         exchange = self._exchange
         judge_number(exchange.reporter, side, number, frame, time_ns)
-        self._sent(side, "cotp.number_unanswered", "sent in a numbered TPDU", buf[at : at + 16], frame, time_ns)
+        if side.numbers_fine or (len(buf) > at + 1 and buf[at + 1] == ACK_DATA):
+            return
+        way = self._sent(side, "cotp.number_unanswered", "sent in a numbered TPDU", buf[at : at + 16], frame, time_ns)
+        side.numbers_fine = way is not None and way.fine
 
-    def _sent(self, side: Side, slug: str, said: str, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """A message is sent in a way that some devices do not take: if it is a request, that may be why nothing answers it."""
-        if len(octets) > 1 and octets[0] == PROTOCOL_ID and is_request(octets):
-            dialogue = self._exchange.dialogue
-            if self._exchange.causes.sent(side, slug, said, dialogue.count + 1, frame, time_ns):
-                dialogue.holding.append(side)  # findings may wait from now on: the timers have to run
+    def _sent(self, side: Side, slug: str, said: str, octets: bytes, frame: i64, time_ns: i64) -> Way | None:
+        """A message is sent in a way that some devices do not take: if it is a request, that may be why nothing answers it.
+
+        Return that way, None for any other message.
+        """
+        if len(octets) < 2 or octets[0] != PROTOCOL_ID or not is_request(octets):
+            return None
+        exchange = self._exchange
+        waited: bool = exchange.causes.waits(side.connection)
+        way = exchange.causes.sent(side, slug, said, exchange.dialogue.count + 1, frame, time_ns)
+        if not waited and exchange.causes.waits(side.connection):
+            exchange.dialogue.holding.append(side)  # findings may wait from now on: the timers have to run
+        return way
 
     def _fragment(self, side: Side, data: bytes, eot: bool, frame: i64, time_ns: i64) -> None:
         begun: bool = not side.assembler.clear

@@ -101,11 +101,12 @@ class Causes:
             requests[number] = finding
             self._kept += 1
 
-    def sent(self, side: Side, slug: str, said: str, number: i64, frame: i64, time_ns: i64) -> bool:
-        """A request, which will be transaction ``number``, is sent in a way that some devices do not take.
+    def waits(self, connection: Connection) -> bool:
+        """Return whether findings on a connection wait for a cause."""
+        return connection.number in self.waiting
 
-        Return whether findings on this connection wait from now on.
-        """
+    def sent(self, side: Side, slug: str, said: str, number: i64, frame: i64, time_ns: i64) -> Way:
+        """A request, which will be transaction ``number``, is sent in a way that some devices do not take: return that way."""
         connection = side.connection
         suspects = self._suspects(connection)
         for way in suspects.ways:
@@ -114,12 +115,10 @@ class Causes:
         else:
             way = Way(side, slug, said, frame, time_ns)
             suspects.ways.append(way)
-        if way.fine:
-            return False
-        way.note(number)
-        waited: bool = connection.number in self.waiting
-        self._settle(connection.number, suspects, time_ns)
-        return not waited and connection.number in self.waiting
+        if not way.fine:
+            way.note(number)
+            self._settle(connection.number, suspects, time_ns)
+        return way
 
     # ---- what waits -------------------------------------------------------------------------------------------------
 

@@ -59,6 +59,7 @@ class Side:
         "last_ack",
         "longest",
         "missing",
+        "numbers_fine",
         "peer",
         "place",
         "plus",
@@ -107,6 +108,7 @@ class Side:
         #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 where more has to be looked at.
         self.longest: i64 = 0
         self.requests: i64 = 0
+        self.numbers_fine: bool = False  # the numbers of its TPDUs are known, and not why requests stay unanswered
         self.probes: Probes | None = None  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
