@@ -237,14 +237,10 @@ class Exchange:
         """Report other transactions that a message ended; then judge and report the transaction that it completed, if any."""
         if self.dialogue.also:
             self.beside(frame, time_ns)
-        if transaction is not None:
-            self._complete(transaction)
-
-    def _complete(self, transaction: Transaction) -> None:
-        """Judge and report a transaction that was completed by a message."""
-        function: i64 = transaction.parameters.function
+        if transaction is None:
+            return
         if (
-            function == READ_VAR
+            transaction.parameters.function == READ_VAR
             and not transaction.flags
             and not transaction.has_errors
             and self.decoder is None
@@ -252,13 +248,13 @@ class Exchange:
             and 0 <= transaction.response_ns - transaction.request_ns <= self._slow_ns
         ):
             self.observer.transaction(transaction)  # like most transactions: there is nothing to judge
-            return
-        self.causes.begin(transaction, transaction.response_ns)
-        self._judged(transaction, function)
-        self.causes.close()
+        else:
+            self._complete(transaction)
 
-    def _judged(self, transaction: Transaction, function: i64) -> None:
+    def _complete(self, transaction: Transaction) -> None:
         """Judge and report a transaction that has an answer."""
+        self.causes.begin(transaction, transaction.response_ns)
+        function: i64 = transaction.parameters.function
         if function == SETUP_COMMUNICATION:
             judge_grant(self.reporter, transaction)
         if transaction.rosctr == USERDATA:
@@ -279,6 +275,7 @@ class Exchange:
         self.observer.transaction(transaction)
         if transaction.has_errors or function != READ_VAR:
             self._watch(transaction)
+        self.causes.close()
 
     def beside(self, frame: i64, now_ns: i64) -> None:
         """Report the transactions that the current message ended, besides the one that it completed."""

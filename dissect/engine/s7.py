@@ -202,7 +202,7 @@ class S7(Protocol):
         exchange = self._exchange
         connection = side.connection
         fault = ""
-        if connection.aside is not None:
+        if exchange.behind.used and connection.aside is not None:
             exchange.behind.asked(side)
         shared: bool = exchange.dialogue.shared
         if shared:
@@ -212,13 +212,14 @@ class S7(Protocol):
             fault = judge_request(exchange.reporter, side, parameters, 0, frame, time_ns)
         elif not shared:
             requests = connection.open_requests[side.index]
-            open_now: i64 = requests.count - requests.held
-            agreed: bool = connection.setup_seen and not connection.setup_open
-            if open_now > 1 and not (agreed and open_now <= connection.jobs_allowed(side.index)):
-                peer = side.peer
-                if peer is not None:
-                    open_now = _surely_open(peer, open_now)
-                fault = judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
+            if requests.count > 1:
+                open_now: i64 = requests.count - requests.held
+                agreed: bool = connection.setup_seen and not connection.setup_open
+                if open_now > 1 and not (agreed and open_now <= connection.jobs_allowed(side.index)):
+                    peer = side.peer
+                    if peer is not None:
+                        open_now = _surely_open(peer, open_now)
+                    fault = judge_request(exchange.reporter, side, parameters, open_now, frame, time_ns)
         if fault:
             exchange.causes.blame(connection, exchange.dialogue.count, fault)
 

@@ -43,6 +43,7 @@ class Behind:
     """Takes requests, answers and pushes behind malformed headers, of all connections."""
 
     def __init__(self, dialogue: Dialogue) -> None:
+        self.used: bool = False  # whether anything ever waited on any connection
         self._dialogue: Dialogue = dialogue
         dialogue.behind = self
 
@@ -102,6 +103,7 @@ class Behind:
         return told
 
     def _hold(self, side: Side, transaction: Transaction, request: Transaction | None) -> None:
+        self.used = True
         traits = side.connection.traits
         if traits.aside is None:
             traits.aside = Aside()
