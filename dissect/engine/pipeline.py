@@ -400,8 +400,7 @@ class Pipeline(PacketSink):
             side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
         size: i64 = len(octets)
         if size == 0 and missing == 0:
-            if not flags & NO_PROBE:
-                side.note_end(seq)
+            side.note_bare(seq, flags & NO_PROBE != 0)
             if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & NO_PROBE:
                 side.note_probe(counters.frames, counters.now_ns, False)
             return NO_PAYLOAD

@@ -128,6 +128,8 @@ TICK_NS: Final = 50_000_000
 _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
 #: Octets of one or two DTs without data between two messages: nothing else is as short, so no request and no answer is missing.
 _EMPTY_DTS: Final = (7, 14)
+#: How a TPKT begins: version and reserved octet (RFC 1006, 6).
+_BEGINS: Final = b"\x03\x00"
 #: The deadline while nothing waits.
 FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
@@ -200,13 +202,19 @@ class Timers:
                 self._counters.octets.missing += chunk.hole
             side.holes += 1
             side.missing += chunk.hole
-            if not (side.at_rest and chunk.hole in _EMPTY_DTS):
-                side.hole_frame = chunk.frame
-                side.hole_end = -1 if cut else chunk.end_seq
+            if side.at_rest and chunk.hole in _EMPTY_DTS and not cut:
+                side.slight = chunk
+            else:
+                side.note_gap(chunk.frame, -1 if cut else chunk.end_seq)
             side.protocol.gap(side, chunk.hole, cut, chunk.frame, chunk.time_ns)
             if not cut:
                 self._exchange.dialogue.lost(side, chunk.hole)
         else:
+            slight = side.slight
+            if slight is not None:
+                side.slight = None
+                if not chunk.octets.startswith(_BEGINS):
+                    side.note_gap(slight.frame, slight.end_seq)  # it was the begin of a message after all
             side.protocol.feed(side, chunk.octets, 0, len(chunk.octets), chunk.frame, chunk.time_ns)
 
     def _note_outside(self, side: Side) -> None:

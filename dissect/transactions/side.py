@@ -12,7 +12,7 @@ from dissect.iso.tpkt import MIN_LENGTH, Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
 from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, HalfStream
+from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, Chunk, HalfStream
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
@@ -69,6 +69,7 @@ class Side:
         "requests",
         "rival",
         "size",
+        "slight",
         "stray",
         "stream",
         "tcp",
@@ -114,6 +115,7 @@ class Side:
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest hole was given up
         self.hole_end: i64 = -1  # sequence number after it, -1 for none, or if it is the rest of a cut packet
+        self.slight: Chunk | None = None  # a gap that has no message if one begins right behind it, until that is known
         self.waiting: bool = False  # `Timers` has it in its list of sides to look at when time passes
         self.watched: bool = False  # `OverdueWatch` looks at its requests
         self.told_jobs: i64 = 0  # packet of its latest request that was one more than was granted
@@ -170,12 +172,26 @@ class Side:
         elif (ack - self.acked) & MASK < HALF_SPACE:
             self.acked = ack
 
+    def note_bare(self, seq: i64, ends: bool) -> None:
+        """Take the sequence number of a packet without octets; ``ends``: it has SYN, FIN or RST, and may be a forgery."""
+        peer = self.peer
+        if self.stream.next_seq < 0 and peer is not None and peer.first_ack >= 0:
+            if MIN_LENGTH <= (seq - peer.first_ack) & MASK <= FAR_AHEAD:
+                self.begin(peer.first_ack)  # what it sent since the other side acknowledged that is a gap
+        if not ends:
+            self.note_end(seq)
+
     def note_end(self, seq: i64) -> None:
         """Take the sequence number of a packet without octets: those before it were sent, also where they are not captured."""
         peer = self.peer
         if peer is not None and peer.acked >= 0 and self.is_ahead(seq) and (seq - self.end_seq) & MASK <= WINDOW:
             if (seq - peer.acked) & MASK < HALF_SPACE:
                 peer.acked = seq
+
+    def note_gap(self, frame: i64, end_seq: i64) -> None:
+        """Octets up to ``end_seq`` (-1: unknown) are given up at packet ``frame``; a message may have been in them."""
+        self.hole_frame = frame
+        self.hole_end = end_seq
 
     def is_ahead(self, ack: i64) -> bool:
         """Return whether ``ack``, of the other side, acknowledges octets of this side that were not passed on yet."""

@@ -309,3 +309,34 @@ def test_a_setup_whose_answer_is_missing() -> None:
     talk.close()
     assert told(talk) == [(asked, 0, HOLE, SURE), (second, answered, "", SURE)]
     assert blames(talk) == []
+
+
+@pytest.mark.parametrize("end", [FIN | ACK, RST, RST | ACK, ACK])
+@pytest.mark.parametrize("seq", BEGINNINGS)
+def test_the_first_captured_packet_of_a_side_is_behind_its_answer(seq: tuple[int, int], end: int) -> None:
+    talk = Talk()
+    talk.seq = list(seq)
+    asked = talk.ask(setup(1))
+    talk.lose(SERVER, grant(1))
+    talk.packet(SERVER, flags=end)
+    talk.finish()
+    assert told(talk)[0][:3] == (asked, 0, HOLE)
+    assert blames(talk) == []
+
+
+@pytest.mark.parametrize("size", [7, 14])
+@pytest.mark.parametrize("later", [0, 1])
+def test_a_message_that_begins_in_a_gap_of_a_few_octets(size: int, later: int) -> None:
+    """Devices that send the heads, or every few octets, in a segment of their own: the gap is no empty DT."""
+    talk = begun(jobs=8)
+    if later:
+        talk.ask(read(7, dbw(1, 0)))
+        talk.tell(words(7, 1))
+    asked = talk.ask(read(1, dbw(1, 0)))
+    octets = dt(words(1, 7))
+    talk.seq[SERVER] += size
+    talk.packet(SERVER, octets[size:])
+    talk.packet(CLIENT)
+    talk.finish()
+    assert told(talk)[-1][:3] == (asked, 0, HOLE)
+    assert blames(talk) == []
