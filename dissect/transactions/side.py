@@ -12,7 +12,8 @@ from dissect.iso.tpkt import MIN_LENGTH, Framer
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
 from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, Chunk, HalfStream
+from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, HalfStream
+from dissect.tcp.stretches import Chunk
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol
