@@ -91,7 +91,9 @@ class ScdJudge:
         odd = [text for flag, text in _ODD.items() if flag in message.flags]
         if odd:
             self._note("scd.odd_value", found, ", ".join(odd))
-        if LIMITS in message.flags and self._reporter.wants("scd.limits", found.connection):
+        if LIMITS in message.flags and self._reporter.wants(
+            "scd.limits", found.connection, found.frame, found.frame, found.time_ns
+        ):
             outside = [self._outside(key, message.values.get(key)) for key in message.flags[LIMITS][:_NAMED]]
             self._note("scd.limits", found, ", ".join(text for text in outside if text) or "a value of it")
 
@@ -211,7 +213,7 @@ class ScdJudge:
 
     def _note(self, slug: str, found: ScdMessage, detail: str) -> None:
         connection = found.connection
-        if self._reporter.wants(slug, connection):
+        if self._reporter.wants(slug, connection, found.frame, found.frame, found.time_ns):
             where = f"{found.place}, " if found.place else ""
             text = f"{where}{found.subject}: {detail}"
             self._reporter.detail(slug, connection, [found.frame], found.time_ns, text)

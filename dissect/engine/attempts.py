@@ -11,6 +11,7 @@ from mypy_extensions import i64
 
 from dissect.engine.counters import Counters
 from dissect.findings.crowd import open_to
+from dissect.tcp.link import within
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.table import Attempt, ConnectionTable, base_and_tag, endpoints
 from dissect.wire.text import duration_text
@@ -30,8 +31,10 @@ def note_reset(counters: Counters, table: ConnectionTable, key: bytes) -> None:
     """Take a RST with ``key`` that belongs to no connection: it may refuse an attempt, which is reported on port 102."""
     if table.refused(key):
         server, client = endpoints(key)
-        if server.port == ISO_TSAP_PORT and counters.wants("stream.refused"):
-            vlan: i64 = int.from_bytes(base_and_tag(key)[1], "big")
+        if server.port != ISO_TSAP_PORT:
+            return
+        vlan: i64 = int.from_bytes(base_and_tag(key)[1], "big")
+        if counters.wants_between("stream.refused", within(client.host, vlan), within(server.host, vlan)):
             beside = open_to(table, client, server, vlan)
             counters.detail("stream.refused", f"{server} refuses {client}{beside}")
 
@@ -45,8 +48,14 @@ def finish(counters: Counters, table: ConnectionTable) -> None:
 def _note_unanswered(counters: Counters, key: bytes, attempt: Attempt) -> None:
     client, server = endpoints(key)
     if server.port == ISO_TSAP_PORT:
-        within = duration_text(int(attempt.last_ns - attempt.time_ns))
+        span = duration_text(int(attempt.last_ns - attempt.time_ns))
         frames = [int(attempt.frame), int(attempt.last_frame)]
-        counters.note_of(
-            "stream.unanswered", frames, attempt.last_ns, f"{server} does not answer {client} within {within}"
+        vlan: i64 = int.from_bytes(base_and_tag(key)[1], "big")
+        counters.note_between(
+            "stream.unanswered",
+            within(client.host, vlan),
+            within(server.host, vlan),
+            frames,
+            attempt.last_ns,
+            f"{server} does not answer {client} within {span}",
         )

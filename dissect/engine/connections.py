@@ -207,6 +207,7 @@ class Connections:
             return
         if self._exchange.naming is not None:
             connection.naming = self._exchange.naming.of(connection)
+        self._exchange.reporter.ledger.met(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
         self._exchange.watch.opened(connection)
@@ -235,6 +236,7 @@ class Connections:
         for end in (side, peer):
             end.connection = connection
             end.requests = 0
+        self._exchange.reporter.ledger.met(connection)
         self._exchange.observer.connection_opened(connection)
 
     def end(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
@@ -273,6 +275,7 @@ class Connections:
         exchange.watch.end(side.connection, reason)
         exchange.causes.forget(side.connection)
         exchange.observer.connection_closed(side.connection)
+        exchange.reporter.ledger.over(side.connection.number)
         side.connection.let_go()
 
 

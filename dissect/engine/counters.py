@@ -68,12 +68,12 @@ class Counters:
 
     def note(self, slug: str, detail: str = "", connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about the packet at hand."""
-        if self._reporter.wants(slug, connection):
+        if self._reporter.wants(slug, connection, self.frames, self.frames, self.now_ns):
             self.detail(slug, detail, connection)
 
-    def wants(self, slug: str) -> bool:
-        """Count a finding about the packet at hand; True if it should be detailed."""
-        return self._reporter.wants(slug, 0)
+    def wants_between(self, slug: str, client: str, server: str) -> bool:
+        """Count a finding about the packet at hand and two hosts that have no connection; True if it should be detailed."""
+        return self._reporter.wants_between(slug, client, server, self.frames, self.frames, self.now_ns)
 
     def detail(self, slug: str, detail: str, connection: i64 = 0) -> None:
         """Detail a finding about the packet at hand, which was counted."""
@@ -85,6 +85,11 @@ class Counters:
     def note_of(self, slug: str, frames: list[int], time_ns: i64, detail: str, connection: i64 = 0) -> None:
         """Count and, within the bounds, detail a finding about packets that came before the one at hand."""
         self._reporter.note(slug, connection, frames, time_ns, detail)
+
+    def note_between(self, slug: str, client: str, server: str, frames: list[int], time_ns: i64, detail: str) -> None:
+        """As `note_of`, about two hosts that have no connection."""
+        if self._reporter.wants_between(slug, client, server, frames[0], frames[-1], time_ns):
+            self._reporter.detail(slug, 0, frames, time_ns, detail)
 
     def packet_counts(self) -> dict[str, int]:
         """Return what became of every packet, by category; the numbers add up to ``frames``."""
@@ -119,7 +124,7 @@ class Counters:
     def note_once(self, slug: str, detail: str) -> None:
         """Count a finding about the packet at hand; only the first one is detailed."""
         if slug in self._reporter.counts:
-            self._reporter.counts[slug] += 1
+            self._reporter.count(slug, 0, self.frames, self.now_ns)
         else:
             self.note(slug, detail)
 
@@ -127,7 +132,7 @@ class Counters:
         """Count a packet that is inside something that is not opened; the first of each ``name`` is detailed."""
         slug = "capture.not_opened"
         if name in self._sealed or len(self._sealed) >= _MAX_SEALED:
-            self._reporter.counts[slug] = self._reporter.counts.get(slug, 0) + 1
+            self._reporter.count(slug, 0, self.frames, self.now_ns)
         else:
             self._sealed.add(name)
             self.note(slug, f"{name}, first seen here")
@@ -148,7 +153,7 @@ class Counters:
     def note_cut(self, size: i64, wire_length: i64) -> None:
         """The capture kept ``size`` of ``wire_length`` octets of the packet at hand."""
         self.cut_frames += 1
-        if self._reporter.wants("capture.cut_frames", 0):
+        if self._reporter.wants("capture.cut_frames", 0, self.frames, self.frames, self.now_ns):
             detail = f"{size} of {wire_length} bytes kept"
             self._reporter.detail("capture.cut_frames", 0, [self.frames], self.now_ns, detail)
 
@@ -168,7 +173,9 @@ class Counters:
         elif side is None and found.protocol == TCP:
             sender, receiver = endpoints(found.key)
             if ISO_TSAP_PORT in {sender.port, receiver.port}:
-                self.note("stream.bad_checksum", f"{sender} -> {receiver}")
+                client, server = (sender, receiver) if receiver.port == ISO_TSAP_PORT else (receiver, sender)
+                if self.wants_between("stream.bad_checksum", client.host, server.host):
+                    self.detail("stream.bad_checksum", f"{sender} -> {receiver}")
 
     def find_segment(self, buf: bytes, start: i64, end: i64, link_type: i64, udp: bool, checksums: bool) -> Segment:
         """Return the TCP segment of a frame, or a UDP datagram when these are wanted, or why there is none."""

@@ -346,6 +346,8 @@ class Exchange:
                     self.watch.security.sample(transaction)
             if parameters.written & ~traits.written:
                 self.watch.security.write(transaction)
+            elif parameters.written:
+                self.watch.security.write_again(transaction)
             if transaction.has_errors:
                 self.watch.security.refused_items(transaction)
 
@@ -361,7 +363,8 @@ class Exchange:
             except Exception:
                 if self.strict:
                     raise
-                self.reporter.wants("internal.bug", 0)  # counted only: reporting it would fail as well
+                # Counted only: reporting it would fail as well.
+                self.reporter.count("internal.bug", 0, finding.frames[-1] if finding.frames else 0, finding.time_ns)
 
     def note_bug(self, bug: Exception, frame: i64, time_ns: i64) -> None:
         """Report a bug of ours, or of an observer: the current packet is lost, and the analysis goes on."""

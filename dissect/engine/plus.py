@@ -159,7 +159,7 @@ class S7Plus(Protocol):
             slug = "s7.malformed"
             if pdu.malformed[0].is_unknown:
                 slug = "s7plus.unknown_kind"
-            if slug == "s7.malformed" or connection.traits.first(slug):
+            if slug == "s7.malformed" or exchange.reporter.first(connection, slug, frame, time_ns):
                 exchange.reporter.note(slug, connection.number, [frame], time_ns, detail)
         exchange.dialogue.cut = cut
         self._pair(side, octets, frame, time_ns)

@@ -304,7 +304,7 @@ class S7(Protocol):
 
     def _note_malformed(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
         reporter = self._exchange.reporter
-        if reporter.wants("s7.malformed", side.connection.number):
+        if reporter.wants("s7.malformed", side.connection.number, frame, frame, time_ns):
             pdu = parse_pdu(octets)
             what = str(pdu.malformed[0]) if pdu.malformed else "its lengths do not add up"
             detail = f"{pdu.rosctr_name} from {side.tcp.ends[side.index]}: {what}"

@@ -172,7 +172,8 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Pro
     # The report's section Completeness counts packets whose bytes came before; an empty probe has no byte.
     every = "all " if probes.count > 1 else ""
     filled = every if probes.filled == probes.count else f"{probes.filled} of them " if probes.filled else "none "
-    counters.note_of("session.idle", probes.frames, probes.last_ns, f"{detail}, {filled}with a byte")
+    said = f"{detail}, {filled}with a byte"
+    counters.note_between("session.idle", client.host, server.host, probes.frames, probes.last_ns, said)
 
 
 def untold(side: Side) -> bool:

@@ -112,8 +112,8 @@ class OverdueWatch:
 
     def _tell(self, transaction: Transaction, now_ns: i64) -> None:
         connection = transaction.connection
-        if self._reporter.wants("transaction.overdue", connection.number):
-            frame: int = transaction.request_frame
+        frame: int = transaction.request_frame
+        if self._reporter.wants("transaction.overdue", connection.number, frame, frame, now_ns):
             waits: int = now_ns - transaction.request_ns
             ago = duration_text(int(waits))
             detail = f"{subject(transaction)}: sent {ago} ago in packet {frame}, still unanswered"

@@ -119,9 +119,10 @@ class BlockWatch:
 
     def _note(self, slug: str, operation: Operation, before: CarvedBlock | None, what: str) -> None:
         number = operation.connection.number
-        if self._reporter.wants(slug, number):
+        frame = operation.first_frame
+        if self._reporter.wants(slug, number, frame, frame, operation.end_ns):
             earlier = before.operation if before is not None else None
-            frames = [earlier.first_frame, operation.first_frame] if earlier is not None else [operation.first_frame]
+            frames = [earlier.first_frame, frame] if earlier is not None else [frame]
             self._reporter.detail(slug, number, frames, operation.end_ns, f"{operation.subject}: {what}")
 
 

@@ -31,17 +31,77 @@ OPERATION: Final = "operation"
 KINDS: Final = (CAPTURE, PROTOCOL, NEGOTIATION, FUNCTION, SECURITY, OPERATION)
 
 
+#: How often a rule reports: each event; the first of a connection, counting the others; each distinct request once, and no
+#: count of how often it is sent; each event, of which the first of a capture (or of a kind) has the detail.
+EACH: Final = "each"
+CONNECTION: Final = "once a connection"
+REQUEST: Final = "once a distinct request"
+ONE: Final = "once a capture"
+
+REPORTED: Final = (EACH, CONNECTION, REQUEST, ONE)
+_REPORTED: Final[dict[str, str]] = {
+    "capture.not_opened": ONE,
+    "capture.one_sided": CONNECTION,
+    "cotp.bad_start": CONNECTION,
+    "cotp.empty_dt": CONNECTION,
+    "cotp.tpdu_nr": CONNECTION,
+    "ip.bad_header": ONE,
+    "ip.fragment_invalid": ONE,
+    "operation.stray_push": CONNECTION,
+    "s7.odd_address": REQUEST,
+    "s7.redundancy_id": CONNECTION,
+    "s7.unknown_code": REQUEST,
+    "s7plus.unknown_kind": CONNECTION,
+    "security.alarm_change": CONNECTION,
+    "security.clear_text": CONNECTION,
+    "security.debug": CONNECTION,
+    "security.flood": CONNECTION,
+    "security.protected": CONNECTION,
+    "security.reconnaissance": CONNECTION,
+    "security.session_reused": CONNECTION,
+    "security.unauthenticated": CONNECTION,
+    "security.write": CONNECTION,
+    "security.write_outputs": CONNECTION,
+    "security.write_refused": CONNECTION,
+    "session.data_before_setup": CONNECTION,
+    "session.encrypted": CONNECTION,
+    "session.idle": CONNECTION,
+    "session.shared_reference": CONNECTION,
+    "session.unusual_port": CONNECTION,
+    "transaction.odd_data_code": CONNECTION,
+}
+#: What the events of a rule are called where they are counted; those of all other rules are times.
+_NOUNS: Final[dict[str, str]] = {
+    "s7.odd_address": "distinct request",
+    "s7.unknown_code": "distinct request",
+    "security.program_read": "request",
+    "security.protected": "refused request",
+    "security.write": "write",
+    "security.write_outputs": "write",
+    "security.write_refused": "refused write",
+    "stream.refused": "refusal",
+    "stream.unanswered": "attempt",
+    "transaction.item_error": "refused item",
+    "transaction.orphan": "answer",
+    "transaction.refused": "refused request",
+    "transaction.unanswered": "request",
+}
+
+
 class Rule:
     """One row of the catalogue: a stable slug, its severity, what it is about (kind), one sentence, and advice what to do.
 
-    ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none.
+    ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none. ``reported``
+    says how often the rule reports (`REPORTED`), ``noun`` what its events are called.
     """
 
-    __slots__ = ("advice", "kind", "sentence", "severity", "slug", "techniques")
+    __slots__ = ("advice", "kind", "noun", "reported", "sentence", "severity", "slug", "techniques")
 
     def __init__(
         self, slug: str, severity: str, kind: str, sentence: str, advice: str, techniques: tuple[Technique, ...] = ()
     ) -> None:
+        self.reported = _REPORTED.get(slug, EACH)
+        self.noun = _NOUNS.get(slug, "time")
         self.slug = slug
         self.severity = severity
         self.kind = kind

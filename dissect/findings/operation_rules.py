@@ -86,8 +86,8 @@ def judge_strays(reporter: Reporter, transaction: Transaction) -> None:
     """Note a push that no captured subscription asked for, and the activation of a block that was not loaded."""
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
-    if transaction.flags & STRAY_PUSH and connection.traits.first("operation.stray_push"):
-        frames = [int(transaction.response_frame)]
+    frames = [int(transaction.response_frame)]
+    if transaction.flags & STRAY_PUSH and reporter.first(connection, "operation.stray_push", frames[0], time_ns):
         reporter.note("operation.stray_push", connection.number, frames, time_ns, transaction.function_name)
     if transaction.flags & NOT_LOADED:
         asked = transaction.request
@@ -97,6 +97,6 @@ def judge_strays(reporter: Reporter, transaction: Transaction) -> None:
 
 def _note(reporter: Reporter, slug: str, operation: Operation, what: str, frame: int) -> None:
     number = operation.connection.number
-    if reporter.wants(slug, number):
+    if reporter.wants(slug, number, operation.first_frame, frame, operation.end_ns):
         detail = f"{operation.kind.replace('_', ' ')} {operation.subject}: {what}"
         reporter.detail(slug, number, sorted({operation.first_frame, frame}), operation.end_ns, detail)

@@ -73,6 +73,8 @@ _EXPLORES: Final = 3
 _SUBSCRIBING: Final = frozenset((SUBSCRIBED, SUBSCRIBED_ALARMS))
 #: Subscribers that are remembered.
 MAX_SUBSCRIBERS: Final = 4096
+#: Where a request names the object that it is about; 0 for variables by their addresses.
+_OBJECT: Final = 18
 #: CPUs that are remembered; beyond that the one seen first is forgotten.
 MAX_CPUS: Final = 256
 #: Longest text of an event in a finding, in characters.
@@ -128,7 +130,9 @@ class PlusWatch:
                 self._odd_contents(transaction, facts)
             if facts.exhausted:
                 self._note("s7.plus_too_long", transaction, f"more than {MAX_WORK // STEP} values")
-        if transaction.error_code == _PROTECTED and connection.traits.first("security.protected"):
+        if function == SET_MULTI_VARIABLES and session.elsewhere_told:
+            self._count_write(transaction, facts)
+        if transaction.error_code == _PROTECTED and self._security.first_of(transaction, "security.protected"):
             self._security.tell("security.protected", transaction, transaction.function_name)
 
     def behind(self, transaction: Transaction) -> None:
@@ -149,6 +153,15 @@ class PlusWatch:
         if len(self._subscribers) < MAX_SUBSCRIBERS:
             self._subscribers.add(_stations(connection))
 
+    def _count_write(self, transaction: Transaction, facts: Facts | None) -> None:
+        """Count a write of variables that was not looked at, because one of this connection was reported before."""
+        asked = transaction.request_octets
+        if transaction.outcome != ANSWERED or transaction.error_code or asked[_OBJECT : _OBJECT + 4] != bytes(4):
+            return
+        if facts is None or not [event for event in facts.events if event.kind in _AREAS]:
+            frame, time_ns = transaction.response_frame, transaction.response_ns
+            self._reporter.again("security.write", transaction.connection.number, frame, time_ns)
+
     def _note(self, slug: str, transaction: Transaction, what: str) -> None:
         frames = transaction.frames
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
@@ -160,7 +173,7 @@ class PlusWatch:
         asked, told = facts.malformed[: facts.in_request], facts.malformed[facts.in_request :]
         self._faults("s7plus.malformed", transaction, _by_kind(asked, False), _by_kind(told, False))
         asked, told = _by_kind(asked, True), _by_kind(told, True)
-        if (asked or told) and transaction.connection.traits.first("s7plus.unknown_kind"):
+        if (asked or told) and self._security.first_of(transaction, "s7plus.unknown_kind"):
             self._faults("s7plus.unknown_kind", transaction, asked, told)
 
     def _faults(self, slug: str, transaction: Transaction, asked: list[Malformed], told: list[Malformed]) -> None:
@@ -204,7 +217,7 @@ class PlusWatch:
         area = _AREAS.get(kind, 0)
         if area:
             self._wrote(session, slug, area, event, transaction, code)
-        elif kind not in _ONCE or transaction.connection.traits.first(slug):
+        elif kind not in _ONCE or self._security.first_of(transaction, slug):
             self._security.tell(slug, transaction, shortened(event.text, _TEXT), code)
 
     def _wrote(
@@ -219,7 +232,7 @@ class PlusWatch:
             )
             session.outputs_told = traits.written & WRITTEN_IO != 0
             session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
-        elif traits.first("security.write_refused"):
+        elif self._security.first_of(transaction, "security.write_refused"):
             self._security.tell("security.write_refused", transaction, what, code)
 
     def programs(self) -> dict[str, Program]:

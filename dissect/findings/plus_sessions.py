@@ -71,7 +71,7 @@ class PlusSessions:
         if (
             not _in_tls(session, connection)
             and _offers_tls(identity)
-            and connection.traits.first("security.clear_text")
+            and self._security.first_of(transaction, "security.clear_text")
         ):
             text = f"no TLS, though {identity.order_number} {identity.firmware} offers it"
             self._security.tell("security.clear_text", transaction, text)
@@ -88,7 +88,7 @@ class PlusSessions:
         owner = self._given.get((server_of(connection), int(number)), 0)
         if not owner or owner == int(connection.number):
             return
-        if connection.traits.first("security.session_reused"):
+        if self._security.first_of(transaction, "security.session_reused"):
             text = f"{transaction.function_name} in session {plain_id(number)}, which connection {owner} got"
             self._security.tell("security.session_reused", transaction, text)
 
@@ -103,7 +103,7 @@ class PlusSessions:
             4, "big"
         ):
             return
-        if transaction.connection.traits.first("security.unauthenticated"):
+        if self._security.first_of(transaction, "security.unauthenticated"):
             self._security.tell("security.unauthenticated", transaction, transaction.function_name)
 
 

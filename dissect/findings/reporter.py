@@ -2,7 +2,7 @@
 
 Rules report findings to the `Reporter`, which counts all of them and details a bounded number. A flood of a million bad PDUs
 must not become a million lines: each slug gets at most `MAX_DETAILED` detailed findings for a connection and `MAX_DETAILED_ALL`
-altogether. The counters stay exact.
+altogether. The counters stay exact, and so do the facts of each rule (`dissect.findings.ledger`).
 
 A finding may be explained by another one, its cause (`dissect.findings.cause_tables`). This is the one place where that table
 is applied: while `Reporter.because` is set, what that cause explains is counted apart, and names it.
@@ -17,6 +17,9 @@ from mypy_extensions import i64
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.cause_tables import EXPLAINS, WAITS
 from dissect.findings.known_bugs_tables import SEEN
+from dissect.findings.ledger import NO_PAIR, Ledger, Occurrences, Pair
+from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
 
 MAX_DETAILED: Final = 100
 MAX_DETAILED_ALL: Final = 1000
@@ -32,7 +35,7 @@ class Finding:
 
     ``number`` counts the findings of a run from 1, in the order in which they are reported; it is 0 before that. ``because``
     is the slug of the cause of a finding that is explained, empty for all others, and ``explained_by`` the cause's number: 0
-    if the cause itself was only counted.
+    if the cause itself was only counted. ``client`` and ``server`` are the hosts that it is about, empty for none.
     """
 
     __slots__ = (
@@ -40,11 +43,13 @@ class Finding:
         "_frames",
         "_last_frame",
         "because",
+        "client",
         "connection",
         "detail",
         "explained_by",
         "number",
         "rule",
+        "server",
         "time_ns",
     )
 
@@ -60,6 +65,8 @@ class Finding:
         self.number: i64 = 0
         self.explained_by: i64 = 0
         self.because: str = ""
+        self.client: str = ""
+        self.server: str = ""
         self.frames = frames
 
     def __repr__(self) -> str:
@@ -104,34 +111,36 @@ class _Detailed:
 
 
 class _Waiting:
-    """Findings of a connection that wait for a cause: how many there are of each slug, and those that are detailed.
+    """Findings of a connection that wait for a cause: the facts of each rule, and the findings that are detailed.
 
     Once ``cause`` is known, what it explains waits no longer.
     """
 
-    __slots__ = ("cause", "counts", "findings")
+    __slots__ = ("cause", "events", "findings")
 
     def __init__(self) -> None:
         self.cause: Finding | None = None
-        self.counts: dict[str, int] = {}
+        self.events: dict[str, Occurrences] = {}
         self.findings: list[Finding] = []
 
 
 class Reporter:
     """Counts findings by slug and passes the detailed ones on.
 
-    ``counts`` is exact, ``explained`` as well: how many findings a cause explains, by the slugs of both. ``fresh`` collects
-    the detailed findings, also the explained ones, until the pipeline hands them to its observer. ``because`` is the finding
-    that is to blame for what is judged at the moment.
+    ``counts`` is exact, ``explained`` as well: how many findings a cause explains, by the slugs of both. ``ledger`` has more
+    facts of each rule. ``fresh`` collects the detailed findings, also the explained ones, until the pipeline hands them to its
+    observer. ``because`` is the finding that is to blame for what is judged at the moment.
     """
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self.explained: dict[tuple[str, str], int] = {}
+        self.ledger: Ledger = Ledger()
         self.fresh: list[Finding] = []
         self.because: Finding | None = None
         self.latest: Finding | None = None  # the one that was counted last, None if it was not detailed
         self.number: i64 = 0  # of the latest finding in `fresh`
+        self._pair: Pair = NO_PAIR  # the hosts of the one that was counted last
         self._detailed: dict[str, _Detailed] = {}  # by slug
         self._detailed_explained: dict[str, _Detailed] = {}  # the same of explained ones, which must hide no others
         self._waiting: dict[int, _Waiting] = {}  # by connection
@@ -140,22 +149,62 @@ class Reporter:
 
     # ---- findings ---------------------------------------------------------------------------------------------------
 
-    def count(self, slug: str, connection: i64 = 0) -> None:
-        """Count one occurrence, of which one that was detailed says all there is to say."""
+    def count(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
+        """Count a finding, of which one that was detailed says all there is to say."""
+        self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, True)
+
+    def again(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
+        """Count an event that is no finding: the rule reported an earlier one, and reports no others."""
+        self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, False)
+
+    def first(self, connection: Connection, slug: str, frame: i64, time_ns: i64) -> bool:
+        """Return whether an event is the first of a connection, of which the rule reports no others; count the others."""
+        if connection.traits.first(slug):
+            return True
+        self.again(slug, connection.number, frame, time_ns)
+        return False
+
+    def _count(
+        self, slug: str, pair: Pair, connection: i64, first_frame: i64, last_frame: i64, time_ns: i64, reported: bool
+    ) -> None:
         self.latest = None
+        self._pair = pair
         cause = self.cause_of(slug, connection)
         if cause is not None:
-            key = (cause.slug, slug)
-            self.explained[key] = self.explained.get(key, 0) + 1
+            self.ledger.explain(cause.slug, slug, connection, first_frame, last_frame, time_ns, reported)
+            if reported:
+                key = (cause.slug, slug)
+                self.explained[key] = self.explained.get(key, 0) + 1
         elif self._waiting and self._waits(slug, connection):
-            counts = self._waiting[connection].counts
-            counts[slug] = counts.get(slug, 0) + 1
+            events = self._waiting[connection].events
+            found = events.get(slug)
+            if found is None:
+                found = events[slug] = Occurrences()
+            found.take(connection, first_frame, last_frame, time_ns, reported)
         else:
-            self.counts[slug] = self.counts.get(slug, 0) + 1
+            self.ledger.take(slug, pair, connection, first_frame, last_frame, time_ns, reported)
+            if reported:
+                self.counts[slug] = self.counts.get(slug, 0) + 1
 
-    def wants(self, slug: str, connection: i64) -> bool:
-        """Count one occurrence; True if it should be detailed. Ask this first, to build no sentence in vain."""
-        self.count(slug, connection)
+    def wants(self, slug: str, connection: i64, first_frame: i64, last_frame: i64, time_ns: i64) -> bool:
+        """Count a finding of these packets; True if it should be detailed. Ask this first, to build no sentence in vain."""
+        self._count(slug, self.ledger.pair(connection), connection, first_frame, last_frame, time_ns, True)
+        return self._has_room(slug, connection)
+
+    def wants_of(self, slug: str, transaction: Transaction) -> bool:
+        """Count a finding about a transaction, as `wants` does."""
+        first: i64 = transaction.request_frame
+        last: i64 = transaction.response_frame
+        time_ns: i64 = max(transaction.request_ns, transaction.response_ns)
+        return self.wants(slug, transaction.connection.number, first or last, last or first, time_ns)
+
+    def wants_between(self, slug: str, client: str, server: str, first_frame: i64, frame: i64, time_ns: i64) -> bool:
+        """Count a finding about two hosts that is on no connection, as `wants` does."""
+        self._count(slug, self.ledger.between(client, server), 0, first_frame, frame, time_ns, True)
+        return self._has_room(slug, 0)
+
+    def _has_room(self, slug: str, connection: i64) -> bool:
+        """Return whether one more finding is detailed."""
         bounds = self._detailed if self.cause_of(slug, connection) is None else self._detailed_explained
         detailed = bounds.get(slug)
         if detailed is None:
@@ -174,12 +223,20 @@ class Reporter:
 
     def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
         """Count a finding and, within the bounds, detail it."""
-        if self.wants(slug, connection):
+        first_frame: i64 = 0
+        last_frame: i64 = 0
+        if frames:
+            first_frame = frames[0]
+            last_frame = frames[-1]
+        self._count(slug, self.ledger.pair(connection), connection, first_frame, last_frame, time_ns, True)
+        if self._has_room(slug, connection):
             self.detail(slug, connection, frames, time_ns, detail)
 
     def detail(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
-        """Detail a finding that `wants` has counted already."""
+        """Detail the finding that was counted last."""
         finding = Finding(CATALOGUE[slug], connection, frames, time_ns, detail)
+        finding.client = self._pair.client
+        finding.server = self._pair.server
         self.latest = finding
         cause = self.cause_of(slug, connection)
         if cause is not None:
@@ -233,10 +290,13 @@ class Reporter:
         if waiting is None:
             return
         explains = EXPLAINS[cause.slug] if cause is not None else frozenset()
-        for slug, count in waiting.counts.items():
-            if cause is not None and slug in explains:
+        for slug, events in waiting.events.items():
+            count: int = events.reports
+            explained: bool = cause is not None and slug in explains
+            self.ledger.settle(slug, connection, events, cause.slug if cause is not None and explained else "")
+            if count and cause is not None and explained:
                 self.explained[cause.slug, slug] = self.explained.get((cause.slug, slug), 0) + count
-            else:
+            elif count:
                 self.counts[slug] = self.counts.get(slug, 0) + count
         for finding in waiting.findings:
             if cause is not None and finding.slug in explains:

@@ -126,6 +126,7 @@ class SecurityWatch:
         traits = transaction.connection.traits
         unanswered = transaction.outcome in {UNANSWERED, BEHIND_MALFORMED}
         if unanswered and not transaction.parameters.written & ~(traits.written | traits.sent):
+            self._count_writes(transaction)
             return
         became = _Became(transaction)
         naming = transaction.connection.naming
@@ -135,10 +136,35 @@ class SecurityWatch:
                 if items:
                     what = f"{transaction.function_name} {items_said(naming, items, True)}{said}"
                     self.wrote(slug, area, transaction, what, sure=not said and not unanswered)
+        self._refused(transaction, became)
+
+    def _refused(self, transaction: Transaction, became: _Became) -> None:
+        """Report the first write of a connection that was refused, or of which items were."""
         if became.refused and self._first(transaction, "security.write_refused"):
             codes = "" if transaction.error_code else _item_codes(became.refused)
-            what = f"{transaction.function_name} {items_said(naming, became.refused, True)}{codes}"
+            what = (
+                f"{transaction.function_name} {items_said(transaction.connection.naming, became.refused, True)}{codes}"
+            )
             self.tell("security.write_refused", transaction, what)
+
+    def write_again(self, transaction: Transaction) -> None:
+        """Count a write to kinds of areas that this connection wrote to before."""
+        if not transaction.has_errors:
+            self._count_writes(transaction)
+            return
+        became = _Became(transaction)
+        done = written_areas([result.item for result in became.written + became.unsure if result.item is not None])
+        self._count_writes(transaction, done)
+        self._refused(transaction, became)
+
+    def _count_writes(self, transaction: Transaction, areas: i64 = WRITTEN_IO | WRITTEN_ELSEWHERE) -> None:
+        """Count a write for each kind of area that it writes to, of those in ``areas``; none of them is reported."""
+        areas &= transaction.parameters.written
+        frame: i64 = max(transaction.request_frame, transaction.response_frame)
+        time_ns: i64 = max(transaction.request_ns, transaction.response_ns)
+        for area, slug in _WRITES_TO:
+            if areas & area:
+                self._reporter.again(slug, transaction.connection.number, frame, time_ns)
 
     def wrote(
         self, slug: str, area: i64, transaction: Transaction, what: str, code: int = -1, sure: bool = True
@@ -150,6 +176,12 @@ class SecurityWatch:
         """
         traits = transaction.connection.traits
         if (traits.written if sure else traits.written | traits.sent) & area:
+            self._reporter.again(
+                slug,
+                transaction.connection.number,
+                max(transaction.request_frame, transaction.response_frame),
+                max(transaction.request_ns, transaction.response_ns),
+            )
             return
         if sure:
             traits.written |= area
@@ -214,7 +246,7 @@ class SecurityWatch:
 
     def _flood(self, transaction: Transaction, took_ns: int, answered: str) -> None:
         connection = transaction.connection
-        if connection.traits.first("security.flood"):
+        if self.first_of(transaction, "security.flood"):
             items = items_said(connection.naming, transaction.results(), False)
             what = f"{_WRITES} writes within {duration_text(took_ns)}{answered}"
             self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
@@ -242,9 +274,11 @@ class SecurityWatch:
     def refused_items(self, transaction: Transaction) -> None:
         """Report a read or write that was refused by protection. Only the first refusals of a connection are looked at."""
         traits = transaction.connection.traits
-        if traits.refusals >= _LOOKED_AT or not self._first(transaction, "security.protected"):
+        told = "security.protected" in traits.told
+        if traits.refusals >= _LOOKED_AT and not told:
             return
-        traits.refusals += 1
+        if not told:
+            traits.refusals += 1
         codes = [result.return_code for result in transaction.results()]
         # If other items of the request succeeded, access is not denied as a whole, only these addresses are refused.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
@@ -254,9 +288,8 @@ class SecurityWatch:
             why = "" if transaction.error_code else f": {RETURN_CODES.name(_ACCESS_DENIED)}"
             if perhaps:
                 why = " (protected, or not supported)"
-            self.tell("security.protected", transaction, subject(transaction) + why)
-        else:
-            traits.told.discard("security.protected")
+            if self._first(transaction, "security.protected"):
+                self.tell("security.protected", transaction, subject(transaction) + why)
 
     def _job(self, transaction: Transaction) -> None:
         if transaction.function == PI_SERVICE:
@@ -291,7 +324,7 @@ class SecurityWatch:
         table = USERDATA_SUBFUNCTIONS.get(group)
         slug = _SLUGS.get(table.effect(subfunction), "") if table is not None else ""
         if slug:
-            if slug in _ONCE and not transaction.connection.traits.first(slug):
+            if slug in _ONCE and not self.first_of(transaction, slug):
                 return
             self.tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
         elif group == GROUP_BLOCKS:
@@ -306,12 +339,13 @@ class SecurityWatch:
     def loaded(self, operation: Operation) -> None:
         """Report a download whose beginning was not captured: its pieces show that a client loaded a block."""
         number = operation.connection.number
-        if self._reporter.wants("security.program_change", number):
+        first, last, end_ns = operation.first_frame, operation.last_frame, operation.end_ns
+        if self._reporter.wants("security.program_change", number, first, last, end_ns):
             ends = operation.connection.tcp.ends
             who = f"{ends[operation.asked_by]} to {ends[1 - operation.asked_by]}"
             what = f"download {operation.subject}, {operation.octets} bytes, beginning not captured"
-            frames = sorted({operation.first_frame, operation.last_frame})
-            self._reporter.detail("security.program_change", number, frames, operation.end_ns, f"{who}: {what}")
+            frames = sorted({first, last})
+            self._reporter.detail("security.program_change", number, frames, end_ns, f"{who}: {what}")
 
     def _mode(self, transaction: Transaction, head: UserdataHead) -> None:
         """Report the mode that a PLC sends; for a STOP, with the cause that a diagnostic message stated just before."""
@@ -363,7 +397,7 @@ class SecurityWatch:
         """Judge how long the latest `PACE` PDUs of a connection took; call it once for each `PACE` PDUs."""
         since = connection.traits.pace_ns or int(connection.tcp.first_ns)
         connection.traits.pace_ns = int(now_ns)
-        if 0 <= now_ns - since < _SECOND_NS and connection.traits.first("security.flood"):
+        if 0 <= now_ns - since < _SECOND_NS and self._reporter.first(connection, "security.flood", frame, now_ns):
             within = duration_text(int(now_ns - since))
             who = f"{connection.client} and {connection.server}"
             detail = f"{PACE} messages within {within} between {who}, both directions together"
@@ -373,7 +407,13 @@ class SecurityWatch:
         """Return whether to report what is reported once per connection; what has a cause does not count as the report."""
         if self._reporter.cause_of(slug, transaction.connection.number) is not None:
             return True
-        return transaction.connection.traits.first(slug)
+        return self.first_of(transaction, slug)
+
+    def first_of(self, transaction: Transaction, slug: str) -> bool:
+        """Return whether a transaction is the first of its connection that a rule applies to; count the others."""
+        frame = int(max(transaction.request_frame, transaction.response_frame))
+        time_ns = int(max(transaction.request_ns, transaction.response_ns))
+        return self._reporter.first(transaction.connection, slug, frame, time_ns)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
         """Report an event. ``what`` says what it is; by default, what the request asks for.
@@ -382,7 +422,7 @@ class SecurityWatch:
         packet of an earlier transaction that belongs to the event as well, 0 for none.
         """
         number = transaction.connection.number
-        if not self._reporter.wants(slug, number):
+        if not self._reporter.wants_of(slug, transaction):
             return
         frames = transaction.frames
         if before and before not in frames:

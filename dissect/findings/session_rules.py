@@ -74,7 +74,8 @@ def judge_request(
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, hole_end, allowed + 1)
         if open_now > allowed and side.told_jobs == frame:
-            reporter.count("session.too_many_jobs", number)  # what is said of the packet holds for each of its requests
+            # What is said of the packet holds for each of its requests.
+            reporter.count("session.too_many_jobs", number, frame, time_ns)
         elif open_now > allowed:
             side.told_jobs = frame
             detail = f"more requests pending than the {allowed} granted (AmQ)"
@@ -89,6 +90,8 @@ def judge_shared(reporter: Reporter, side: Side, parameters: Parameters, frame: 
         connection.told |= _SHARED
         detail = f"{parameters.subject}: {connection.tcp.ends[side.index]} still waits for an answer to the one before"
         reporter.note("session.shared_reference", connection.number, [frame], time_ns, detail)
+    else:
+        reporter.again("session.shared_reference", connection.number, frame, time_ns)
 
 
 def _judge_again(reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
@@ -130,6 +133,8 @@ def judge_header(
     if redundancy and not connection.told & told:
         connection.told |= told
         reporter.note("s7.redundancy_id", connection.number, [frame], time_ns, f"0x{redundancy:04x} from {who}")
+    elif redundancy:
+        reporter.again("s7.redundancy_id", connection.number, frame, time_ns)
     if rosctr == ACK and extra > 0:
         reporter.note("s7.ack_content", connection.number, [frame], time_ns, f"{extra} bytes from {who}")
 
@@ -194,7 +199,7 @@ def judge_disconnect(
         tsap = connection.tsap_called
         where = f" for called TSAP {tsap.describe()}" if tsap is not None else ""
         connection.refused = reason
-        if reporter.wants("cotp.refused", connection.number):
+        if reporter.wants("cotp.refused", connection.number, frame, frame, time_ns):
             detail = f"{who} refuses{where}: {reason}{beside(table, connection)}"
             reporter.detail("cotp.refused", connection.number, [frame], time_ns, detail)
     else:

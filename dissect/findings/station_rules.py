@@ -113,7 +113,7 @@ class StationWatch:
 
     def _contradicts(self, fact: Fact, where: str) -> None:
         slug = _SLUGS[fact.key]
-        if self._reporter.wants(slug, fact.connection):
+        if self._reporter.wants(slug, fact.connection, fact.frames[0], fact.frames[-1], fact.time_ns):
             where = f"{where}, {fact.module}" if fact.module else where
             detail = (
                 f"{where}: {KEYS[fact.key]} {printable(fact.value)}, before {printable(fact.before)} ({fact.source})"

@@ -338,7 +338,7 @@ def _sent_again(transaction: Transaction) -> str:
 
 def _note(reporter: Reporter, slug: str, transaction: Transaction, what: str) -> None:
     number = transaction.connection.number
-    if reporter.wants(slug, number):
+    if reporter.wants_of(slug, transaction):
         time_ns = max(transaction.request_ns, transaction.response_ns)
         reporter.detail(slug, number, transaction.frames, time_ns, f"{subject(transaction)}: {what}")
 
@@ -365,7 +365,10 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
     if flags & ODD_DATA_CODE and not transaction.connection.told & _DATA_CODES:
         transaction.connection.told |= _DATA_CODES
         _note(reporter, "transaction.odd_data_code", transaction, _data_codes(transaction))
-    if flags & BAD_DATA and reporter.wants("s7.malformed", transaction.connection.number):
+    elif flags & ODD_DATA_CODE:
+        frame, time_ns = transaction.response_frame, transaction.response_ns
+        reporter.again("transaction.odd_data_code", transaction.connection.number, frame, time_ns)
+    if flags & BAD_DATA and reporter.wants_of("s7.malformed", transaction):
         _detail_malformed(
             reporter, transaction, transaction.response, transaction.response_frame, transaction.response_ns
         )
@@ -385,8 +388,8 @@ def judge_written(reporter: Reporter, transaction: Transaction) -> None:
         _note(reporter, "transaction.write_size", transaction, _written_sizes(transaction))
         reporter.blame("transaction.write_size")
     if transaction.flags & BAD_REQUEST:
-        if reporter.wants("s7.malformed", transaction.connection.number):
-            frame, time_ns = transaction.request_frame, transaction.request_ns
+        frame, time_ns = transaction.request_frame, transaction.request_ns
+        if reporter.wants("s7.malformed", transaction.connection.number, frame, frame, time_ns):
             _detail_malformed(reporter, transaction, transaction.request, frame, time_ns)
         reporter.blame("s7.malformed")
 
@@ -449,7 +452,7 @@ def _judge_errors(reporter: Reporter, transaction: Transaction) -> None:
         _note(reporter, "transaction.refused", transaction, f"{error.name} {error.code}: {error.text}")
         return
     if transaction.refused and not _in_part(transaction):
-        if reporter.wants("transaction.refused", transaction.connection.number):
+        if reporter.wants_of("transaction.refused", transaction):
             error = transaction.errors[0]
             reporter.detail(
                 "transaction.refused",
@@ -473,7 +476,7 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
             what = f"{error.address or error.where}: {error.coded}"
             _note(reporter, "transaction.alarm_refused", transaction, what)
         # An item without a return code was not refused: the answer is too short, which has a finding of its own.
-        if error.part == ITEM and error.code != NO_CODE and reporter.wants(slug, transaction.connection.number):
+        if error.part == ITEM and error.code != NO_CODE and reporter.wants_of(slug, transaction):
             reporter.detail(
                 slug,
                 transaction.connection.number,

@@ -146,6 +146,8 @@ def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_n
         connection.told |= told
         detail = f"TPDU number {number} from {connection.tcp.ends[side.index]}"
         reporter.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
+    else:
+        reporter.again("cotp.tpdu_nr", connection.number, frame, time_ns)
 
 
 def note_early(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
@@ -153,7 +155,7 @@ def note_early(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> None
     connection = side.connection
     traits = connection.traits
     traits.note_early(side.index, frame, time_ns)
-    if side.index == connection.client_side or not traits.first("cotp.empty_dt"):
+    if side.index == connection.client_side or not reporter.first(connection, "cotp.empty_dt", frame, time_ns):
         return
     request = connection.open_requests[1 - side.index].asked_last()
     detail = f"from {connection.tcp.ends[side.index]}"

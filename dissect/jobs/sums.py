@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 from dissect.engine.observer import Observer
 from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
+from dissect.findings.ledger import Ledger
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
 from dissect.jobs.tasks import About
@@ -61,6 +62,7 @@ class _Counted(NamedTuple):
     now_ns: int
     span: tuple[int, int]
     keys: int
+    ledger: Ledger
     bare: dict[int, int]
 
 
@@ -73,6 +75,7 @@ def part_of(found: Observer, pipeline: Pipeline, files: list[SourceFile]) -> Fil
         pipeline.now_ns,
         (pipeline.counters.earliest_ns, pipeline.counters.latest_ns),
         len(pipeline.tls.keys) + int(pipeline.tls.more_keys),
+        pipeline.exchange.reporter.ledger,
         pipeline.counters.bare.first,
     )
     file = files[0]
@@ -123,6 +126,7 @@ class Sum:
         pipeline = self.pipeline
         begun = packets > 0
         pipeline.counters.bare.add_first(counted.bare, packets)
+        pipeline.exchange.reporter.ledger.merge(counted.ledger)
         for path, more in zip(_COUNTERS, counted.counters, strict=True):
             owner, _, name = path.rpartition(".")
             holder = attrgetter(owner)(pipeline)

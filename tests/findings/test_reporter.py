@@ -57,7 +57,7 @@ def test_so_many_are_told_of_all_connections() -> None:
 
 def test_nobody_builds_a_sentence_in_vain() -> None:
     reporter = Reporter()
-    wanted = [reporter.wants("stream.hole", 1) for _ in range(MAX_DETAILED + 3)]
+    wanted = [reporter.wants("stream.hole", 1, 4, 4, 4) for _ in range(MAX_DETAILED + 3)]
     assert wanted == [True] * MAX_DETAILED + [False] * 3
     assert reporter.counts["stream.hole"] == MAX_DETAILED + 3
     assert reporter.fresh == []
