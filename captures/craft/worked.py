@@ -61,6 +61,7 @@ def reference_examples(case: Case) -> None:
     case.find("security.stopped")
     case.find("security.memory", 2)  # _MODU, _GARB
     case.find("security.write")
+    case.find("security.write_refused")
     case.find("security.clock_set")
     case.find("security.password")
     case.find("security.protected")

@@ -201,8 +201,10 @@ class Ledger:
         known = self._met.get(connection)
         if known is None:
             return NO_PAIR
-        vlan: i64 = known.tcp.vlan
-        found = self.between(within(known.client.host, vlan), within(known.server.host, vlan))
+        client, server = known.client.host, known.server.host
+        if known.tcp.vlan:
+            client, server = within(client, known.tcp.vlan), within(server, known.tcp.vlan)
+        found = self.between(client, server)
         self._of[connection] = found
         return found
 
