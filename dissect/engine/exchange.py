@@ -145,6 +145,8 @@ class Watch:
 
     def end(self, connection: Connection, reason: str) -> None:
         """A connection is over; ``reason`` is one of those of transactions."""
+        if connection.plus is not None:
+            self.plus.finish(connection)
         self.operations.end(connection, reason)
         self.security.end(connection)
         if connection.plus is not None:

@@ -14,10 +14,11 @@ from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.events import (
-    CHANGED,
+    LOADED,
     ORDERED,
     PASSWORD,
     READ_OUT,
+    REMOVED,
     REPLAYED,
     RESET,
     RUNNING,
@@ -55,13 +56,16 @@ _SLUGS: Final[dict[str, str]] = {
     ORDERED: "security.unknown_service",
     STOPPED: "security.stopped",
     RUNNING: "security.mode_changed",
-    CHANGED: "security.program_change",
+    LOADED: "security.program_change",
+    REMOVED: "security.program_change",
     READ_OUT: "security.program_read",
     TEST_JOB: "security.debug",
     REPLAYED: "security.replay",
     WRITTEN: "security.write",
     WRITTEN_OUTPUTS: "security.write_outputs",
 }
+#: What the client does with what the text of an event names.
+_VERBS: Final[dict[str, str]] = {LOADED: "load ", REMOVED: "delete "}
 #: Reported once per connection.
 _ONCE: Final = frozenset((READ_OUT, TEST_JOB))
 #: The kind of area that an event of this kind writes to.
@@ -218,7 +222,7 @@ class PlusWatch:
         if area:
             self._wrote(session, slug, area, event, transaction, code)
         elif kind not in _ONCE or self._security.first_of(transaction, slug):
-            self._security.tell(slug, transaction, shortened(event.text, _TEXT), code)
+            self._security.tell(slug, transaction, shortened(f"{_VERBS.get(kind, '')}{event.text}", _TEXT), code)
 
     def _wrote(
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
@@ -238,6 +242,10 @@ class PlusWatch:
     def programs(self) -> dict[str, Program]:
         """Return the programs of CPUs by host, as far as they were captured; those without any captured part are left out."""
         return {host: program for host, (program, _) in self._cpus.items() if program.count}
+
+    def finish(self, connection: Connection) -> None:
+        """A connection is over, and its operations are still open."""
+        self._operations.finish(connection)
 
     def end(self, connection: Connection) -> None:
         """A connection is over: a client that explored and subscribed to nothing was looking around."""

@@ -250,18 +250,32 @@ def _lacks(operation: Operation, block: CarvedBlock) -> str:
 
 def _carve_plus(operation: Operation) -> list[CarvedBlock]:
     found = []
-    for block in plus_blocks(operation.content):
-        one = CarvedBlock(block.kind, block.number, block.octets, S7COMM_PLUS)
-        one.title = block.name
-        one.plus = block
-        one.operation = operation
-        if operation.dropped:
-            one.missing = f"{operation.dropped} bytes were too much to keep"
-        elif not block.whole:
-            one.missing = _cut_short(block)
-        elif operation.result not in {DONE, NOT_CAPTURED}:
-            one.missing = f"transfer {operation.result}"
-        found.append(one)
+    for octets, result in _pdus_of(operation):
+        for block in plus_blocks(octets):
+            one = CarvedBlock(block.kind, block.number, block.octets, S7COMM_PLUS)
+            one.title = block.name
+            one.plus = block
+            one.operation = operation
+            if not block.whole:
+                dropped = operation.dropped
+                one.missing = f"{dropped} bytes were too much to keep" if dropped else _cut_short(block)
+            elif result not in {DONE, NOT_CAPTURED}:
+                one.missing = f"transfer {result}"
+            found.append(one)
+    return found
+
+
+def _pdus_of(operation: Operation) -> list[tuple[bytes, str]]:
+    """Return the PDUs that an operation of S7comm-plus carried, each with what became of it."""
+    content, ended = operation.content, operation.result
+    if not operation.places:
+        return [(content, ended)]
+    found = []
+    begin = 0
+    whole = all([step == DONE for step in operation.steps])  # then the end of the load says what became of them
+    for (end, _), result in zip(operation.places, operation.steps, strict=True):
+        found.append((content[begin:end], ended if whole else result))
+        begin = end
     return found
 
 

@@ -6,20 +6,18 @@ from collections.abc import Iterator
 from typing import Final
 
 from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.ids import BLOCK_KINDS, DATA_BLOCK
+from dissect.s7plus.ids import block_kind
+from dissect.s7plus.loads import number_of
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, Element, PlusObject, every_object, objects_of, read_into
 from dissect.s7plus.program_tables import LANGUAGES
-from dissect.s7plus.session import NAME
+from dissect.s7plus.session import CODE_TIME, INTERFACE_TIME, LANGUAGE, NAME
 from dissect.s7plus.value_showing import iso_time
 from dissect.s7plus.values import Blob, Struct, Value
 from dissect.s7plus.walk import FormatError, Walk
 
-_LANGUAGE: Final = 2523
 _PROTECTION: Final = 2524
 _PROTECTION_MODE: Final = 3448  # a member of it: 0 for none; 3 in captures, as in the header of an S7-300/400 block
-_CODE_TIME: Final = 2529
-_INTERFACE_TIME: Final = 2543
 #: Attributes of the code: XML source, the code that the CPU runs, references of both, called blocks, constants.
 BODY: Final = 2533
 _CODE: Final = frozenset((BODY, 2580, 2583, 2586, 2591, 8190))
@@ -50,24 +48,24 @@ class PlusBlock:
 
     def __init__(self, one: PlusObject, data: bytes) -> None:
         self._object = one
-        self.kind = BLOCK_KINDS[one.rid >> 16]
-        self.number = one.rid & 0xFFFF
+        self.kind = block_kind(one.rid, one.class_id)
+        self.number = number_of(one)
         self.whole = one.end > 0
         if not self.whole:
             one.end = _end_of(one)
         self.octets = data[one.offset : one.end]
         self.name = one.text(NAME)
-        language = one.number(_LANGUAGE)
+        language = one.number(LANGUAGE)
         self.language = LANGUAGES.name(language) if language > 0 else ""
-        self.code_time = _time(one.number(_CODE_TIME))
-        self.interface_time = _time(one.number(_INTERFACE_TIME))
+        self.code_time = _time(one.number(CODE_TIME))
+        self.interface_time = _time(one.number(INTERFACE_TIME))
         self.author = self.family = self.version = ""
         self.protected = _is_protected(one.find(_PROTECTION))
         self.code, self.interface, self.rest = self._split(one, data)
 
     def _split(self, one: PlusObject, data: bytes) -> tuple[bytes, bytes, bytes]:
         """Return the octets of the code's attributes, of the interface's attributes, and of the rest of the object, as sent."""
-        code_ids = _VALUES if one.rid >> 16 == DATA_BLOCK else _CODE
+        code_ids = _VALUES if self.kind == "DB" else _CODE
         code, interface, rest = bytearray(), bytearray(), bytearray()
         at = one.offset
         for element in one.elements:
@@ -121,13 +119,13 @@ def plus_blocks(octets: bytes) -> list[PlusBlock]:
     pdu = parse_plus(octets)
     found = parse_contents(pdu, False)
     every = every_object(found.objects or found.begun)
-    blocks = [one for one in every if one.rid >> 16 in BLOCK_KINDS and one.class_id]
+    blocks = [one for one in every if block_kind(one.rid, one.class_id)]
     return [PlusBlock(one, pdu.data) for one in blocks[:MAX_BLOCKS]]
 
 
 def plus_block_of(octets: bytes) -> PlusBlock | None:
     """Return the block in octets that `PlusBlock.octets` returned; None if there is none. Never raises."""
-    blocks = [one for one in objects_of(_elements(octets)) if one.rid >> 16 in BLOCK_KINDS]
+    blocks = [one for one in objects_of(_elements(octets)) if block_kind(one.rid, one.class_id)]
     return PlusBlock(blocks[0], octets) if blocks else None
 
 

@@ -43,7 +43,7 @@ class Span:
 class _Direction:
     """How far one direction was reported; positions count octets from the start of its stream."""
 
-    __slots__ = ("area", "complete", "cursor", "first", "loose", "skipped", "stream", "total")
+    __slots__ = ("area", "begun", "complete", "cursor", "first", "loose", "skipped", "stream", "total")
 
     def __init__(self, stream: HalfStream) -> None:
         self.stream = stream  # to notice when another connection uses the same addresses
@@ -53,6 +53,7 @@ class _Direction:
         self.skipped = 0
         self.loose = False  # whether there are octets among them that belong to no TPKT
         self.first = 0  # where the present message begins
+        self.begun = 0  # where the PDU begins of which the present message is a part: S7comm-plus cuts PDUs into frames
         self.complete = True
 
     def take(self, total: int, skipped: int, size: int) -> tuple[int, int]:
@@ -94,6 +95,8 @@ class SpanBook:
         if carries:
             if direction.complete:
                 direction.first = begin
+                if not _unfinished(side):
+                    direction.begun = begin
             direction.complete = last
 
     def pdu(self, side: Side, frame: int, size: int) -> None:
@@ -104,7 +107,11 @@ class SpanBook:
             return
         end = direction.total if direction.loose else direction.cursor
         direction.complete = True
-        if end <= direction.first:
+        begin = direction.first
+        if not _unfinished(side):  # else it came between the frames of another one
+            begin = min(begin, direction.begun)
+            direction.begun = direction.first
+        if end <= begin:
             return
         spans = self._spans
         if len(spans) >= MAX_SPANS:
@@ -112,7 +119,7 @@ class SpanBook:
             self.forgotten += 1
         key = (int(side.connection.number), int(side.index), frame, size)
         spans.pop(key, None)
-        spans[key] = Span(side.key, (start + direction.first) & MASK, end - direction.first)
+        spans[key] = Span(side.key, (start + begin) & MASK, end - begin)
 
     def pop(self, connection: int, side: int, frame: int, size: int) -> Span | None:
         """Return and forget the range of a PDU; None if it is not known."""
@@ -126,3 +133,8 @@ class SpanBook:
             direction = _Direction(side.stream)
             self._directions[side.key] = direction
         return direction
+
+
+def _unfinished(side: Side) -> bool:
+    """Return whether an S7comm-plus PDU of a direction waits for its next frame."""
+    return side.plus is not None and side.plus.parts is not None

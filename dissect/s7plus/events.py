@@ -13,7 +13,8 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.identification import IDENTIFICATION
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, short_name
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, member_name
+from dissect.s7plus.loads import CONSISTENT, HARDWARE, LOADS, PROGRAM, Loading, loading_of, said
 from dissect.s7plus.message import HEADER_SIZE, INTEGRITY_SIZE, PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
@@ -75,7 +76,11 @@ RESET: Final = "reset"
 ORDERED: Final = "unknown state request"
 STOPPED: Final = "stopped"
 RUNNING: Final = "running"
-CHANGED: Final = "program change"
+LOADED: Final = "load"
+REMOVED: Final = "delete"
+CONFIRMED: Final = "consistent"
+SEQUENCE_BEGUN: Final = "sequence begun"
+SEQUENCE_ENDED: Final = "sequence ended"
 READ_OUT: Final = "program read"
 WRITTEN: Final = "write"
 WRITTEN_OUTPUTS: Final = "write outputs"
@@ -89,9 +94,8 @@ SUBSCRIBED_ALARMS: Final = "alarm subscription"
 LISTED: Final = "subscription list"
 DELETED: Final = "deleted object"
 
-_PROGRAM: Final = 3
-_ROOT: Final = 1
-_HARDWARE: Final = 2496
+#: Objects that hold the program and the hardware configuration.
+_CONTAINERS: Final = {PROGRAM: "the program", HARDWARE: "the hardware configuration"}
 _ALARM_SUBSCRIPTION: Final = 2662
 #: Class of a job of the test functions, with which an engineering tool watches a running program. The classes of other jobs
 #: (watch and force tables, breakpoints) are not known.
@@ -101,15 +105,15 @@ _STATE_NAMES: Final = {state: OPERATING_STATES.name(state) for state in _STATES}
 #: Meaning of a state request, unless it asks for RUN.
 _ORDERS: Final = {1: STOP, 2: RESET}
 _WANTED: Final = table(ASKED_OF_OBJECTS)
-#: How many blocks a text names.
+#: How many variables a text names.
 _NAMED: Final = 5
 
 # Marks of a read that may matter: the ids of the operating state and the identification record.
 _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
 #: Ids in a write of several items that are more than variables.
-_WRITTEN_IDS: Final = PASSWORDS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
+_WRITTEN_IDS: Final = PASSWORDS | LOADS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
-#: For a write of one attribute: the highest id that is an area or the execution unit; the lowest kind of block; and by id,
+#: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest kind of block; and by id,
 #: whether writing that attribute of any other object matters.
 _LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
 _FIRST_KIND: Final = min(BLOCK_KINDS)
@@ -130,16 +134,18 @@ class Event:
     """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
 
     ``refusal`` is the error of its own item in a write of several (lower 16 bits of the return value): 0 if the item was
-    written, -1 if only the return value of the whole response counts. Text from the wire is not escaped.
+    written, -1 if only the return value of the whole response counts. ``loading``: what a load carries. Text from the wire is
+    not escaped.
     """
 
-    __slots__ = ("kind", "object_id", "refusal", "text")
+    __slots__ = ("kind", "loading", "object_id", "refusal", "text")
 
     def __init__(self, kind: str, text: str, object_id: int = 0) -> None:
         self.kind = kind
         self.text = text
         self.object_id = object_id
         self.refusal = -1
+        self.loading: Loading | None = None
 
 
 class Facts:
@@ -335,7 +341,7 @@ def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
 
 
 def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64) -> bool:
-    if function == CREATE_OBJECT or function == DELETE_OBJECT:
+    if function == CREATE_OBJECT or function == DELETE_OBJECT or function == BEGIN_SEQUENCE or function == END_SEQUENCE:
         return True
     if function == EXPLORE:
         return not skimmed & SOUND or skimmed & MET != 0  # an incomplete response may begin with blocks
@@ -354,7 +360,7 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
             return True
         return any([octets.find(mark) >= 0 for mark in _WRITTEN_MARKS])
     if function == SET_VAR_SUBSTREAMED or (
-        object_id <= _LAST_AREA and (object_id == CPU_EXEC_UNIT or object_id in AREAS)
+        object_id <= _LAST_AREA and (object_id == CPU_EXEC_UNIT or object_id == HARDWARE or object_id in AREAS)
     ):
         return True
     kind: i64 = object_id >> 16
@@ -371,6 +377,9 @@ def _judge(
 ) -> None:
     if function == CREATE_OBJECT:
         _created(session, events, asked, told, good)
+    elif function == BEGIN_SEQUENCE or function == END_SEQUENCE:
+        _loaded(events, -1, asked.objects or asked.begun, asked.every or every_object(asked.begun), len(asked.begun) > 0)
+        events.append(Event(SEQUENCE_BEGUN if function == BEGIN_SEQUENCE else SEQUENCE_ENDED, ""))
     elif function == EXPLORE:
         if told is not None and good:
             _explored(session, events, told)
@@ -386,9 +395,9 @@ def _gone(session: PlusSession, events: list[Event], object_id: int, session_id:
     """Judge the deletion of an object; object 0 is the session of the request, as s7commplus ends it (docs/s7plus.md)."""
     if object_id == 0:
         object_id = session_id
-    block = block_name(object_id)
+    block = block_name(object_id) or _CONTAINERS.get(object_id, "")
     if block:
-        events.append(Event(CHANGED, f"delete {block}", object_id))
+        events.append(Event(REMOVED, block, object_id))
     elif good:
         session.unsubscribe(object_id)
         events.append(Event(DELETED, "", object_id))
@@ -398,25 +407,34 @@ def _created(session: PlusSession, events: list[Event], asked: Made, told: Made 
     made = told.ids if told is not None and good else []
     # The first objects show what is created, even if the PDU is too long to be read completely, or has a fault later.
     these = asked.objects or asked.begun
+    every = asked.every or every_object(asked.begun)
     if any([one.class_id == SERVER_SESSION for one in asked.objects]):
         session.open_session(asked)
         if told is not None and good:
             session.session_opened(told)
         events.append(Event(SESSION, "", made[0] if made else 0))
-    elif asked.object_id == _PROGRAM:
-        more = " and more that was not read" if asked.begun else ""
-        events.append(Event(CHANGED, f"load {_blocks(these) or 'objects that were not read'}{more}"))
-    lists = reference_lists_of(asked.every or asked.begun)
-    for one in these:
-        if asked.object_id == _ROOT and one.class_id == _HARDWARE:
-            events.append(Event(CHANGED, "load the hardware configuration"))
-        elif one.class_id == _TEST_JOB:
+    _loaded(events, asked.object_id, these, every, len(asked.begun) > 0)
+    lists = reference_lists_of(every)
+    for one in every:
+        if one.class_id == _TEST_JOB:
             events.append(Event(TEST_JOB, f"test job {one.text(NAME)}".rstrip(), made[0] if made else 0))
-        elif one.class_id == SUBSCRIPTION:
+    for one in these:
+        if one.class_id == SUBSCRIPTION:
             events.append(_subscription(session, one, list(lists[one.offset].values()), made[0] if made else 0))
     session.program.learn(asked.every)
     if told is not None and good:
         session.subscribe(asked, told, lists)
+
+
+def _loaded(
+    events: list[Event], parent: int, these: list[PlusObject], every: list[PlusObject], unread: bool
+) -> None:
+    """Judge objects that are created in ``parent``: whether they load a program, or a part of one."""
+    loading = loading_of(parent, these, every, unread)
+    if loading is not None:
+        event = Event(LOADED, loading.text)
+        event.loading = loading
+        events.append(event)
 
 
 def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
@@ -436,23 +454,7 @@ def _explored(session: PlusSession, events: list[Event], told: Made) -> None:
     session.program.learn([one for one in every if one.end])
     found = [one for one in every if one.holds_any(CODE)]
     if found:
-        events.append(Event(READ_OUT, f"{'at least ' if told.begun else ''}{_blocks(found)}"))
-
-
-def _blocks(objects: list[PlusObject]) -> str:
-    """Return a text with the names and languages of blocks."""
-    texts: list[str] = []
-    for one in objects[:_NAMED]:
-        name = one.text(NAME)
-        language = one.number(LANGUAGE)
-        text = short_name(one.rid) if block_name(one.rid) else short_name(one.class_id)
-        number = one.number(NUMBER)
-        if not block_name(one.rid) and number >= 0:
-            text += f" {number}"
-        title = f" {name!r}" if name and name != text else ""
-        texts.append(f"{text}{title}{f' ({LANGUAGES.name(language)})' if language > 0 else ''}")
-    more = f" and {len(objects) - _NAMED} more" if len(objects) > _NAMED else ""
-    return ", ".join(texts) + more
+        events.append(Event(READ_OUT, f"{'at least ' if told.begun else ''}{said(found)}"))
 
 
 def _written(session: PlusSession, events: list[Event], asked: Contents, told: Contents | None, good: bool) -> None:
@@ -494,7 +496,15 @@ def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: 
 
 
 def _write(session: PlusSession, events: list[Event], address: Address, value: Value | None) -> None:
+    if address.sub_area in LOADS and address.area >> 16 in BLOCK_KINDS:
+        label = f"{block_name(address.area)} ({member_name(address.sub_area)})"
+        loading = Loading(label)
+        events.append(Event(LOADED, label, address.area))
+        events[-1].loading = loading
+        return
     if address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS:
+        if address.area == HARDWARE and address.sub_area == CONSISTENT and value is not None and value.content is True:
+            events.append(Event(CONFIRMED, "", address.area))
         return
     kind = WRITTEN_OUTPUTS if address.area in OUTPUTS else WRITTEN
     events.append(Event(kind, f"{session.label(address)}{f' = {value_text(value)}' if value is not None else ''}"))

@@ -14,6 +14,7 @@ from mypy_extensions import i64
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
+from dissect.s7plus.loads import LOADS
 from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.objects import numbers_at
 from dissect.s7plus.pieces import USUAL_QUALIFIER
@@ -55,7 +56,7 @@ _LARGEST: Final = 4096
 #: Attributes whose writing is an event that needs the whole contents.
 _TOLD: Final = PASSWORDS | {STATE_REQUEST}
 #: The same for a write that may be one of variables.
-_TOLD_OF_VARIABLES: Final = _TOLD | {REFERENCE_LIST, SESSION_KEY}
+_TOLD_OF_VARIABLES: Final = _TOLD | LOADS | {REFERENCE_LIST, SESSION_KEY}
 #: Flags and type of reference lists.
 _ARRAY: Final = ARRAY << 8 | UDINT
 _ADDRESS_ARRAY: Final = ADDRESS_ARRAY << 8 | UDINT

@@ -266,6 +266,7 @@ _IDS: Final = [
     (2451, "ASObjectES.WorkingMemorySize", ""),
     (2453, "ASObjectSimple.LastModified", ""),
     (2454, "ASObjectSimple.LoadMemorySize", ""),
+    (2458, "HWConfiguration.ESconsistent", ""),
     (2459, "ASRoot.ESversion", ""),
     (2460, "ASRoot.AOMDevelopmentVersion", ""),
     (2461, "ASRoot.AOMVersion", ""),

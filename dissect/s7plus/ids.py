@@ -13,8 +13,23 @@ BLOCK_KINDS: Final[dict[int, str]] = {
     DATA_BLOCK: "DB",
     0x8A12: "FB",
     0x8A13: "FC",
+    0x8A20: "FB",  # of the library of the engineering tool, such as MB_CLIENT
+    0x8A24: "UDT",  # of the same library
     0x8A32: "OB",
     0x89FD: "UDT",
+}
+#: Classes of organization blocks, one for each kind of event that starts one: the base class, 22 of the first CPUs, motion.
+_OB_CLASSES: Final = (2610, *range(2637, 2659), 4637, 4639)
+#: What engineers call a block of a class. The class says it wherever the object stands, and whatever its id is.
+BLOCK_CLASSES: Final[dict[int, str]] = {
+    2574: "DB",
+    2578: "FB",
+    2579: "FC",
+    3932: "UDT",
+    3933: "FBT",
+    3934: "SDT",
+    3935: "FCT",
+    **dict.fromkeys(_OB_CLASSES, "OB"),
 }
 #: Upper 8 bits of the ids of type information; the lower 16 bits are the number of the block.
 TYPE_KINDS: Final[dict[int, str]] = {0x91: "UDT", 0x92: "DB", 0x93: "FB", 0x94: "FC", 0x95: "OB"}
@@ -88,6 +103,11 @@ def block_name(number: int) -> str:
     """Return the name of a block by the id of its object, for example ``DB3``; empty if it is not a block."""
     kind = BLOCK_KINDS.get(number >> 16)
     return f"{kind}{number & 0xFFFF}" if kind is not None else ""
+
+
+def block_kind(rid: int, class_id: int) -> str:
+    """Return what engineers call the block that an object with this id and class is; empty if it is not a block."""
+    return (BLOCK_KINDS.get(rid >> 16) or BLOCK_CLASSES.get(class_id, "")) if class_id else ""
 
 
 def is_secret(id_: int) -> bool:

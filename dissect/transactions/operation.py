@@ -143,8 +143,9 @@ class Operation:
     ``octets`` is the size of what was carried: block content, joined answer, values. ``announced`` is the size stated
     beforehand, -1 for none. ``content`` depends on the kind. For a long answer or a BSEND it is the joined payload, once that
     is whole; ``places`` then has for each part where it ends in ``content``, and its packet. For a download or upload it is
-    what was captured of the block or file, once the operation is over (in S7comm-plus the whole PDU with the blocks);
-    ``dropped`` is how many more octets were too many to keep. For other kinds it is empty.
+    what was captured of the block or file, once the operation is over (in S7comm-plus the whole PDUs with the blocks, each with
+    its place, and in ``steps`` with what became of it); ``dropped`` is how many more octets were too many to keep. For other
+    kinds it is empty.
 
     ``gap`` is how many octets of ``content`` came before the first gap in what the sender sent, where a piece may be missing;
     -1 for no gap. ``activation`` says what became of a block that was loaded whole.
@@ -183,6 +184,7 @@ class Operation:
         "pushes",
         "reason",
         "result",
+        "steps",
         "subject",
         "transactions",
     )
@@ -216,6 +218,7 @@ class Operation:
         self.content = b""
         self.content_head: UserdataHead | None = None
         self.places: list[tuple[int, int]] = []
+        self.steps: list[str] = []  # of a load of S7comm-plus: the result of each request
         self.pieces: list[bytes] = []  # the pieces of a block while it is transferred
         self.held = 0  # how many octets `pieces` have
         self.dropped = 0
@@ -344,15 +347,20 @@ class OperationBook:
         going.append(operation)
         return operation
 
-    def gather(self, operation: Operation, octets: bytes) -> None:
-        """Keep a piece of the block that an operation transfers, as far as there is room (`MAX_CONTENT`, `MAX_CONTENTS`)."""
+    def gather(self, operation: Operation, octets: bytes, alone: bool = False) -> bool:
+        """Keep a piece of what an operation transfers, if there is room (`MAX_CONTENT`, `MAX_CONTENTS`); return whether it was.
+
+        ``alone``: the piece is complete without those before it.
+        """
         size = len(octets)
-        if operation.dropped or operation.held + size > MAX_CONTENT or self._held + size > MAX_CONTENTS:
-            operation.dropped += size  # so are all later pieces: `content` must not have a gap
-            return
+        lacks = operation.dropped > 0 and not alone  # so are all later pieces: `content` must not have a gap
+        if lacks or operation.held + size > MAX_CONTENT or self._held + size > MAX_CONTENTS:
+            operation.dropped += size
+            return False
         operation.pieces.append(octets)
         operation.held += size
         self._held += size
+        return True
 
     def close(self, operation: Operation, result: str, reason: str = "") -> None:
         """Close an operation with this result."""
@@ -380,20 +388,25 @@ class OperationBook:
     def settle(
         self, operation: Operation, transaction: Transaction, went_well: str, went_wrong: str, code: int = -1
     ) -> None:
-        """Close an operation with ``went_well`` or ``went_wrong``, by the result of its last transaction.
-
-        ``code`` is the error of an S7comm-plus item of that transaction, 0 for none; by default the error of the transaction
-        counts.
-        """
-        error = refusal(transaction) if code < 0 else None
-        if code > 0:
-            error = TransactionError(RETURN_VALUE, code, PLUS_CODES.name(code), PLUS_CODES.text(code))
-        if transaction.unseen:
-            self.close(operation, NOT_CAPTURED)
-        elif not transaction.response_frame:
-            self.close(operation, UNFINISHED, transaction.reason)
-        elif error is not None:
+        """Close an operation with ``went_well`` or ``went_wrong``, by the result of its last transaction; ``code`` as below."""
+        result, reason, error = result_of(transaction, went_well, went_wrong, code)
+        if error is not None:
             operation.error = error
-            self.close(operation, went_wrong)
-        else:
-            self.close(operation, went_well)
+        self.close(operation, result, reason)
+
+
+def result_of(
+    transaction: Transaction, went_well: str, went_wrong: str, code: int = -1
+) -> tuple[str, str, TransactionError | None]:
+    """Return the result of a transaction as the last one of an operation, the reason, and the error if it went wrong.
+
+    ``code`` is the error of an S7comm-plus item of that transaction, 0 for none; by default the error of the transaction counts.
+    """
+    if transaction.unseen:
+        return NOT_CAPTURED, "", None
+    if not transaction.response_frame:
+        return UNFINISHED, transaction.reason, None
+    error = refusal(transaction) if code < 0 else None
+    if code > 0:
+        error = TransactionError(RETURN_VALUE, code, PLUS_CODES.name(code), PLUS_CODES.text(code))
+    return (went_well if error is None else went_wrong), "", error

@@ -14,13 +14,17 @@ from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address
 from dissect.s7plus.events import (
-    CHANGED,
+    CONFIRMED,
     DELETED,
     LISTED,
+    LOADED,
     ORDERED,
     PASSWORD,
     READ_OUT,
+    REMOVED,
     RESET,
+    SEQUENCE_BEGUN,
+    SEQUENCE_ENDED,
     SESSION,
     START,
     STOP,
@@ -39,6 +43,7 @@ from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, FAILED, MAX_SUBJECT, NOT_CAPTURED, REFUSED, Operation, OperationBook
+from dissect.transactions.plus_loads import Load, beginning_of
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 #: Kinds of operations by the events that begin them.
@@ -47,7 +52,7 @@ _KINDS: Final[dict[str, str]] = {
     SUBSCRIBED: kinds.CYCLIC,
     SUBSCRIBED_ALARMS: kinds.MESSAGES,
     TEST_JOB: kinds.TEST_JOB,
-    CHANGED: kinds.DOWNLOAD,
+    REMOVED: kinds.DELETE,
     READ_OUT: kinds.UPLOAD,
     STREAMED: kinds.TRANSFER,
     PASSWORD: kinds.PASSWORD,
@@ -58,10 +63,10 @@ _KINDS: Final[dict[str, str]] = {
 }
 #: Events whose operations go on until their object is deleted; others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
+#: Events that belong to the load of a session.
+_LOADING: Final = frozenset((LOADED, CONFIRMED, SEQUENCE_BEGUN, SEQUENCE_ENDED))
 #: The beginning of order numbers of panels. A device that gets a stream states its order number.
 _PANELS: Final = "6AV"
-_DELETE: Final = "delete "
-_LOAD: Final = "load "
 #: How many reads of the same variables are polling, and how many different reads are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
@@ -105,7 +110,7 @@ class PlusOpen:
     was notified last, ``notified`` its object, and ``latest`` the poll of the last read.
     """
 
-    __slots__ = ("latest", "notified", "number", "objects", "polls", "pushing")
+    __slots__ = ("latest", "load", "notified", "number", "objects", "polls", "pushing")
 
     def __init__(self, number: int) -> None:
         self.number = number  # of the connection
@@ -114,16 +119,7 @@ class PlusOpen:
         self.pushing: Operation | None = None
         self.polls: dict[bytes, Poll] = {}
         self.latest: Poll | None = None
-
-
-def _begin_at_first_frame(operation: Operation, transaction: Transaction) -> int:
-    """Let an operation begin with the first frame of its request; return how many octets of the request were not kept."""
-    begun = transaction.connection.begun
-    found = begun.get((int(transaction.pdu_ref), int(transaction.request_frame))) if begun is not None else None
-    if found is None:
-        return 0
-    operation.first_frame, operation.begin_ns, left_out = found
-    return left_out
+        self.load: Load = Load()
 
 
 def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
@@ -162,27 +158,26 @@ class PlusOperations:
     def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
         """Take an event of a transaction: it may begin an operation, or end one. ``code`` is its error, 0 for none."""
         if event.kind == DELETED:
+            if event.object_id in session.given:
+                _open_on(transaction.connection).load.close(self._book)
             self._delete(event, transaction)
             return
         if event.kind == LISTED:
             self._list(event, transaction)
             return
+        if event.kind in _LOADING:
+            self._load(event, transaction, code)
+            return
         kind = _KINDS.get(event.kind, "")
         subject = session.describe() if event.kind == SESSION else event.text
         if event.kind == STREAMED and session.identity.order_number.startswith(_PANELS):
             subject = f"panel {session.identity.order_number}: {subject}"
-        if event.kind == CHANGED:
-            kind = kinds.DELETE if subject.startswith(_DELETE) else kinds.DOWNLOAD
-            subject = subject.removeprefix(_DELETE).removeprefix(_LOAD)
         if not kind:
             return
         operation = self._book.begin(kind, str(event.object_id), transaction, subject[:MAX_SUBJECT])
-        if kind in {kinds.DOWNLOAD, kinds.TRANSFER}:
-            left_out = _begin_at_first_frame(operation, transaction)
+        if kind == kinds.TRANSFER:
+            operation.first_frame, operation.begin_ns, left_out = beginning_of(transaction)
             operation.octets = int(transaction.request_size) + left_out
-            if kind == kinds.DOWNLOAD:
-                self._book.gather(operation, transaction.request_octets)
-                operation.dropped += left_out
         elif kind == kinds.UPLOAD:
             operation.octets = int(transaction.response_size)
             self._book.gather(operation, transaction.response_octets)
@@ -195,6 +190,18 @@ class PlusOperations:
             self._book.settle(operation, transaction, DONE, REFUSED, code)
         else:
             self._remember(event.object_id, transaction, operation)
+
+    def _load(self, event: Event, transaction: Transaction, code: int) -> None:
+        """Take an event of a load: all that a session loads is one operation (`dissect.transactions.plus_loads`)."""
+        load = _open_on(transaction.connection).load
+        if event.kind == LOADED:
+            load.take(self._book, event, transaction, code)
+        elif event.kind == CONFIRMED:
+            load.confirm(transaction, code)
+        elif event.kind == SEQUENCE_BEGUN:
+            load.begun(transaction)
+        else:
+            load.ended(self._book, transaction)
 
     def _delete(self, event: Event, transaction: Transaction) -> None:
         here = _open_on(transaction.connection)
@@ -323,6 +330,12 @@ class PlusOperations:
             poll.operation = operation
         else:
             poll.numbers.append(int(transaction.number))
+
+    def finish(self, connection: Connection) -> None:
+        """A connection is over, and its operations are still open: close the load that needs no further step."""
+        here = connection.operations.plus
+        if here is not None and not here.load.in_sequence:
+            here.load.close(self._book)
 
     def end(self, connection: Connection) -> None:
         """A connection is over: forget its operations, which the book closes, and its polls."""

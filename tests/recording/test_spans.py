@@ -17,6 +17,7 @@ from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
 from tests.report.support import WORD, begun, observed
+from tests.s7plus.pdus import asked, framed
 
 MASK = 0xFFFFFFFF
 
@@ -124,3 +125,41 @@ def test_what_is_remembered_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_nothing_is_known_of_a_pdu_without_tpkt() -> None:
     book = SpanBook()
     assert book.pop(1, 0, 5, 20) is None
+
+
+class WatchingPlus(Watching):
+    """The same for S7comm-plus."""
+
+    def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        self.pdu(frame, time_ns, side, octets, cut)
+
+
+@given(st.lists(st.integers(1, 4), min_size=1, max_size=6), st.lists(st.integers(1, 400), max_size=6), st.booleans())
+def test_the_range_of_a_pdu_in_several_frames_begins_with_the_first(
+    sizes: list[int], cuts: list[int], between: bool
+) -> None:
+    """A system event between two frames is a PDU of its own."""
+    watching = WatchingPlus()
+    talk = Talk().handshake()
+    talk.send(0, messages.connect(0xE0)).send(1, messages.connect(0xD0))
+    start = talk.next[0]
+    stream = b""
+    expected = []
+    alert = dt(b"\x72\xfe\0\x10" + bytes(16))
+    for number, frames in enumerate(sizes, 1):
+        data = asked(number, 0x04CA, body=bytes(30))
+        begin = len(stream)
+        for at in range(frames):
+            stream += dt(framed(data if at == 0 else b"piece", 2, trailer=at == frames - 1))
+            if between and at < frames - 1:
+                expected.append((len(stream), len(alert)))
+                stream += alert
+        expected.append((begin, len(stream) - begin))
+    at = 0
+    for cut in [*sorted(cuts), len(stream)]:
+        if cut > at:
+            talk.send(0, stream[at:cut])
+            at = cut
+    observed(watching, talk.packets())
+    found = [span for _, _, span in watching.found]
+    assert [(span.seq - start, span.size) for span in found if span is not None] == expected
