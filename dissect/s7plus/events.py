@@ -13,14 +13,14 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.identification import IDENTIFICATION
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name, member_name
-from dissect.s7plus.loads import CONSISTENT, HARDWARE, LOADS, PROGRAM, Loading, loading_of, said
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name
+from dissect.s7plus.loads import CONSISTENT, CONTAINERS, HARDWARE, LOADS, Loading, loading_of, said, written_code
 from dissect.s7plus.message import HEADER_SIZE, INTEGRITY_SIZE, PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.program import CODE
-from dissect.s7plus.program_tables import LANGUAGES, OPERATING_STATES, STATE_REQUESTS
+from dissect.s7plus.program_tables import OPERATING_STATES, STATE_REQUESTS
 from dissect.s7plus.refusals import MARKS, glimpse
 from dissect.s7plus.session import (
     ASKED_OF_OBJECTS,
@@ -29,9 +29,7 @@ from dissect.s7plus.session import (
     CYCLE,
     DIAGNOSIS,
     IN_VARIABLE,
-    LANGUAGE,
     NAME,
-    NUMBER,
     OPERATING_MODE,
     OPERATING_STATE,
     REFERENCE_LIST,
@@ -94,8 +92,6 @@ SUBSCRIBED_ALARMS: Final = "alarm subscription"
 LISTED: Final = "subscription list"
 DELETED: Final = "deleted object"
 
-#: Objects that hold the program and the hardware configuration.
-_CONTAINERS: Final = {PROGRAM: "the program", HARDWARE: "the hardware configuration"}
 _ALARM_SUBSCRIPTION: Final = 2662
 #: Class of a job of the test functions, with which an engineering tool watches a running program. The classes of other jobs
 #: (watch and force tables, breakpoints) are not known.
@@ -113,8 +109,8 @@ _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, 
 #: Ids in a write of several items that are more than variables.
 _WRITTEN_IDS: Final = PASSWORDS | LOADS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
-#: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest kind of block; and by id,
-#: whether writing that attribute of any other object matters.
+#: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest
+#: kind of block; and by id, whether writing that attribute of any other object matters.
 _LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
 _FIRST_KIND: Final = min(BLOCK_KINDS)
 _WRITTEN_ATTRIBUTES: Final = bytes([id_ in PASSWORDS or id_ == REFERENCE_LIST for id_ in range(2048)])
@@ -378,7 +374,9 @@ def _judge(
     if function == CREATE_OBJECT:
         _created(session, events, asked, told, good)
     elif function == BEGIN_SEQUENCE or function == END_SEQUENCE:
-        _loaded(events, -1, asked.objects or asked.begun, asked.every or every_object(asked.begun), len(asked.begun) > 0)
+        _loaded(
+            events, -1, asked.objects or asked.begun, asked.every or every_object(asked.begun), len(asked.begun) > 0
+        )
         events.append(Event(SEQUENCE_BEGUN if function == BEGIN_SEQUENCE else SEQUENCE_ENDED, ""))
     elif function == EXPLORE:
         if told is not None and good:
@@ -395,7 +393,7 @@ def _gone(session: PlusSession, events: list[Event], object_id: int, session_id:
     """Judge the deletion of an object; object 0 is the session of the request, as s7commplus ends it (docs/s7plus.md)."""
     if object_id == 0:
         object_id = session_id
-    block = block_name(object_id) or _CONTAINERS.get(object_id, "")
+    block = block_name(object_id) or CONTAINERS.get(object_id, "")
     if block:
         events.append(Event(REMOVED, block, object_id))
     elif good:
@@ -415,26 +413,22 @@ def _created(session: PlusSession, events: list[Event], asked: Made, told: Made 
         events.append(Event(SESSION, "", made[0] if made else 0))
     _loaded(events, asked.object_id, these, every, len(asked.begun) > 0)
     lists = reference_lists_of(every)
-    for one in every:
-        if one.class_id == _TEST_JOB:
-            events.append(Event(TEST_JOB, f"test job {one.text(NAME)}".rstrip(), made[0] if made else 0))
-    for one in these:
-        if one.class_id == SUBSCRIPTION:
-            events.append(_subscription(session, one, list(lists[one.offset].values()), made[0] if made else 0))
+    id_ = made[0] if made else 0
+    jobs = [f"test job {one.text(NAME)}".rstrip() for one in every if one.class_id == _TEST_JOB]
+    events += [Event(TEST_JOB, job, id_) for job in jobs]
+    subscriptions = [one for one in these if one.class_id == SUBSCRIPTION]
+    events += [_subscription(session, one, list(lists[one.offset].values()), id_) for one in subscriptions]
     session.program.learn(asked.every)
     if told is not None and good:
         session.subscribe(asked, told, lists)
 
 
-def _loaded(
-    events: list[Event], parent: int, these: list[PlusObject], every: list[PlusObject], unread: bool
-) -> None:
+def _loaded(events: list[Event], parent: int, these: list[PlusObject], every: list[PlusObject], unread: bool) -> None:
     """Judge objects that are created in ``parent``: whether they load a program, or a part of one."""
     loading = loading_of(parent, these, every, unread)
     if loading is not None:
-        event = Event(LOADED, loading.text)
-        event.loading = loading
-        events.append(event)
+        events.append(Event(LOADED, loading.text))
+        events[-1].loading = loading
 
 
 def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
@@ -496,10 +490,9 @@ def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: 
 
 
 def _write(session: PlusSession, events: list[Event], address: Address, value: Value | None) -> None:
-    if address.sub_area in LOADS and address.area >> 16 in BLOCK_KINDS:
-        label = f"{block_name(address.area)} ({member_name(address.sub_area)})"
-        loading = Loading(label)
-        events.append(Event(LOADED, label, address.area))
+    loading = written_code(address)
+    if loading is not None:
+        events.append(Event(LOADED, loading.text, address.area))
         events[-1].loading = loading
         return
     if address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS:

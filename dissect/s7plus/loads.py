@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.ids import BLOCK_KINDS, block_kind, short_name
+from dissect.s7plus.contents import Address
+from dissect.s7plus.ids import BLOCK_KINDS, block_kind, block_name, member_name, short_name
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, TYPE_INFO
 from dissect.s7plus.program_tables import LANGUAGES
@@ -22,6 +23,8 @@ _PROGRAM_CLASS: Final = 2520
 HARDWARE: Final = 2
 _HARDWARE_CLASS: Final = 2496
 _TEXTS_CLASS: Final = 4672
+#: Objects that hold the program and the hardware configuration.
+CONTAINERS: Final = {PROGRAM: "the program", HARDWARE: "the hardware configuration"}
 #: The attribute by which an engineering tool says that what it loaded is complete.
 CONSISTENT: Final = 2458
 #: Attributes of a block that are its code and its interface, not its values; writing one of them changes the program.
@@ -98,6 +101,13 @@ def loading_of(parent: int, tops: list[PlusObject], every: list[PlusObject], unr
     found.more = len(blocks) - len(found.blocks)
     found.parts = parts
     return found
+
+
+def written_code(address: Address) -> Loading | None:
+    """Return what writing an attribute loads: code or interface of a block; None for all others."""
+    if address.sub_area not in LOADS or address.area >> 16 not in BLOCK_KINDS:
+        return None
+    return Loading(f"{block_name(address.area)} ({member_name(address.sub_area)})")
 
 
 def _parts(every: list[PlusObject], blocks: bool) -> list[str]:

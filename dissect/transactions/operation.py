@@ -400,7 +400,7 @@ def result_of(
 ) -> tuple[str, str, TransactionError | None]:
     """Return the result of a transaction as the last one of an operation, the reason, and the error if it went wrong.
 
-    ``code`` is the error of an S7comm-plus item of that transaction, 0 for none; by default the error of the transaction counts.
+    ``code`` is the error of an S7comm-plus item of that transaction, 0 for none; by default that of the transaction counts.
     """
     if transaction.unseen:
         return NOT_CAPTURED, "", None

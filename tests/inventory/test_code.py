@@ -87,7 +87,7 @@ def test_what_has_no_room_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_blocks_of_a_transfer_that_carries_several_are_named_one_by_one(corpus: Path) -> None:
     inventory = inventory_of(corpus / "s7plus" / "yeni_onlineyapilmis_upload.pcapng")
     told = {device.address: device for device in inventory.devices}["192.168.41.10"]
-    assert len(told.blocks) == 10
+    assert len(told.blocks) == 22
     assert [name for name in told.blocks if name.startswith("DB1 ")] == ["DB1 'Promo_db'"]
     (line,) = [
         line if isinstance(line, str) else line.text
@@ -95,4 +95,4 @@ def test_blocks_of_a_transfer_that_carries_several_are_named_one_by_one(corpus: 
         if "'Promo_db'" in (line if isinstance(line, str) else line.text)
     ]
     assert line.startswith("  blocks      DB1 'Promo_db' read out, DB2 'Modbus_Config_C_Remote_SendP2' read out, DB3 ")
-    assert line.endswith(" and 2 more")
+    assert line.endswith(" and 14 more")

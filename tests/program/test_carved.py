@@ -253,8 +253,8 @@ def test_the_octets_are_those_of_the_packets(corpus: Path, name: str) -> None:
 def test_a_program_of_an_s7_1200_is_taken_apart(corpus: Path) -> None:
     found = dissect.blocks(corpus / "s7plus" / "yeni_onlineyapilmis_upload.pcapng")
     assert [block.label for block in found] == [
-        "DB1", "DB2", "DB3", "DB4", "DB5", "DB8", "DB15", "DB333", "DB334", "FB1084", "FB1085",
-        *[f"UDT{number}" for number in (620, 621, 622, 623, 624, 625, 626, 627, 628, 633)], "OB1",
+        "DB1", "DB2", "DB3", "DB4", "DB5", "DB8", "DB15", "DB333", "FB1084", "FB1085",
+        *[f"UDT{number}" for number in (620, 621, 622, 623, 624, 625, 626, 627, 628, 633)], "DB334", "OB1",
     ]  # fmt: skip
     assert {(block.direction, block.protocol, block.complete) for block in found} == {("upload", "s7comm_plus", True)}
     assert len([id_ for id_, _ in (found[-1].plus.blobs() if found[-1].plus else ()) if id_ == 2533]) == 15

@@ -12,7 +12,14 @@ from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.contents import Address
 from dissect.s7plus.ids import BLOCK_CLASSES
 from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import BEGIN_SEQUENCE, CREATE_OBJECT, DELETE_OBJECT, END_SEQUENCE, SET_MULTI_VARIABLES, SET_VARIABLE
+from dissect.s7plus.tables import (
+    BEGIN_SEQUENCE,
+    CREATE_OBJECT,
+    DELETE_OBJECT,
+    END_SEQUENCE,
+    SET_MULTI_VARIABLES,
+    SET_VARIABLE,
+)
 from dissect.s7plus.value_tables import BLOB, BOOL, UINT, WSTRING
 from dissect.s7plus.values import Blob, Value
 from dissect.transactions import operation as kinds
@@ -135,8 +142,13 @@ def test_what_a_sequence_loads_is_one_download() -> None:
         ("DB3 'tank' (DB)", "done", 1),
     ]
     first = talk.operations[0]
-    assert (first.first_frame, first.last_frame) == (talk.transactions[2].request_frame, talk.transactions[6].response_frame)
-    assert first.octets == sum([int(one.request_size) for one in talk.transactions[2:6] if one.function == CREATE_OBJECT])
+    assert (first.first_frame, first.last_frame) == (
+        talk.transactions[2].request_frame,
+        talk.transactions[6].response_frame,
+    )
+    assert first.octets == sum(
+        [int(one.request_size) for one in talk.transactions[2:6] if one.function == CREATE_OBJECT]
+    )
     assert carried(talk) == [("OB1", ""), ("DB3", ""), ("DB3", "")]
     assert len(changes(talk)) == 4
 
@@ -173,7 +185,9 @@ def test_what_becomes_of_a_load(answers: tuple[bytes, bytes], ending: bytes, res
     talk = begun()
     begin(talk, 1)
     for number, (one, answer) in enumerate(zip((OB, DB), answers, strict=True), 2):
-        talk.ask(framed(asked(number, CREATE_OBJECT, body=bodies.create_object(3, NOTHING, one, integrity_id=number)), 3))
+        talk.ask(
+            framed(asked(number, CREATE_OBJECT, body=bodies.create_object(3, NOTHING, one, integrity_id=number)), 3)
+        )
         talk.tell(framed(told(number, CREATE_OBJECT, answer + bodies.end(9)), 3))
     talk.ask(framed(asked(4, END_SEQUENCE, body=b"\0\0" + bodies.end(4)), 3))
     if ending:
