@@ -313,7 +313,16 @@ def test_each_bar_is_named_when_it_is_missed() -> None:
     assert judge([table]) == ["only 96.99% of the pairs stay sure where 2% are lost"]
     other.counts[SURE, WRONG] = 1
     other.blaming["session.bad_grant"] = 1
-    assert judge([table])[:2] == ["4.0 of 10,000 sure pairs are wrong", "6 statements blame untruly"]
+    assert judge([table])[:2] == ["6 statements blame untruly, 5 may", "4.0 of 10,000 sure pairs are wrong"]
+
+
+def test_statements_are_counted_for_each_folder() -> None:
+    tables = [Table([0.1], 1, 1), Table([0.1], 1, 1, 12)]
+    for table, count in zip(tables, (5, 12), strict=True):
+        table.rows[0.1, False].blaming["session.cut"] = count
+    assert judge(tables) == []
+    tables[1].rows[0.1, True].blaming["session.cut"] = 1
+    assert judge(tables) == ["13 statements blame untruly, 12 may"]
 
 
 def test_the_command_prints_a_row_for_each_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -325,7 +334,7 @@ def test_the_command_prints_a_row_for_each_rate(tmp_path: Path, capsys: pytest.C
     lines = out.splitlines()
     assert "made traffic: 1 captures, 500 packets" in lines[0]
     assert [line.split()[:2] for line in lines[2:4]] == [["10%", "single"], ["10%", "bursts"]]
-    assert lines[5].startswith("captures: 1 captures, ")
+    assert lines[5].startswith(f"captures in {tmp_path.name}: 1 captures, ")
     assert "broken.pcap: not a capture file" in err
 
 
@@ -338,7 +347,7 @@ def test_the_command_says_what_is_untrue(
     assert "session.cut             6" in lines
     assert "made traffic             6" in lines
     assert lines.count("10% bursts: made traffic: session.cut: ends") == 3
-    assert lines[-1] == "MISSED: 6 statements blame untruly"
+    assert lines[-1] == "MISSED: 6 statements blame untruly, 5 may"
     assert main([str(tmp_path), "--packets", "100", "--rates", "0.1", "--rounds", "2"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "All bars are held."
 
