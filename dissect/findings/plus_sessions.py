@@ -9,12 +9,13 @@ from mypy_extensions import i64
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7plus.ids import plain_id
 from dissect.s7plus.message import INTEGRITY_SIZE
-from dissect.s7plus.session import Identity, PlusSession
+from dissect.s7plus.session import PANEL, Identity, PlusSession
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
 from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.octets import u32
+from dissect.wire.text import printable
 
 #: Offset of the session id in a request of protocol versions 1 and 2; in version 3 the digest stands before it.
 _SESSION: Final = 13
@@ -58,7 +59,7 @@ class PlusSessions:
             else:
                 self._judge_owner(number, transaction)
         if session.challenged and not session.authenticated and not _in_tls(session, transaction.connection):
-            self._judge_authentication(number, transaction)
+            self._judge_authentication(session, number, transaction)
 
     def opened(self, session: PlusSession, number: int, transaction: Transaction) -> None:
         """A client got the session ``number``, or was refused one (0)."""
@@ -92,7 +93,7 @@ class PlusSessions:
             text = f"{transaction.function_name} in session {plain_id(number)}, which connection {owner} got"
             self._security.tell("security.session_reused", transaction, text)
 
-    def _judge_authentication(self, number: i64, transaction: Transaction) -> None:
+    def _judge_authentication(self, session: PlusSession, number: i64, transaction: Transaction) -> None:
         """Report a request that the CPU carried out without authentication; requests that set up or end a session need none."""
         octets = transaction.request_octets
         if transaction.function in {CREATE_OBJECT, DELETE_OBJECT, INIT_SSL} or octets[1] == V3:
@@ -104,7 +105,17 @@ class PlusSessions:
         ):
             return
         if self._security.first_of(transaction, "security.unauthenticated"):
-            self._security.tell("security.unauthenticated", transaction, transaction.function_name)
+            text = f"{transaction.function_name}, {_ends(session, transaction.connection)}"
+            self._security.tell("security.unauthenticated", transaction, text)
+
+
+def _ends(session: PlusSession, connection: Connection) -> str:
+    """Return what client and server of a session are, as far as they state it: ``engineering to panel``."""
+    called = connection.tsap_called
+    server = session.identity.kind or (PANEL if called is not None and called.of_panel else "")
+    if not server:
+        server = f"CPU {session.identity.order_number}" if session.identity.order_number else "device of unknown kind"
+    return f"{session.client_kind or 'client of unknown kind'} to {printable(server)}"
 
 
 def _in_tls(session: PlusSession, connection: Connection) -> bool:

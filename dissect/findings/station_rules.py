@@ -107,7 +107,7 @@ class StationWatch:
         for fact in found:
             fact.vlan = vlan
             self.book.note(fact)
-            if fact.before and fact.key in LASTING:
+            if fact.key in LASTING and (fact.before or fact.after):
                 self._contradicts(fact, within(fact.host, vlan))
         return found
 
@@ -115,7 +115,6 @@ class StationWatch:
         slug = _SLUGS[fact.key]
         if self._reporter.wants(slug, fact.connection, fact.frames[0], fact.frames[-1], fact.time_ns):
             where = f"{where}, {fact.module}" if fact.module else where
-            detail = (
-                f"{where}: {KEYS[fact.key]} {printable(fact.value)}, before {printable(fact.before)} ({fact.source})"
-            )
+            other = f"before {printable(fact.before)}" if fact.before else f"later {printable(fact.after)}"
+            detail = f"{where}: {KEYS[fact.key]} {printable(fact.value)}, {other} ({fact.source})"
             self._reporter.detail(slug, fact.connection, list(fact.frames), fact.time_ns, detail)

@@ -480,10 +480,7 @@ def _add(talk: Talk, connection: Connection, traffic: Traffic) -> None:
     talk.pushes += traffic.pushes
     for kind, count in traffic.operations.items():
         talk.operations[kind] = talk.operations.get(kind, 0) + count
-    if not talk.first_frame or tcp.first_frame < talk.first_frame:
-        talk.first_frame, talk.first_ns = int(tcp.first_frame), int(tcp.first_ns)
-    if tcp.last_frame > talk.last_frame:
-        talk.last_frame, talk.last_ns = int(tcp.last_frame), int(tcp.last_ns)
+    talk.seen((int(tcp.first_frame), int(tcp.first_ns)), (int(tcp.last_frame), int(tcp.last_ns)))
 
 
 def _negotiated(connection: Connection, client: Device, server: Device) -> None:

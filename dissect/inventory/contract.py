@@ -16,7 +16,7 @@ from dissect.wire.text import Clock, encodable
 
 DEVICES_SCHEMA: Final = "s7dissect.devices/1"
 #: Facts that have their own keys in the JSON object.
-_APART: Final = frozenset((facts.MAC, facts.CLOCK))
+_APART: Final = facts.CLOCKS | {facts.MAC}
 
 
 def inventory_as_dict(inventory: Inventory, interrupted: bool = False) -> dict[str, object]:
@@ -78,7 +78,7 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
             {
                 "module": module or None,
                 "facts": {
-                    key: [_stretch(one, places) for one in stretches]
+                    key: [_stretch(one, places) for one in facts.timeline(key, stretches)]
                     for (own, key), stretches in sorted(device.station.facts.items())
                     if own == module and key not in _APART
                 },
@@ -86,6 +86,7 @@ def device_as_dict(device: Device, places: Places) -> dict[str, object]:
             for module in device.modules
         ],
         "clock_offset_ns": device.clock_offset_ns,
+        "clock_set_offset_ns": device.clock_set_offset_ns,
         "blocks": _blocks(device),
         "sessions": _names(device.sessions),
         "tsaps": _names(device.tsaps),

@@ -18,9 +18,13 @@ CPU: Final = "CPU"
 ENGINEERING: Final = "engineering"
 OPC: Final = "OPC"
 PANEL: Final = "panel"
+#: It answers S7 requests, and nothing says what it is.
+SERVER: Final = "S7 server"
 UNKNOWN: Final = "unknown"
 #: Roles, in order of preference if their evidence has the same weight.
-ROLES: Final = (CPU, ENGINEERING, OPC, PANEL, UNKNOWN)
+ROLES: Final = (CPU, ENGINEERING, OPC, PANEL, SERVER, UNKNOWN)
+#: The same, in the order in which devices are listed.
+_ORDER: Final = (CPU, SERVER, ENGINEERING, OPC, PANEL, UNKNOWN)
 
 # How sure a role is: the device states it; it behaves as only such a device does; its TSAP is that of such a device.
 STATED: Final = "stated"
@@ -322,10 +326,15 @@ class Talk:
             if area is not None:
                 area.merge(theirs)
         self.more_areas.merge(later.more_areas, self.areas)
-        if not self.first_frame:
-            self.first_frame, self.first_ns = later.first_frame, later.first_ns
-        if later.last_frame > self.last_frame:
-            self.last_frame, self.last_ns = later.last_frame, later.last_ns
+        if later.first_frame:
+            self.seen((later.first_frame, later.first_ns), (later.last_frame, later.last_ns))
+
+    def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
+        """The two talked in packets from ``first`` to ``last``, each with its time; files may come in any order."""
+        if not self.first_frame or first[::-1] < (self.first_ns, self.first_frame):
+            self.first_frame, self.first_ns = first
+        if last[::-1] > (self.last_ns, self.last_frame):
+            self.last_frame, self.last_ns = last
 
 
 class Device:
@@ -368,9 +377,9 @@ class Device:
 
     @property
     def sort_key(self) -> tuple[int, int, int, int]:
-        """CPUs come first; devices of the same role are sorted by address."""
+        """CPUs and other servers come first; devices of the same role are sorted by address."""
         address = ip_address(self.address)
-        return ROLES.index(self.role), address.version, int(address), self.vlan
+        return _ORDER.index(self.role), address.version, int(address), self.vlan
 
     @property
     def role(self) -> str:
@@ -448,14 +457,17 @@ class Device:
 
     def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
         """It was seen in packets from ``first`` to ``last``, each with its time."""
-        if not self.first_frame or first < (self.first_frame, self.first_ns):
+        if not self.first_frame or first[::-1] < (self.first_ns, self.first_frame):
             self.first_frame, self.first_ns = first
-        self.last_frame, self.last_ns = max((self.last_frame, self.last_ns), last)
+        if last[::-1] > (self.last_ns, self.last_frame):
+            self.last_frame, self.last_ns = last
 
     def history(self, key: str) -> list[Stretch]:
         """Return the values of a kind of fact over time, of all modules."""
-        found = [stretch for (_, own), stretches in self.station.facts.items() if own == key for stretch in stretches]
-        return sorted(found, key=lambda stretch: (stretch.first_frame, stretch.first_ns))
+        found = [
+            one for (_, own), said in self.station.facts.items() if own == key for one in facts.timeline(key, said)
+        ]
+        return sorted(found, key=lambda stretch: (stretch.first_ns, stretch.first_frame))
 
     def get(self, key: str) -> str:
         """Return the latest value of a kind of fact, empty if there is none. For keys see `dissect.stations.facts`."""
@@ -468,13 +480,22 @@ class Device:
 
     @property
     def clock_offset_ns(self) -> int | None:
-        """How far its clock is ahead of that of the capture, in nanoseconds; None if unknown. Its time is taken as UTC."""
+        """How far its clock, as it was read, is ahead of that of the capture, in nanoseconds; None if it was not read.
+
+        Its time is taken as UTC.
+        """
         text = self.get(facts.CLOCK)
+        return int(text) if text else None
+
+    @property
+    def clock_set_offset_ns(self) -> int | None:
+        """How far the time that it was last set to was ahead of that of the capture; None if it was not seen to be set."""
+        text = self.get(facts.CLOCK_SET)
         return int(text) if text else None
 
     @property
     def block_counts(self) -> dict[str, int]:
         """How many blocks it said to have, by type."""
         begun = f"{facts.BLOCKS} "
-        counts = {key: int(found[-1].value) for (_, key), found in self.station.facts.items() if key.startswith(begun)}
-        return {key.removeprefix(begun): count for key, count in sorted(counts.items())}
+        said = {key: found for (_, key), found in self.station.facts.items() if key.startswith(begun)}
+        return {key.removeprefix(begun): int(facts.last_of(found).value) for key, found in sorted(said.items())}

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, STATED, TSAP, Device
+from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
 from dissect.iso.tsap import SIEMENS
 from dissect.s7.alarm_layouts import MESSAGE_REQUEST
 from dissect.s7.tables import BLOCK_INFO, GROUP_BLOCKS, GROUP_CPU, MESSAGE_SERVICE, READ_SZL
+from dissect.s7plus.session import PANEL_ORDER_NUMBERS
 from dissect.stations import facts
 from dissect.stations.evidence import asked_payload
 from dissect.transactions.connection import Connection
@@ -51,11 +52,10 @@ _BUFFER: Final = "reads the diagnostic buffer"
 #: The partial list of the diagnostic buffer and its extracts.
 _BUFFER_LIST: Final = 0xA0
 #: Parts of TSAP texts, in S7comm-plus or in configured connections.
-_TSAP_TEXTS: Final = (("OPC", OPC), ("ROOT-ES", ENGINEERING), ("ROOT-HMI", PANEL))
-#: The application name of SIMATIC NET's OPC server in an S7comm-plus session.
-_SIMATIC_NET: Final = "SIMATIC NET"
-#: Names of roles in S7comm-plus sessions.
-_SESSIONS: Final = {"engineering": ENGINEERING, "HMI": PANEL}
+_TSAP_TEXTS: Final = (("OPC", OPC), ("ROOT-ES", ENGINEERING), ("SCS-ES", ENGINEERING), ("ROOT-HMI", PANEL))
+#: Names that a project gives, and parts of them that only panels have: TIA Portal names the runtime of a panel HMI_RT_1.
+_NAMES: Final = (facts.MODULE_TYPE, facts.STATION_NAME, facts.MODULE_NAME)
+_PANEL_NAMES: Final = ("HMI_RT", "WINCC", "SIMATIC HMI", "SIMATIC PANEL")
 
 
 class Deeds:
@@ -110,7 +110,18 @@ class Deeds:
 
 
 def judge_server(device: Device) -> None:
-    """Add reasons from what a device said about itself."""
+    """Add reasons from what a device said about itself. Panels answer some of what CPUs do, but say that they are panels."""
+    for stretch in device.history(facts.ORDER_NUMBER):
+        if stretch.value.startswith(PANEL_ORDER_NUMBERS):
+            text = f"states the order number of a panel ({stretch.source})"
+            device.because(PANEL, STATED, text, stretch.first_frame)
+            return
+    for key in _NAMES:
+        for stretch in device.history(key):
+            if any([mark in stretch.value.upper() for mark in _PANEL_NAMES]):
+                text = f"states the {facts.KEYS[key]} of a panel ({stretch.source})"
+                device.because(PANEL, STATED, text, stretch.first_frame)
+                return
     for key in _OF_CPU:
         found = device.history(key)
         if found:
@@ -130,7 +141,7 @@ def judge_client(
     answered = answer_frames[1 - connection.client_side]
     if answered and connection.protocol in {"s7comm", "s7comm_plus"}:
         protocol = "S7comm" if connection.protocol == "s7comm" else "S7comm-plus"
-        server.because(CPU, BEHAVIOUR, f"answers {protocol} requests", answered)
+        server.because(SERVER, BEHAVIOUR, f"answers {protocol} requests", answered)
     for role, words in ((ENGINEERING, _ENGINEERING), (PANEL, _PANEL)):
         for kind, (done, tried) in words.items():
             if kind in deeds.done:
@@ -144,14 +155,19 @@ def judge_client(
     session = connection.plus
     if session is not None:
         first = deeds.done.get(SESSION, deeds.tried.get(SESSION, int(connection.tcp.first_frame)))
-        who = session.application or session.session_name
-        where = " on ".join([text for text in (who, session.host) if text])
         client.sessions.add(session.who)
-        if who.startswith(_SIMATIC_NET) or "OPC" in f"{who} {session.host}".upper():
-            client.because(OPC, STATED, f"its session says {where}", first)
-        elif session.role_name in _SESSIONS:
-            client.because(_SESSIONS[session.role_name], STATED, f"its session says {session.role_name}", first)
+        kind = session.client_kind
+        if kind == OPC:
+            who = " on ".join([text for text in (session.application or session.session_name, session.host) if text])
+            client.because(OPC, STATED, f"its session says {who}", first)
+        elif kind:
+            client.because(kind, STATED, f"its session says {session.role_name}", first)
+        if answered and session.identity.kind == PANEL:
+            server.because(PANEL, STATED, "states in its sessions that it is a panel", answered)
     _judge_tsaps(client, connection)
+    called = connection.tsap_called
+    if answered and called is not None and called.of_panel:
+        server.because(PANEL, STATED, f"answers at TSAP {called}, that of a panel's runtime", answered)
 
 
 def _judge_tsaps(client: Device, connection: Connection) -> None:

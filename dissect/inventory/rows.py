@@ -14,11 +14,12 @@ from dissect.wire.text import Clock, cell
 
 #: The columns; with several files, ``first_file`` and ``last_file`` follow them.
 COLUMNS: Final = (
-    "address", "host_name", "role", "certainty", "mac", "vendor", "order_number", "hardware", "firmware", "serial_number",
-    "station_name", "module_name", "module_type", "plant", "location", "operating_mode", "protection_level", "max_connections",
-    "max_pdu_length", "pdu_lengths", "parallel_jobs", "modules", "clock_offset_ns", "blocks", "connections", "transactions",
-    "answered", "unanswered", "with_errors", "median_ns", "p95_ns", "likely", "asked_by", "asks", "first_frame", "first_time",
-    "last_frame", "last_time", "vlan",
+    "address", "host_name", "role", "certainty", "mac", "vendor", "order_number", "hardware", "firmware",
+    "serial_number", "station_name", "module_name", "module_type", "plant", "location", "operating_mode",
+    "protection_level", "max_connections", "max_pdu_length", "pdu_lengths", "parallel_jobs", "modules",
+    "clock_offset_ns", "clock_set_offset_ns", "blocks", "connections", "transactions", "answered", "unanswered",
+    "with_errors", "median_ns", "p95_ns", "likely", "asked_by", "asks", "first_frame", "first_time", "last_frame",
+    "last_time", "vlan",
 )  # fmt: skip
 FILE_COLUMNS: Final = ("first_file", "last_file")
 _SAID: Final = frozenset((
@@ -48,6 +49,7 @@ def device_row(device: Device, places: Places) -> dict[str, str]:
         "parallel_jobs": " ".join(device.parallel_jobs.texts),
         "modules": ", ".join([module for module in device.modules if module]),
         "clock_offset_ns": _number(device.clock_offset_ns),
+        "clock_set_offset_ns": _number(device.clock_set_offset_ns),
         "blocks": ", ".join([f"{count} {kind}" for kind, count in device.block_counts.items()]),
         "connections": str(sum(talk.connections for talk in talks)),
         "transactions": str(sum(talk.transactions for talk in talks)),

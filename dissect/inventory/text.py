@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 from dissect.inventory.code import code_lines
@@ -15,6 +15,7 @@ from dissect.inventory.model import (
     ENGINEERING,
     OPC,
     PANEL,
+    SERVER,
     STATED,
     TSAP,
     Area,
@@ -51,7 +52,9 @@ _TEXT: Final = 100
 _NUMBERED: Final = re.compile(r"([A-Za-z]+) ?([0-9]{1,9})\b")
 
 #: What a device with one of these roles is.
-_NOUNS: Final = {CPU: "a CPU", ENGINEERING: "an engineering station", OPC: "an OPC server", PANEL: "a panel"}
+_NOUNS: Final = {
+    CPU: "a CPU", ENGINEERING: "an engineering station", OPC: "an OPC server", PANEL: "a panel", SERVER: "an S7 server",
+}  # fmt: skip
 
 #: Facts on the line of a module, in this order.
 _OF_MODULE: Final = (
@@ -162,7 +165,8 @@ def _reasons(device: Device, places: Places) -> str:
     by_role: dict[str, list[Reason]] = {device.role: []}
     for reason in sorted(device.reasons.values(), key=lambda reason: reason.weight):
         by_role.setdefault(reason.role, []).append(reason)
-    said = [_reason(reason, places) for reason in by_role.pop(device.role)]
+    own = by_role.pop(device.role) + by_role.pop(SERVER, [])  # to answer requests does not contradict any role
+    said = [_reason(reason, places) for reason in own]
     for role, reasons in by_role.items():
         said.append(f"perhaps {_NOUNS[role]}: {', '.join([_reason(reason, places) for reason in reasons])}")
     return "; ".join(said)
@@ -178,7 +182,7 @@ def _said(device: Device, module: str, keys: tuple[str, ...], places: Places) ->
     said = []
     packets: list[int] = []
     for key in keys:
-        stretches = device.station.facts.get((module, key), [])
+        stretches = facts.timeline(key, device.station.facts.get((module, key), []))
         if stretches:
             values = " → ".join([shortened(stretch.value, _TEXT) for stretch in stretches[-_VALUES:]])
             said.append(f"{_SHORT[key]} {values}".lstrip())
@@ -187,6 +191,7 @@ def _said(device: Device, module: str, keys: tuple[str, ...], places: Places) ->
 
 
 def _state(device: Device, places: Places, clock: Clock) -> Iterator[tuple[str, str]]:
+    moment = _moments(device, clock)
     for key in (facts.OPERATING_MODE, facts.MODE_SWITCH, facts.PROTECTION, facts.INTERFACE):
         stretches = device.history(key)
         if stretches:
@@ -194,17 +199,27 @@ def _state(device: Device, places: Places, clock: Clock) -> Iterator[tuple[str, 
             more = f"{dropped} earlier values, " if dropped > 0 else ""
             yield (
                 _TITLES.get(key, KEYS[key]),
-                more + " → ".join([_held(one, places, clock) for one in stretches[-_VALUES:]]),
+                more + " → ".join([_held(one, places, moment) for one in stretches[-_VALUES:]]),
             )
-    offset = device.clock_offset_ns
-    if offset is not None:
-        way = "ahead of" if offset >= 0 else "behind"
-        stretch = device.history(facts.CLOCK)[-1]
-        packet = places.mark(stretch.last_frame)
-        yield (
-            "clock",
-            f"{duration_text(abs(offset))} {way} the capture in UTC, its time zone included (packet {packet})",
-        )
+    for deed, key, offset in (
+        ("read", facts.CLOCK, device.clock_offset_ns),
+        ("set", facts.CLOCK_SET, device.clock_set_offset_ns),
+    ):
+        if offset is not None:
+            way = "ahead of" if offset >= 0 else "behind"
+            latest = max(device.history(key), key=lambda stretch: stretch.last_ns)
+            packet = places.mark(latest.last_frame)
+            said = f"{duration_text(abs(offset))} {way} the capture in UTC, its time zone included"
+            yield "clock", f"{deed}: {said} ({moment(latest.last_ns)}, packet {packet})"
+
+
+def _moments(device: Device, clock: Clock) -> Callable[[int], str]:
+    """Return what writes the times on a card: as times of day, or with their dates where the card is of several days."""
+    times = [device.first_ns, device.last_ns]
+    for stretches in device.station.facts.values():
+        times += [time_ns for stretch in stretches for time_ns in (stretch.first_ns, stretch.last_ns)]
+    days = {clock.moment(time_ns).partition(" ")[0] for time_ns in (min(times), max(times))}
+    return clock.time_of_day if len(days) == 1 else clock.moment
 
 
 _TITLES: Final = {
@@ -215,9 +230,9 @@ _TITLES: Final = {
 }
 
 
-def _held(stretch: Stretch, places: Places, clock: Clock) -> str:
+def _held(stretch: Stretch, places: Places, moment: Callable[[int], str]) -> str:
     times = f", {stretch.count} times" if stretch.count > 1 else ""
-    at = clock.time_of_day(stretch.first_ns)
+    at = moment(stretch.first_ns)
     return f"{shortened(stretch.value, _TEXT)} ({at}, packet {places.mark(stretch.first_frame)}{times})"
 
 

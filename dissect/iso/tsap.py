@@ -11,6 +11,9 @@ from dissect.iso.tables import CONNECTION_TYPES
 #: Protocols (`Connection.protocol`) whose TSAPs have connection types, racks and slots; empty: not known yet.
 SIEMENS: Final = frozenset(("", "s7comm", "s7comm_plus"))
 
+#: How the text of a TSAP begins that the runtime of a panel listens on: "WINCCRT-SCS-ES", with which TIA Portal loads it.
+_PANEL: Final = "WINCCRT-"
+
 
 class Tsap:
     """A transport service access point: its octets and what they mean on Siemens devices.
@@ -39,6 +42,11 @@ class Tsap:
         if len(self.octets) == 2:
             return f"{self.octets[0]:02x}.{self.octets[1]:02x}"
         return self.octets.hex()
+
+    @property
+    def of_panel(self) -> bool:
+        """Whether it is one that only the runtime of a panel listens on."""
+        return _is_text(self.octets) and str(self).upper().startswith(_PANEL)
 
     def describe(self, called: bool = True) -> str:
         """Return the TSAP as text, for example ``01.02 (PG, rack 0 slot 2)``; for a calling one without rack and slot."""

@@ -570,7 +570,7 @@ def _state(session: PlusSession, events: list[Event], state: int) -> None:
     if state < 0:
         return
     before, session.identity.state = session.identity.state, state
-    session.identity.tell(OPERATING_MODE, _STATE_NAMES.get(state, ""), IN_VARIABLE)
+    session.identity.tell(OPERATING_MODE, _STATE_NAMES.get(state, f"state {state}"), IN_VARIABLE)
     if state in _STATES and before >= 0 and state != before:
         events.append(Event(_STATES[state], f"operating state {OPERATING_STATES.name(state)}"))
 

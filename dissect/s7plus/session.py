@@ -67,14 +67,26 @@ IN_RECORD: Final = "I&M0 record"
 IN_VARIABLE: Final = "operating state variable"
 _MAX_TOLD: Final = 16
 
+#: What a device is, by what it states in S7comm-plus (`PlusSession.client_kind`, `Identity.kind`).
+ENGINEERING: Final = "engineering"
+OPC: Final = "OPC"
+PANEL: Final = "panel"
+_BY_ROLE: Final[dict[int, str]] = {1: ENGINEERING, 2: PANEL}
+#: The application name of SIMATIC NET's OPC server, whose sessions have the role of a panel.
+_SIMATIC_NET: Final = "SIMATIC NET"
+#: How order numbers of panels begin.
+PANEL_ORDER_NUMBERS: Final = "6AV"
+
 
 class Identity:
     """Order number, firmware and serial number of a CPU, empty if not seen; its latest operating state, -1 if not seen.
 
     ``told`` collects what the CPU said, until `StationWatch` takes it: (name of the fact, value, where it was said).
+    ``role`` is the role that it answers with when a session is opened, -1 if not seen: panels state 2 (HMI), CPUs a number of
+    their own from 0x20000000 on, or none.
     """
 
-    __slots__ = ("_read", "_record", "firmware", "order_number", "serial_number", "state", "told")
+    __slots__ = ("_read", "_record", "firmware", "order_number", "role", "serial_number", "state", "told")
 
     def __init__(self) -> None:
         self.order_number = ""
@@ -83,7 +95,14 @@ class Identity:
         self._record = b""  # the identification record that came last
         self._read = ("", "", "", "")  # order number, serial number, hardware and firmware in it
         self.state = -1
+        self.role = -1
         self.told: list[tuple[str, str, str]] = []
+
+    @property
+    def kind(self) -> str:
+        """``panel`` if it states that it is one, by its order number or its role; else empty."""
+        panel = _BY_ROLE.get(self.role, "") == PANEL
+        return PANEL if panel or self.order_number.startswith(PANEL_ORDER_NUMBERS) else ""
 
     def tell(self, key: str, value: str, where: str) -> None:
         """Note what the CPU says about itself."""
@@ -195,6 +214,17 @@ class PlusSession:
         """``engineering``, ``HMI``, or empty if the client did not say."""
         return ROLES.name(self.role) if self.role > 0 else ""
 
+    @property
+    def client_kind(self) -> str:
+        """What the client says that it is: ``engineering``, ``panel``, ``OPC``, or empty.
+
+        An OPC server opens its session in the role of a panel, and says what it is by its name.
+        """
+        who = self.application or self.session_name
+        if who.startswith(_SIMATIC_NET) or "OPC" in f"{who} {self.host}".upper():
+            return OPC
+        return _BY_ROLE.get(self.role, "")
+
     def note_explore(self, frame: int, time_ns: i64) -> None:
         """The client sent an Explore request."""
         self.explores += 1
@@ -214,11 +244,11 @@ class PlusSession:
         return " ".join([text for text in client if text])
 
     def describe(self) -> str:
-        """Return who the client is and which CPU answers, as a short text."""
-        role = f"({self.role_name})" if self.role_name else ""
-        cpu = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
+        """Return who the client is and which CPU or panel answers, as a short text."""
+        role = f"({self.client_kind})" if self.client_kind else ""
+        server = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
         who = " ".join([text for text in (self.who, role) if text])
-        return f"{who}, CPU {cpu}" if cpu else who
+        return f"{who}, {self.identity.kind or 'CPU'} {server}" if server else who
 
     # ---- sessions ---------------------------------------------------------------------------------------------------
 
@@ -245,6 +275,8 @@ class PlusSession:
             self._identify(one.member(_SESSION_VERSION, _VERSION_TEXT))
             if one.holds(_CHALLENGE):
                 self.challenged = True
+            if one.number(_ROLE) >= 0:
+                self.identity.role = one.number(_ROLE)
 
     def _identify(self, version: str) -> None:
         """Take the version text of a CPU, for example ``1;6ES7 215-1AG40-0XB0 ;V4.3``."""

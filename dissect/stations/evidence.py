@@ -276,13 +276,11 @@ def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
     if clock_ns is None:
         return []
     at_ns = int(transaction.request_ns if setting else transaction.response_ns)
-    said = [(facts.CLOCK, str(clock_ns - at_ns))]
+    said = [(facts.CLOCK_SET if setting else facts.CLOCK, str(clock_ns - at_ns))]
     if not setting:
         return _facts(transaction, said, "read clock")
     frames = [int(transaction.request_frame)]  # the answer only accepts the time
-    return made(
-        transaction.connection, int(transaction.asked_by), said, "set clock", frames, int(transaction.response_ns)
-    )
+    return made(transaction.connection, int(transaction.asked_by), said, "set clock", frames, at_ns)
 
 
 def clock_time(text: str) -> int | None:

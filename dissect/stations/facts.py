@@ -6,6 +6,7 @@ over time, and `MAX_BLOCKS` names of blocks. Facts beyond that are counted.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 from mypy_extensions import mypyc_attr
@@ -32,6 +33,7 @@ MAX_CONNECTIONS: Final = "max_connections"
 INTERFACE: Final = "interface"
 MAC: Final = "mac"
 CLOCK: Final = "clock"
+CLOCK_SET: Final = "clock_set"
 BLOCKS: Final = "blocks"
 BLOCK: Final = "block"
 
@@ -54,12 +56,16 @@ KEYS: Final[dict[str, str]] = {
     MAX_CONNECTIONS: "connection resources",
     INTERFACE: "Ethernet interface",
     MAC: "MAC address",
-    CLOCK: "clock",
+    CLOCK: "clock, as it was read",
+    CLOCK_SET: "clock, as it was set",
     BLOCKS: "number of blocks",
     BLOCK: "block",
 }
 #: Facts that stay the same as long as it is the same device with the same firmware: a change is a finding.
 LASTING: Final = frozenset((ORDER_NUMBER, FIRMWARE, SERIAL_NUMBER, MAC))
+
+#: A clock runs: only the latest value is kept of what was read, and of what was set.
+CLOCKS: Final = frozenset((CLOCK, CLOCK_SET))
 
 #: The key of the MAC address in `Station.facts`; it belongs to no module.
 MAC_KEY: Final = ("", MAC)
@@ -77,11 +83,13 @@ class Fact:
 
     ``host`` is the address of the station and ``vlan`` the VLAN key of its network (`link.find_ip`). ``module`` is the rack and
     slot that were asked ("rack 0 slot 2"), empty if unknown. ``key`` is one of `KEYS`; ``value`` is text from the wire, not
-    escaped; ``source`` is what the fact was read from ("SZL 0x0011"). ``before`` is the value up to now, empty for none;
-    ``fresh`` says that ``value`` differs from it. ``connection`` is the number of the connection.
+    escaped; ``source`` is what the fact was read from ("SZL 0x0011"). ``before`` is the value up to its time, empty for none;
+    ``after`` the next one, which is known already if files are not read in order of time; ``fresh`` says that ``value`` differs
+    from both. ``connection`` is the number of the connection.
     """
 
     __slots__ = (
+        "after",
         "before",
         "connection",
         "frames",
@@ -117,6 +125,7 @@ class Fact:
         self.frames = frames
         self.time_ns = time_ns
         self.before = ""
+        self.after = ""
         self.fresh = False
 
     def __repr__(self) -> str:
@@ -142,23 +151,28 @@ class Stretch:
         return f"Stretch({self.value!r}, {self.count})"
 
     def again(self, frame: int, time_ns: int) -> None:
-        """Take a fact with the same value."""
+        """Take a fact with the same value, which is not older than the first one."""
         self.count += 1
-        self.last_frame = frame
-        self.last_ns = time_ns
+        if time_ns >= self.last_ns:
+            self.last_frame = frame
+            self.last_ns = time_ns
 
-    def go_on(self, later: Stretch) -> None:
-        """Join with ``later``, which has the same value."""
-        self.count += later.count
-        self.last_frame = later.last_frame
-        self.last_ns = later.last_ns
+    def join(self, other: Stretch) -> None:
+        """Join with ``other``, which has the same value, and may be earlier or later."""
+        self.count += other.count
+        if other.last_ns >= self.last_ns:
+            self.last_frame = other.last_frame
+            self.last_ns = other.last_ns
+        if other.first_ns < self.first_ns:
+            self.first_frame = other.first_frame
+            self.first_ns = other.first_ns
 
 
 class Station:
     """What is known about an address in one network: the same address in another VLAN is another station.
 
-    ``facts`` has the values over time, by (module, key); ``blocks`` are the names of its blocks. ``not_kept`` counts facts
-    beyond the bounds.
+    ``facts`` has the values by (module, key), as they were noted; `timeline` puts them in order of time, because files may be
+    read in any order. ``blocks`` are the names of its blocks. ``not_kept`` counts facts beyond the bounds.
     """
 
     __slots__ = ("blocks", "facts", "host", "not_kept", "vlan")
@@ -172,11 +186,11 @@ class Station:
 
     def latest(self, key: str) -> str:
         """Return the latest value of a kind, of any module; empty if there is none."""
-        found = [stretches[-1] for (_, own), stretches in self.facts.items() if own == key]
+        found = [last_of(stretches) for (_, own), stretches in self.facts.items() if own == key]
         return max(found, key=lambda stretch: stretch.last_ns).value if found else ""
 
     def note(self, fact: Fact) -> None:
-        """Take a fact, and set its ``before`` and ``fresh``."""
+        """Take a fact, and set its ``before``, ``after`` and ``fresh``."""
         frame = fact.frames[-1] if fact.frames else 0
         if fact.key == BLOCK:
             self._note_block(fact, frame)
@@ -188,10 +202,12 @@ class Station:
             self._begin(key, fact.value, fact.source, frame, fact.time_ns)
             return
         last = stretches[-1]
-        if fact.key == CLOCK:  # a clock runs: only its latest value is kept
-            last.value = fact.value
-            last.source = fact.source
+        if fact.key in CLOCKS:
+            if fact.time_ns >= last.last_ns:
+                last.value = fact.value
             last.again(frame, fact.time_ns)
+        elif fact.time_ns < last.first_ns:
+            self._note_earlier(fact, frame, stretches)
         elif fact.value == last.value:
             last.again(frame, fact.time_ns)
         elif agree(fact.key, last.value, fact.value):
@@ -202,9 +218,27 @@ class Station:
             fact.fresh = True
             source = last.source if last.source == fact.source else fact.source  # one object for equal texts
             stretches.append(Stretch(_known(fact.value, stretches), source, frame, fact.time_ns))
-            if len(stretches) > MAX_STRETCHES:
-                del stretches[1]  # keep the first one, which is the value in the beginning
-                self.not_kept += 1
+            self._bound(stretches)
+
+    def _note_earlier(self, fact: Fact, frame: int, stretches: list[Stretch]) -> None:
+        """Take a fact that is older than the value noted last: from a file that is read after a later one."""
+        before = after = ""
+        for one in timeline(fact.key, stretches):
+            if one.first_ns <= fact.time_ns:
+                before = one.value
+            elif not after:
+                after = one.value
+        if not agree(fact.key, before, fact.value) and not agree(fact.key, after, fact.value):
+            fact.before = before
+            fact.after = after
+            fact.fresh = True
+        stretches.append(Stretch(_known(fact.value, stretches), fact.source, frame, fact.time_ns))
+        self._bound(stretches)
+
+    def _bound(self, stretches: list[Stretch]) -> None:
+        if len(stretches) > MAX_STRETCHES:
+            del stretches[1]  # keep the first one, which is the value in the beginning
+            self.not_kept += 1
 
     def again(self, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int) -> bool:
         """Take a value if it is the first of its kind or the same as before; False for a new one, which needs a `Fact`."""
@@ -213,7 +247,7 @@ class Station:
             self._begin(key, value, source, frame, time_ns)
             return True
         last = stretches[-1]
-        if last.value != value:
+        if last.value != value or time_ns < last.first_ns:
             return False
         last.again(frame, time_ns)
         return True
@@ -225,7 +259,7 @@ class Station:
             self.facts[key] = [Stretch(value, source, frame, time_ns)]
 
     def merge(self, later: Station) -> None:
-        """Add what was noted about the same address in later packets; ``later`` must not be used any more."""
+        """Add what was noted about the same address in other packets; ``later`` must not be used any more."""
         self.not_kept += later.not_kept
         for (module, key), stretches in later.facts.items():
             known = self.facts.get((module, key))
@@ -238,7 +272,7 @@ class Station:
         for name, stretch in later.blocks.items():
             block = self.blocks.get(name)
             if block is not None:
-                block.go_on(stretch)
+                block.join(stretch)
             elif len(self.blocks) < MAX_BLOCKS:
                 self.blocks[name] = stretch
             else:
@@ -247,18 +281,16 @@ class Station:
     def _append(self, key: str, known: list[Stretch], later: list[Stretch]) -> None:
         for stretch in later:
             last = known[-1]
-            if key == CLOCK:
-                last.value = stretch.value
-                last.source = stretch.source
-                last.go_on(stretch)
-            elif agree(key, last.value, stretch.value):
+            if key in CLOCKS:
+                if stretch.last_ns >= last.last_ns:
+                    last.value = stretch.value
+                last.join(stretch)
+            elif stretch.first_ns >= last.first_ns and agree(key, last.value, stretch.value):
                 last.value = max(last.value, stretch.value, key=len)
-                last.go_on(stretch)
+                last.join(stretch)
             else:
                 known.append(stretch)
-                if len(known) > MAX_STRETCHES:
-                    del known[1]
-                    self.not_kept += 1
+                self._bound(known)
 
     def _note_block(self, fact: Fact, frame: int) -> None:
         known = self.blocks.get(fact.value)
@@ -269,6 +301,45 @@ class Station:
         else:
             fact.fresh = True
             self.blocks[fact.value] = Stretch(fact.value, fact.source, frame, fact.time_ns)
+
+
+def last_of(stretches: list[Stretch]) -> Stretch:
+    """Return the stretch whose value was stated last."""
+    found = stretches[0]
+    for one in stretches:
+        if one.last_ns >= found.last_ns:
+            found = one
+    return found
+
+
+def timeline(key: str, stretches: list[Stretch]) -> list[Stretch]:
+    """Return the values of one kind in order of time; each differs from the one before it.
+
+    They are noted file by file. A value that was stated by one file before, and by another one after a different value of a
+    third one comes out twice: its first and its last time are known.
+    """
+    if all([one.last_ns <= other.first_ns for one, other in pairwise(stretches)]) and not _repeats(key, stretches):
+        return stretches
+    points: list[tuple[int, int, int, Stretch]] = []  # time, packet, number of facts, value
+    for one in stretches:
+        apart = one.last_ns > one.first_ns
+        points.append((one.first_ns, one.first_frame, one.count - 1 if apart else one.count, one))
+        if apart:
+            points.append((one.last_ns, one.last_frame, 1, one))
+    found: list[Stretch] = []
+    for time_ns, frame, count, one in sorted(points, key=lambda point: (point[0], point[1])):
+        if found and agree(key, found[-1].value, one.value):
+            found[-1].value = max(found[-1].value, one.value, key=len)
+            found[-1].count += count - 1
+            found[-1].again(frame, time_ns)
+        else:
+            found.append(Stretch(one.value, one.source, frame, time_ns))
+            found[-1].count = count
+    return found
+
+
+def _repeats(key: str, stretches: list[Stretch]) -> bool:
+    return any([agree(key, one.value, other.value) for one, other in pairwise(stretches)])
 
 
 def _known(value: str, stretches: list[Stretch]) -> str:

@@ -65,8 +65,6 @@ _KINDS: Final[dict[str, str]] = {
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
 #: Events that belong to the load of a session.
 _LOADING: Final = frozenset((LOADED, CONFIRMED, SEQUENCE_BEGUN, SEQUENCE_ENDED))
-#: The beginning of order numbers of panels. A device that gets a stream states its order number.
-_PANELS: Final = "6AV"
 #: How many reads of the same variables are polling, and how many different reads are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
@@ -170,8 +168,9 @@ class PlusOperations:
             return
         kind = _KINDS.get(event.kind, "")
         subject = session.describe() if event.kind == SESSION else event.text
-        if event.kind == STREAMED and session.identity.order_number.startswith(_PANELS):
-            subject = f"panel {session.identity.order_number}: {subject}"
+        if event.kind == STREAMED and session.identity.kind:
+            server = " ".join([text for text in (session.identity.kind, session.identity.order_number) if text])
+            subject = f"{server}: {subject}"
         if not kind:
             return
         operation = self._book.begin(kind, str(event.object_id), transaction, subject[:MAX_SUBJECT])

@@ -416,6 +416,7 @@ _device("pdu_lengths", WORD, json=Cell("pdu_lengths", _joined), csv=Cell("pdu_le
         tables=Cell("pdu_lengths", _sorted))
 _device("parallel_jobs", WORD, json=Cell("parallel_jobs", _joined), csv=Cell("parallel_jobs", _sorted))
 _device("clock_offset", COUNT, json="clock_offset_ns", csv="clock_offset_ns")
+_device("clock_set_offset", COUNT, json="clock_set_offset_ns", csv="clock_set_offset_ns")
 _device("connections", COUNT, json="connections", csv="connections", tables="connections")
 _device("transactions", COUNT, json="transactions", csv="transactions", tables="transactions")
 _device("answered", COUNT, json="answered", csv="answered", tables="answered", text=_card("answers", r"^(\d+) answered"))

@@ -30,7 +30,7 @@ NAMES: Final = (
     "crafted/certainty.pcapng", "crafted/endings.pcapng", "crafted/plus-plant.pcapng", "crafted/coverage-items.pcapng",
     "crafted/vlan.pcapng", "crafted/holes.pcapng", "crafted/refusals.pcapng", "crafted/cotp-refused.pcapng",
     "crafted/snaplen.pcapng", "scd/plant.pcapng", "program-python.pcapng", "blocks.pcapng", "crafted/negotiation.pcapng",
-    "crafted/plc-asks.pcapng",
+    "crafted/plc-asks.pcapng", "clock.pcapng",
     "crafted/plus-answers.pcapng",
 )  # fmt: skip
 
@@ -260,7 +260,7 @@ WRITTEN: Final[dict[tuple[str, str, str], Callable[[Told], None]]] = {
     ("value", "how", "csv"): in_lines("values", "csv", r",read,", ",write,"),
     ("value", "address", "jsonl"): in_lines("values", "jsonl", r'"address":"DB1\.', '"address":"DB3.'),
     ("value", "octets", "tables"): in_rows("values", "data", b"\x00"),
-    ("device", "role", "text"): in_lines("devices", "text", r"127\.0\.0\.1  CPU", "127.0.0.1  panel"),
+    ("device", "role", "text"): in_lines("devices", "text", r"127\.0\.0\.1  S7 server", "127.0.0.1  panel"),
     ("device", "answered", "text"): in_lines("devices", "text", r"8 answered", "9 answered"),
     ("device", "answered", "csv"): in_lines("devices", "csv", r",8,8,0,7,", ",8,9,0,7,"),
     ("device", "with_errors", "json"): in_lines("devices", "json", r'"with_errors": 7', '"with_errors": 6'),

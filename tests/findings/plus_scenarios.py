@@ -78,6 +78,8 @@ def without_a_key(talk: Talk) -> None:
         read(talk, number)
     talk.pipeline.exchange.report_findings()
     assert talk.slugs().count("security.unauthenticated") == 1
+    (found,) = [one for one in talk.findings if one.slug == "security.unauthenticated"]
+    assert found.detail.endswith(", client of unknown kind to CPU 6ES7 215-1AG40-0XB0")
 
 
 @silent("security.unauthenticated")

@@ -49,7 +49,12 @@ def test_who_reads_and_writes_what() -> None:
     inventory = inventory_of(polls)
     server, client = inventory.devices
     (talk,) = inventory.talks
-    assert (server.address, server.role, client.address, client.role) == ("10.0.0.2", "CPU", "10.0.0.1", "engineering")
+    assert (server.address, server.role, client.address, client.role) == (
+        "10.0.0.2",
+        "S7 server",
+        "10.0.0.1",
+        "engineering",
+    )
     assert server.asked_by == client.asks == [talk]
     counts = (talk.connections, talk.transactions, talk.reads, talk.writes, talk.answered, talk.errors, talk.missed)
     assert counts == (1, 7, 5, 1, 6, 1, 0)

@@ -7,11 +7,13 @@ from typing import Final
 
 import pytest
 
-from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, STATED, TSAP, Device
-from dissect.inventory.roles import Deeds, judge_client
+from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
+from dissect.inventory.roles import Deeds, judge_client, judge_server
 from dissect.iso.tsap import Tsap
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
+from dissect.stations import facts
+from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from tests.findings import events
 from tests.findings.operation_scenarios import load
@@ -139,7 +141,6 @@ def states(content: bytes) -> Callable[[Talk], None]:
 @pytest.mark.parametrize(
     ("scene", "certainty", "text", "frame"),
     [
-        (polled, BEHAVIOUR, "answers S7comm requests", 7),
         (states(identification("6ES7", (1, 2, 3))), STATED, "states its order number (SZL 0x0011)", 9),
         (states(mode(8)), STATED, "states its operating mode (SZL 0x0424)", 9),
         (states(protection(1)), STATED, "states its protection level (SZL 0x0232)", 9),
@@ -149,6 +150,80 @@ def test_a_cpu(scene: Callable[[Talk], None], certainty: str, text: str, frame: 
     server = inventory_of(scene).devices[0]
     assert (server.address, server.role, server.certainty) == ("10.0.0.2", CPU, certainty)
     assert server.reasons[CPU, text].frame == frame
+
+
+@pytest.mark.parametrize("answers", [1, 3])
+def test_who_only_answers_is_a_server_of_unknown_kind(answers: int) -> None:
+    server = inventory_of(*[polled] * answers).devices[0]
+    assert (server.address, server.role, server.certainty) == ("10.0.0.2", SERVER, BEHAVIOUR)
+    assert server.reasons[SERVER, "answers S7comm requests"].frame == 7
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (identification("6AV2124-0GC01-0AX0", (1, 2, 3)), "states the order number of a panel (SZL 0x0011)"),
+        (identification("6AV6643", (1, 2, 3)), "states the order number of a panel (SZL 0x0011)"),
+    ],
+)
+def test_an_order_number_makes_a_panel(content: bytes, text: str) -> None:
+    server = inventory_of(states(content)).devices[-1]
+    assert (server.address, server.role, server.certainty) == ("10.0.0.2", PANEL, STATED)
+    assert server.reasons[PANEL, text].frame == 9
+
+
+@pytest.mark.parametrize("name", ["HMI_RT_1", "WinCC RT Advanced", "Pump 3 (SIMATIC HMI)"])
+def test_a_name_of_its_project_makes_a_panel(name: str) -> None:
+    device = Device("10.0.0.2")
+    device.station.note(Fact("10.0.0.2", "", facts.MODULE_NAME, name, "SZL 0x001c", 1, [9], 5))
+    judge_server(device)
+    assert (device.role, device.certainty) == (PANEL, STATED)
+    other = Device("10.0.0.3")
+    other.station.note(Fact("10.0.0.3", "", facts.MODULE_NAME, "CPU 315-2 PN/DP", "SZL 0x001c", 1, [9], 5))
+    judge_server(other)
+    assert other.role == "unknown"
+
+
+def plus(tsap: bytes, answered: int) -> tuple[Device, Device]:
+    """A client opens a session at a TSAP; the server answers with a role of its own (-1: none)."""
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.close()
+    connection: Connection = talk.connections[0]
+    connection.protocol = "s7comm_plus"
+    connection.tsap_called = connection.tsap_calling = Tsap(tsap)
+    identity = Identity()
+    identity.role = answered
+    session = connection.plus = PlusSession(Program(), identity)
+    session.application, session.role = "WinCC ES", 1
+    client, server = Device("10.0.0.1"), Device("10.0.0.2")
+    judge_client(client, server, connection, Deeds(), [0, 8] if not connection.client_side else [8, 0])
+    return client, server
+
+
+@pytest.mark.parametrize(
+    ("tsap", "answered", "role"),
+    [
+        (b"WINCCRT-SCS-ES", -1, PANEL),
+        (b"WinCCRT-SCS-X", 0x20000000, PANEL),
+        (b"SIMATIC-ROOT-ES", 2, PANEL),
+        (b"SIMATIC-ROOT-ES", 0x20000002, SERVER),
+        (b"SIMATIC-ROOT-ES", 1, SERVER),
+        (b"SIMATIC-ROOT-ES", -1, SERVER),
+    ],
+)
+def test_a_panel_states_what_it_is_in_its_sessions(tsap: bytes, answered: int, role: str) -> None:
+    client, server = plus(tsap, answered)
+    assert (client.role, client.certainty, server.role) == (ENGINEERING, STATED, role)
+    assert server.reasons[SERVER, "answers S7comm-plus requests"].frame == 8
+
+
+def test_operations_and_devices_give_one_client_one_name() -> None:
+    for number, application, role in ((1, "TIA Portal", ENGINEERING), (2, "HMI RT", PANEL), (2, "SIMATIC NET PC", OPC)):
+        session = PlusSession(Program(), Identity())
+        session.application, session.role = application, number
+        assert (session.client_kind, session.describe()) == (role, f"{application} ({role})")
 
 
 def test_what_all_sorts_of_clients_do_says_no_role() -> None:
@@ -164,7 +239,7 @@ def test_a_panel_that_looks_at_diagnostics_stays_a_panel() -> None:
         "subscribes to diagnostics, not to alarms",
         "TSAP 01.02 (PG)",
     }
-    assert server.role == CPU
+    assert server.role == SERVER
 
 
 def test_a_tsap_is_shown_by_the_packet_that_holds_it() -> None:
@@ -174,7 +249,7 @@ def test_a_tsap_is_shown_by_the_packet_that_holds_it() -> None:
 
 def test_the_same_evidence_is_counted() -> None:
     server, client = inventory_of(polled, polled, polled).devices
-    assert server.reasons[CPU, "answers S7comm requests"].count == 3
+    assert server.reasons[SERVER, "answers S7comm requests"].count == 3
     assert client.reasons[ENGINEERING, "TSAP 01.02 (PG)"].count == 3
 
 

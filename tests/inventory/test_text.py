@@ -17,8 +17,8 @@ from dissect.report.outcome import csv_outcome
 from dissect.session import Run
 from tests.inventory.support import inventory_of
 from tests.report.support import ROOT, UNSAFE
-from tests.stations.answers import components, identification, mode, szl
-from tests.transactions.talk import Talk, ack_data, dbw, item, read, words, write, written
+from tests.stations.answers import answered, components, identification, mode, szl
+from tests.transactions.talk import Talk, ack_data, dbw, head, item, read, userdata, words, write, written
 
 #: Answer of list 0x37: one Ethernet interface.
 ETHERNET = bytes.fromhex("0037 0000 0030 0001 07ff c0a80001 ffffff00 c0a80001 001b1b000001 01 00") + bytes(26)
@@ -182,3 +182,32 @@ def test_packets_that_are_not_in_order_of_time() -> None:
     (line,) = [line for line in shown(inventory) if line.startswith("  seen ")][:1]
     assert " UTC back to " in line
     assert " (packets are not in order of time), packets 1 to " in line
+
+
+@pytest.mark.parametrize(("seconds", "dated"), [(0, False), (3600, False), (86_400, True), (400 * 86_400, True)])
+def test_a_card_of_several_days_has_dates(seconds: int, dated: bool) -> None:
+    """From 12:26:40 on: an hour later it is the same day."""
+
+    def online(talk: Talk) -> None:
+        talk.open()
+        szl(talk, 1, mode(8))
+        talk.now_ns += seconds * 10**9
+        szl(talk, 2, mode(4))
+
+    (line,) = [line for line in shown(inventory_of(online)) if line.startswith("  mode")]
+    assert line.count("2020-09-13") == (1 if dated else 0)
+    assert line.count(" UTC, packet") == (2 if dated else 0)
+
+
+def test_what_was_read_of_a_clock_and_what_was_set_are_two_lines() -> None:
+    def clock(talk: Talk) -> None:
+        talk.open()
+        read_time = bytes.fromhex("0019" + "20091312264500" + "01")  # 2020-09-13 12:26:45.000
+        answered(talk, 1, 7, 1, b"", read_time)
+        set_time = bytes.fromhex("0019" + "23111422133000" + "01")
+        talk.ask(userdata(2, head(1, 7, 2), b"\xff\x09\x00\x0a" + set_time))
+        talk.tell(userdata(2, head(2, 7, 2, 0, 0), b"\x0a\x00\x00\x00"))
+
+    read_line, set_line = [line for line in shown(inventory_of(clock)) if line.startswith("  clock")]
+    assert read_line.startswith("  clock       read: 4.99 s ahead of the capture")
+    assert set_line.startswith("  clock       set: 1157 d")

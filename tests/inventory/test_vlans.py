@@ -52,7 +52,7 @@ def test_the_network_is_told() -> None:
     inventory = inventory_of(in_vlan(0, "B"), in_vlan(20, "C"))
     outcome = Devices(inventory)
     text = "\n".join([str(line) for line in outcome.text()])
-    assert "10.0.0.2 in VLAN 20  CPU" in text
+    assert "10.0.0.2 in VLAN 20  S7 server" in text
     assert "10.0.0.1 in VLAN 20         .                    2" in text
     heading, *rows = outcome.rows()
     assert [dict(zip(heading, row, strict=True))["vlan"] for row in rows] == ["", "20", "", "20"]

@@ -58,6 +58,16 @@ def test_a_change_is_seen(version: int) -> None:
     assert line.poll(RUN, (128, 128), plain=False) == [RUNNING]
 
 
+@pytest.mark.parametrize(("state", "said"), [(STOP, "STOP"), (RUN, "RUN"), (6, "state 6"), (0, "state 0")])
+@pytest.mark.parametrize("plain", [True, False])
+def test_a_state_without_a_name_is_told_by_its_number(state: int, said: str, plain: bool) -> None:
+    line = Line(2)
+    line.poll(RUN)
+    line.session.identity.told = []
+    line.poll(state, plain=plain)
+    assert line.session.identity.told == [("operating_mode", said, "operating state variable")]
+
+
 @given(
     st.integers(1, 3),
     st.lists(

@@ -65,9 +65,9 @@ def test_who_the_client_is_and_which_cpu_answers() -> None:
     body = b"\0\1\x87\x07" + build_object(answer) + bodies.FILL
     one.session_opened(parse_contents(parse_plus(framed(told(1, CREATE_OBJECT, body), 1))))
     assert (one.identity.order_number, one.identity.firmware) == ("6ES7 215-1AG40-0XB0", "V4.3")
-    assert one.describe() == "HMI RT OMS+ on panel (HMI), CPU 6ES7 215-1AG40-0XB0 V4.3"
+    assert one.describe() == "HMI RT OMS+ on panel (panel), CPU 6ES7 215-1AG40-0XB0 V4.3"
     one.user = "Read Write"
-    assert one.describe() == "HMI RT OMS+ on panel as Read Write (HMI), CPU 6ES7 215-1AG40-0XB0 V4.3"
+    assert one.describe() == "HMI RT OMS+ on panel as Read Write (panel), CPU 6ES7 215-1AG40-0XB0 V4.3"
 
 
 def test_the_identification_record() -> None:

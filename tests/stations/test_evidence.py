@@ -162,7 +162,9 @@ def test_a_clock_that_is_read_and_one_that_is_set() -> None:
     talk.ask(userdata(2, head(1, 7, 2), b"\xff\x09\x00\x0a" + bytes.fromhex(clock)))
     asked_ns = talk.now_ns
     talk.tell(userdata(2, head(2, 7, 2, 0, 0), b"\x0a\x00\x00\x00"))
-    assert (int(talk.facts[1].value), talk.facts[1].source) == ((seconds + 5) * 10**9 - asked_ns, "set clock")
+    set_ = talk.facts[1]
+    assert (set_.key, int(set_.value), set_.source) == (facts.CLOCK_SET, (seconds + 5) * 10**9 - asked_ns, "set clock")
+    assert (set_.time_ns, set_.frames) == (asked_ns, [fact.frames[-1] + 1])
 
 
 @pytest.mark.parametrize("text", ["", "DT#2020-02-30-00:00:00.000", "no time", "DT#2020-01-01"])

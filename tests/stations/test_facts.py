@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dissect.stations import facts
 from dissect.stations.facts import Book, Fact
@@ -124,3 +128,59 @@ def test_bounds() -> None:
     assert station.not_kept == count - facts.MAX_STRETCHES + count - (facts.MAX_KEYS - 1) + 5
     assert (len(book.stations), book.not_kept) == (facts.MAX_STATIONS, 1)
     assert len(said(book, facts.PLANT, "x" * 500).value) == facts.MAX_VALUE
+
+
+# ---- files in any order ----------------------------------------------------------------------------------------------
+
+#: What a station stated, file by file: (file, value, time).
+STATED: Final = [
+    ("a", "RUN", 1), ("a", "RUN", 5), ("b", "STOP", 20), ("b", "RUN", 30), ("b", "RUN", 31), ("c", "STOP", 40),
+    ("d", "STOP", 41), ("d", "STOP", 50), ("e", "RUN", 60),
+]  # fmt: skip
+
+
+def in_order(book: Book, key: str) -> list[tuple[str, int, int, int]]:
+    stretches = book.stations["10.0.0.2"].facts["", key]
+    return [(one.value, one.count, one.first_ns, one.last_ns) for one in facts.timeline(key, stretches)]
+
+
+@given(st.permutations("abcde"), st.booleans())
+def test_values_are_in_order_of_time_whatever_the_order_of_the_files(files: list[str], apart: bool) -> None:
+    book = Book()
+    for file in files:
+        part = Book() if apart else book
+        for own, value, at in STATED:
+            if own == file:
+                said(part, facts.OPERATING_MODE, value, at)
+        if apart:
+            book.merge(part)
+    said_ = [(value, count, first_ns) for value, count, first_ns, _ in in_order(book, facts.OPERATING_MODE)]
+    assert said_ == [("RUN", 2, 1000), ("STOP", 1, 20000), ("RUN", 2, 30000), ("STOP", 3, 40000), ("RUN", 1, 60000)]
+    assert book.stations["10.0.0.2"].latest(facts.OPERATING_MODE) == "RUN"
+
+
+def test_the_same_value_before_and_after_another_one_of_a_third_file() -> None:
+    book = Book()
+    for value, at in (("S1", 1), ("S1", 100), ("S2", 50)):
+        said(book, facts.SERIAL_NUMBER, value, at)
+    assert in_order(book, facts.SERIAL_NUMBER) == [
+        ("S1", 1, 1000, 1000), ("S2", 1, 50000, 50000), ("S1", 1, 100000, 100000),
+    ]  # fmt: skip
+    assert book.stations["10.0.0.2"].latest(facts.SERIAL_NUMBER) == "S1"
+
+
+def test_an_older_value_knows_the_one_after_it() -> None:
+    book = Book()
+    said(book, facts.SERIAL_NUMBER, "S2", 100)
+    older = said(book, facts.SERIAL_NUMBER, "S1", 10)
+    assert (older.fresh, older.before, older.after) == (True, "", "S2")
+    same = said(book, facts.SERIAL_NUMBER, "S1", 5)
+    assert (same.fresh, same.before, same.after) == (False, "", "")
+
+
+def test_the_latest_clock_is_that_of_the_latest_packet() -> None:
+    book = Book()
+    for key in (facts.CLOCK, facts.CLOCK_SET):
+        said(book, key, "7", 100)
+        said(book, key, "3", 10)
+        assert in_order(book, key) == [("7", 2, 100000, 100000)]

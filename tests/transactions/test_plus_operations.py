@@ -52,7 +52,7 @@ def test_a_session() -> None:
     talk = begun()
     log_in(talk)
     do(talk, 2, DELETE_OBJECT, bodies.delete_object(0x387), b"\0" + bodies.rid(0x387))
-    assert told_of(talk) == [("session", "HMI RT OMS+ on panel (HMI), CPU 6ES7 215-1AG40-0XB0 V4.3", "done", 2, 0)]
+    assert told_of(talk) == [("session", "HMI RT OMS+ on panel (panel), CPU 6ES7 215-1AG40-0XB0 V4.3", "done", 2, 0)]
 
 
 @pytest.mark.parametrize("body", [bodies.delete_object(0), bodies.rid(0)], ids=["whole", "as s7commplus sends it"])
@@ -78,7 +78,7 @@ def test_a_session_that_is_refused() -> None:
     talk.ask(framed(asked(1, CREATE_OBJECT, body=request), 1))
     talk.tell(framed(told(1, CREATE_OBJECT, b"\xff" * 8 + b"\x8f\0" + bodies.FILL), 1))
     (operation,) = [one for one in told_of(talk) if one[0] == "session"]
-    assert operation[1:3] == ("Session_1 (HMI)", "refused")
+    assert operation[1:3] == ("Session_1 (panel)", "refused")
 
 
 def subscribe(talk: Talk, *inside: PlusObject) -> None:
